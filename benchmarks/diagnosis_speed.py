@@ -1,10 +1,11 @@
 """Duration of a diagnosis over the whole catalogue of effects.
 
-``python3 -m benchmarks.diagnosis_speed [--weather]``. Goals: yaw 10 s, three degrees of freedom 60 s; with process
-noise 30 and 180 s. Each is three runs of 600 samples, with a dead zone on every input and with nothing hidden.
-``--weather`` runs only the cases with process noise. Beside wall seconds it prints processor seconds, the number of
-plain simulations by ``scipy.integrate.solve_ivp`` that take as long, and the work in samples, which is the same on
-every machine.
+``python3 -m benchmarks.diagnosis_speed [--weather|--positions]``. Goals in processor seconds: yaw 10 s, three degrees
+of freedom 60 s, also without recorded velocities; with process noise 30 and 180 s. Each is three runs of 600 samples,
+with a dead zone on every input and with nothing hidden. ``--weather`` runs only the cases with process noise, and
+``--positions`` only those in which no velocity was recorded. Beside processor seconds it prints wall seconds, the
+number of plain simulations by ``scipy.integrate.solve_ivp`` that take as long, and the work in samples, which is the
+same on every machine.
 """
 
 from __future__ import annotations
@@ -40,10 +41,15 @@ WEATHER, MEMORY = 0.3, 4.0
 """Standard deviation of the force that wanders, in shares of the largest command, and its time constant [s]."""
 
 
-def flown(dofs: tuple[str, ...], width: float, seed: int, weather: float = 0.0) -> Trial:
+KINDS = (0.0, True), (WEATHER, True), (0.0, False)
+"""Size of the force that wanders, and whether velocities were recorded, of each kind of case."""
+
+
+def flown(dofs: tuple[str, ...], width: float, seed: int, weather: float = 0.0, velocities: bool = True) -> Trial:
     """Return a run of uncoupled craft under steps of random size and length.
 
     width : width of the dead zone. weather : size of a drifting force. Both are fractions of the largest command.
+    velocities : whether velocities were recorded.
     """
     rng = np.random.default_rng(seed)
     t = STEP * np.arange(SAMPLES)
@@ -75,7 +81,8 @@ def flown(dofs: tuple[str, ...], width: float, seed: int, weather: float = 0.0) 
     channels = {}
     for i, d in enumerate(dofs):
         channels[DOFS[d].force] = commands[d]
-        for name, column in ((DOFS[d].position, x[:, i]), (DOFS[d].velocity, x[:, len(dofs) + i])):
+        recorded = ((DOFS[d].position, x[:, i]), (DOFS[d].velocity, x[:, len(dofs) + i]))
+        for name, column in recorded if velocities else recorded[:1]:
             channels[name] = column + rng.normal(0.0, CRAFT[d][3], SAMPLES)
     return Trial(f"run{seed}", {n: Channel(n, SIGNALS[n][0].split(",")[0], t, v) for n, v in channels.items()})
 
@@ -109,22 +116,28 @@ def timed(runs: list[Trial]) -> tuple[Diagnosis, float, float]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.diagnosis_speed", description=__doc__)
-    parser.add_argument("--weather", action="store_true", help="run only the cases with process noise")
-    waters = (WEATHER,) if parser.parse_args(arguments).weather else (0.0, WEATHER)
+    only = parser.add_mutually_exclusive_group()
+    only.add_argument("--weather", action="store_true", help="run only the cases with process noise")
+    only.add_argument("--positions", action="store_true", help="run only the cases without recorded velocities")
+    given = parser.parse_args(arguments)
+    kinds = [(weather, velocities) for weather, velocities in KINDS if not given.weather or weather]
+    if given.positions:
+        kinds = [(0.0, False)]
     figures = []
     for dofs, goals in GOALS.items():
         begun = time.process_time()
         flown(dofs, 0.0, 0)
         peer = time.process_time() - begun
-        for weather, width in itertools.product(waters, (0.15, 0.0)):
-            runs = [flown(dofs, width, seed, weather) for seed in range(3)]
+        for (weather, velocities), width in itertools.product(kinds, (0.15, 0.0)):
+            runs = [flown(dofs, width, seed, weather, velocities) for seed in range(3)]
             diagnose(runs[:1], effects=["input-bias"])  # compiles what is not yet
             found, wall, cpu = timed(runs)
             causes = ", ".join(c.effect.slug for c in found.causes) or "nothing"
-            hidden = f"{'dead zone' if width else 'nothing'}{' with process noise' if weather else ''}"
-            figures.append(Figure(f"{', '.join(dofs)}, {hidden}", wall, "s", most=goals[bool(weather)]))
+            hidden = "dead zone" if width else "nothing"
+            hidden += (" with process noise" if weather else "") + ("" if velocities else ", positions only")
+            figures.append(Figure(f"{', '.join(dofs)}, {hidden}", cpu, "s of processor", most=goals[bool(weather)]))
             print(
-                f"{', '.join(dofs):18} {hidden:25} hidden: {wall:6.1f} s wall, {cpu:6.1f} s CPU (goal "
+                f"{', '.join(dofs):18} {hidden:27} hidden: {wall:6.1f} s wall, {cpu:6.1f} s CPU (goal "
                 f"{goals[bool(weather)]:g}), {cpu / peer:5.1f} simulations by solve_ivp; work {found.work:.3g} samples "
                 f"({100.0 * found.work / WORK:.1f} % of the budget), {found.work / cpu:.2g} per CPU second; "
                 f"{found.verdict}: {causes}",

@@ -1,6 +1,7 @@
 """Sphinx builds the site from the pages beside this file: python3 -m sphinx -W -b html docs docs/_build
 
-Reference pages are made from the code itself (``site_reference.py``); blocks ```` ```{run} ```` are executed.
+Reference pages are made from the code itself (``site_reference.py``); blocks ```` ```{run} ```` are executed, and so
+are the cells of pages with ``file_format: mystnb``.
 """
 
 from __future__ import annotations
@@ -23,13 +24,16 @@ import gcs_autotune  # noqa: E402
 project = "gcs_autotune"
 author = copyright = "the gcs_autotune authors"
 version = release = gcs_autotune.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build", "references.bib"]
 html_theme = "furo"
 html_title = f"gcs_autotune {release}"
 html_static_path: list[str] = []
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
+nb_execution_mode = "cache"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 napoleon_google_docstring = False

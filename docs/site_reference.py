@@ -33,11 +33,20 @@ def plain(text: str) -> str:
 
 def commands() -> str:
     """Return the page of all commands and their options."""
-    lines = ["# Commands", "", "The texts are those of `--help`.", ""]
+    lines = [
+        "# Commands",
+        "",
+        "The texts are those of `--help-all`. `--help` shows the everyday options and examples.",
+        "",
+    ]
     for path, parser in _parsers(make_parser(), ()):
         lines += [f"{'#' * (1 + len(path))} {' '.join(path)}", "", plain(parser.description or ""), ""]
         for group in parser._action_groups:
-            shown = [a for a in group._group_actions if a.help is not argparse.SUPPRESS and a.dest != "help"]
+            shown = [
+                a
+                for a in group._group_actions
+                if a.help is not argparse.SUPPRESS and a.dest not in ("help", "help_all")
+            ]
             shown = [a for a in shown if not isinstance(a, argparse._SubParsersAction)]
             if shown and group.title not in ("positional arguments", "options", None):
                 lines += [f"**{plain(group.title)}**", ""]

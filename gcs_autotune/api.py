@@ -13,10 +13,11 @@ vehicle.
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +27,7 @@ from gcs_autotune.design import design as design_plain
 from gcs_autotune.diagnose import Diagnosis
 from gcs_autotune.diagnose import diagnose as diagnose_runs
 from gcs_autotune.effects import ExtendedModel
-from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import (
     Fit,
@@ -45,16 +46,19 @@ from gcs_autotune.logs import load_runs as load_files
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.models import Form, SingleDof
 from gcs_autotune.models import simulate as simulate_model
+from gcs_autotune.notebook import in_python
 from gcs_autotune.registry import lookup
-from gcs_autotune.report import plot
+from gcs_autotune.report import Comparison, plot
 from gcs_autotune.trial import Channel, Trial, save_trial, trial_of_columns
 
 __all__ = [
+    "Comparison",
     "Diagnosis",
     "Fit",
     "ModelFile",
     "Proposal",
     "Trial",
+    "compare",
     "design",
     "diagnose",
     "example_run",
@@ -68,9 +72,28 @@ __all__ = [
     "validate",
 ]
 
-Runs = Trial | Sequence[Trial]
+Runs = Any
+"""Runs as trials, or any other source of :func:`load_runs`: a path, a DataFrame, a mapping of arrays, or a list."""
+
+Returned = TypeVar("Returned")
+Given = ParamSpec("Given")
 
 
+def _with_python_arguments(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
+    """Return *function* with errors that name Python arguments instead of options of a command."""
+
+    @functools.wraps(function)
+    def wrapped(*args: Given.args, **kwargs: Given.kwargs) -> Returned:
+        try:
+            return function(*args, **kwargs)
+        except AutotuneError as error:
+            error.args = tuple(in_python(each) if isinstance(each, str) else each for each in error.args)
+            raise
+
+    return wrapped
+
+
+@_with_python_arguments
 def load_runs(
     source: Any,
     *,
@@ -118,6 +141,7 @@ def load_runs(
     return [trial_of_columns(_table(source), name, columns)]
 
 
+@_with_python_arguments
 def fit(
     runs: Runs,
     structure: str | Form | Path | None = None,
@@ -133,8 +157,10 @@ def fit(
 ) -> Fit[Model]:
     """Return a model identified from runs. Parameters and errors are those of :func:`gcs_autotune.identify.fit`.
 
-    The result is displayed as a table; see :func:`simulate`, :func:`validate` and :func:`plot`. It has
-    ``to_pandas()`` and ``doubts``.
+    runs : trials, or any source of :func:`load_runs`, such as a DataFrame.
+
+    ``print`` shows the result as text and a notebook shows it as a table; see :func:`simulate`, :func:`validate` and
+    :func:`plot`. It has ``to_pandas()`` and ``doubts``.
 
     Examples
     --------
@@ -147,10 +173,20 @@ def fit(
     True
     """
     return fit_runs(
-        runs, structure, method, dof=dof, delay=delay, use=use, loss=loss, effects=effects, start=start, **options
+        load_runs(runs),
+        structure,
+        method,
+        dof=dof,
+        delay=delay,
+        use=use,
+        loss=loss,
+        effects=effects,
+        start=start,
+        **options,
     )
 
 
+@_with_python_arguments
 def validate(found: Fit[Model], runs: Runs) -> Validation:
     """Return how well *found* predicts *runs* to which it was not fitted. Only the initial states are fitted.
 
@@ -167,17 +203,18 @@ def validate(found: Fit[Model], runs: Runs) -> Validation:
     >>> bool(validate(found, example_run(seed=2)).fit_percent > 95.0)
     True
     """
-    return validate_model(found.model, runs)
+    return validate_model(found.model, load_runs(runs))
 
 
+@_with_python_arguments
 def diagnose(
     runs: Runs,
     *,
-    unseen: Sequence[Trial] = (),
+    unseen: Runs = (),
     dof: str | None = None,
     use: Sequence[str] | None = None,
     model: ExtendedModel | ModelFile | Fit[Model] | None = None,
-    simulations: Sequence[Trial] = (),
+    simulations: Runs = (),
     effects: Sequence[str] | None = None,
     horizon: float | None = None,
     jobs: int = 1,
@@ -195,18 +232,19 @@ def diagnose(
     """
     question = extended_of(model) if isinstance(model, Fit) else model
     return diagnose_runs(
-        runs,
-        unseen=unseen,
+        load_runs(runs),
+        unseen=load_runs(unseen),
         dof=dof,
         use=use,
         model=question,
-        simulations=simulations,
+        simulations=load_runs(simulations),
         effects=effects,
         horizon=horizon,
         jobs=jobs,
     )
 
 
+@_with_python_arguments
 def design(
     source: Fit[Model] | ModelFile,
     axis: str,
@@ -254,6 +292,35 @@ def design(
     return design_from(
         source.model, loop, values, wish, inputs=source.inputs, names=source.names, covariance=source.covariance
     )
+
+
+@_with_python_arguments
+def compare(sources: Sequence[Path | str], *, parameters: Mapping[str, float] | None = None) -> Comparison:
+    """Return several run directories or logs of one craft side by side, and what changed.
+
+    ``print`` shows it as text and a notebook shows it as tables.
+
+    Raises
+    ------
+    UsageError
+        There are fewer than two sources, more than twelve, or one twice.
+    BadFile
+        A source cannot be read.
+    NotInformative
+        The runs have no loop and no model in common.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     for seed in (1, 2):
+    ...         save_trial(example_run(seed), Path(folder) / f"{seed}.csv")
+    ...     compare([f"{folder}/1.csv", f"{folder}/2.csv"]).changed
+    False
+    """
+    from gcs_autotune.workflow import compare as compare_runs
+
+    return compare_runs([Path(source) for source in sources], parameters=parameters)
 
 
 def example_run(seed: int = 1, duration: float = 60.0) -> Trial:

@@ -18,6 +18,7 @@ __all__ = [
     "AXES",
     "EXCITATIONS",
     "OTHER_NAMES",
+    "OWN_AXES",
     "SIGNAL_FORCES",
     "AxisKind",
     "Excitation",
@@ -138,6 +139,16 @@ AXES: Mapping[str, AxisKind] = {
 }
 """Name -> axis. To add an axis, add a line here, and its law and gains in the firmwares that have it."""
 
+OWN_AXES: Mapping[str, AxisKind] = {
+    a.name: a
+    for a in (
+        AxisKind("ahead", "surge", "x", 0.3, 30.0),
+        AxisKind("sideways", "sway", "y", 0.3, 30.0),
+        AxisKind("distance", "surge", "d", 0.3, 30.0),
+    )
+}
+"""Name -> motion that only controllers of our own hold. ``distance`` is the motion ahead, seen against a wall."""
+
 OTHER_NAMES: Mapping[str, str] = {"surge": "speed"}
 """Alias -> name of an axis."""
 
@@ -147,7 +158,7 @@ SIGNAL_FORCES: Mapping[str, str] = {a.stepped: a.names.force for a in AXES.value
 
 def axis_kind(name: str) -> AxisKind:
     """Return the axis called *name* in commands; ``KeyError`` if there is none."""
-    return AXES[OTHER_NAMES.get(name, name)]
+    return OWN_AXES[name] if name in OWN_AXES else AXES[OTHER_NAMES.get(name, name)]
 
 
 def position_axis(dof: str) -> AxisKind:

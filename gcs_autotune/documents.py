@@ -14,7 +14,10 @@ from typing import Any, TypeVar
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["check_run_folder", "conformed", "load_json", "load_toml"]
+__all__ = ["MODEL", "check_run_folder", "conformed", "load_json", "load_toml", "model_file"]
+
+MODEL = "model.json"
+"""The model file of a run directory."""
 
 T = TypeVar("T")
 
@@ -28,6 +31,21 @@ def load_json(path: Path, what: str) -> Any:
         The file cannot be read, is not JSON, or exceeds the limits of :mod:`gcs_autotune_files`.
     """
     return _load(path, "json", what)
+
+
+def model_file(path: Path) -> Path:
+    """Return the model file at *path*, which may also be a run directory.
+
+    Raises
+    ------
+    BadFile
+        The run directory contains no model.
+    """
+    if not path.is_dir():
+        return path
+    if not (path / MODEL).is_file():
+        raise BadFile(f"{path} contains no {MODEL}. Identify it first: gcs-autotune identify {path} --save FILE")
+    return path / MODEL
 
 
 def load_toml(path: Path, what: str) -> dict[str, Any]:

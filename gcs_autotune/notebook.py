@@ -1,15 +1,43 @@
-"""Display of results in a notebook: tables as HTML, and pandas if it is installed."""
+"""Display of results: as a table in a notebook, as text by ``print``, and as a DataFrame if pandas is installed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.untrusted_text import visible
 
-__all__ = ["html_block", "html_table", "pandas_module"]
+__all__ = ["Display", "Displayed", "Table", "in_python", "pandas_module"]
+
+WIDTH, NARROWEST = 88, 24
+"""Columns of the printed text, as in most notebooks, and of its narrowest wrapped column. Project choices."""
+
+ARGUMENTS: Mapping[str, str] = {
+    "--robust": 'loss="soft_l1"',
+    "--validate": "unseen=",
+    "--system-id": "system=",
+    "--run-with": "jobs=",
+}
+"""Option of a command -> argument of ``gcs_autotune.api``, if the argument is not the name of the option."""
+
+
+def in_python(sentence: str) -> str:
+    """Return a *sentence* of the terminal with options as Python arguments: ``--full-scale`` becomes ``full_scale=``.
+
+    Commands in backticks remain as they are.
+    """
+
+    def argument(match: re.Match[str]) -> str:
+        option = match.group(0)
+        return ARGUMENTS.get(option, option.removeprefix("--").replace("-", "_") + "=")
+
+    parts = re.split("(`[^`]*`)", sentence)
+    return "".join(p if p.startswith("`") else re.sub(r"(?<![\w-])--[a-z][a-z0-9-]*", argument, p) for p in parts)
 
 
 def pandas_module() -> Any:
@@ -27,24 +55,76 @@ def pandas_module() -> Any:
     return pandas
 
 
-def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return an HTML table.
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table: the first column is text, the others are numbers. Its cells may come from a file."""
 
-    The first column is text, the others are numbers. Every cell is escaped, because it may come from a file.
-    """
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
 
-    def cells(tag: str, row: Sequence[str]) -> str:
+    @property
+    def html(self) -> str:
+        """The table as HTML, every cell escaped."""
+        body = "".join(f"<tr>{self._cells('td', row)}</tr>" for row in self.rows)
+        return f"<table><thead><tr>{self._cells('th', self.heads)}</tr></thead><tbody>{body}</tbody></table>"
+
+    def _cells(self, tag: str, row: Sequence[str]) -> str:
         side = ("left", *["right"] * (len(row) - 1))
         return "".join(
             f'<{tag} style="text-align:{where}">{escape(visible(str(cell)))}</{tag}>'
             for where, cell in zip(side, row, strict=True)
         )
 
-    body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{cells('th', heads)}</tr></thead><tbody>{body}</tbody></table>"
+    @property
+    def text(self) -> str:
+        """The table as lines of text with aligned columns. A last column that is too wide is wrapped."""
+        rows = [tuple(visible(str(cell)) for cell in row) for row in (self.heads, *self.rows)]
+        *widths, last = (max(map(len, column)) for column in zip(*rows, strict=True))
+        indent = 2 + sum(width + 2 for width in widths)
+        lines: list[str] = []
+        for row in rows:
+            first, *rest = textwrap.wrap(row[-1], max(min(last, WIDTH - indent), NARROWEST)) or [""]
+            cells = (*(c.ljust(w) for c, w in zip(row, widths, strict=False)), first)
+            lines += ["  " + "  ".join(cells).rstrip(), *(indent * " " + each for each in rest)]
+        return "\n".join(lines)
 
 
-def html_block(title: str, tables: Sequence[str], remarks: Iterable[str] = ()) -> str:
-    """Return HTML with a heading, tables made by :func:`html_table`, and sentences as a list."""
-    points = "".join(f"<li>{escape(visible(remark))}</li>" for remark in remarks)
-    return f"<div><b>{escape(visible(title))}</b>{''.join(tables)}{f'<ul>{points}</ul>' if points else ''}</div>"
+@dataclass(frozen=True, slots=True)
+class Display:
+    """What a result shows of itself: a heading, tables that are not empty, and remarks."""
+
+    title: str
+    tables: tuple[Table, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def html(self) -> str:
+        """The display as HTML, with the remarks as a list."""
+        tables = "".join(table.html for table in self.tables)
+        points = "".join(f"<li>{escape(visible(in_python(remark)))}</li>" for remark in self.remarks)
+        return f"<div><b>{escape(visible(self.title))}</b>{tables}{f'<ul>{points}</ul>' if points else ''}</div>"
+
+    @property
+    def text(self) -> str:
+        """The display as text of at most :data:`WIDTH` columns, if the tables are narrower."""
+        remarks = [
+            textwrap.fill(visible(in_python(r)), WIDTH, initial_indent="  - ", subsequent_indent="    ")
+            for r in self.remarks
+        ]
+        parts = [textwrap.fill(visible(self.title), WIDTH), *(t.text for t in self.tables), "\n".join(remarks)]
+        return "\n\n".join(part for part in parts if part)
+
+
+class Displayed:
+    """A result that shows itself: ``print`` gives text, and a notebook gives a table."""
+
+    __slots__ = ()
+
+    def _display(self) -> Display:
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return self._display().text
+
+    def _repr_html_(self) -> str:
+        return self._display().html

@@ -72,13 +72,15 @@ class FlownModel:
 def read_model(path: Path) -> FlownModel:
     """Return the model in the file *path* (``single-dof``, plain ``coupled``, or ``extended`` with effects).
 
+    If *path* is a run directory, its ``model.json`` is read.
+
     Raises
     ------
     BadModel
         The file cannot be read, or its model cannot be flown.
     """
     try:
-        return _model_from(model_data(read(path)))
+        return _model_from(model_data(read(path / "model.json" if path.is_dir() else path)))
     except Refused as error:
         raise BadModel(f"{path} is not a model file: {error}") from error
     except (BadModel, BadEffect) as error:

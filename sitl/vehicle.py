@@ -36,6 +36,7 @@ class Vehicle:
     not possible.
 
     ``rate`` [Hz] is the rate of the autopilot's loop. Time is counted in whole ticks, so that time stamps are exact.
+    ``card``: path -> content of the files on the SD card. ``folders``: its folders.
     """
 
     def __init__(
@@ -48,6 +49,8 @@ class Vehicle:
         model: FlownModel | None = None,
         names: str = "own",
     ) -> None:
+        self.card: dict[str, bytes] = {}
+        self.folders = ("APM", "APM/LOGS", "APM/scripts")
         self.craft = Craft(data, effects=effects, model=model)
         self.data = data
         self.effects, self.plant, self.actuators = self.craft.effects, self.craft.plant, self.craft.actuators

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from gcs_autotune import api
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative, UsageError
+from gcs_autotune.identify import Doubt
 from gcs_autotune.trial import Channel, Trial
 
 RUN = api.example_run()
@@ -139,6 +140,47 @@ def test_a_fit_shows_itself_as_a_table_in_which_nothing_of_a_file_is_executed(fo
     assert "<script>" not in shown
     assert "&lt;script&gt;" in shown
     assert all(name in shown for name in found.parameters)
+
+
+def test_a_fit_is_printed_with_residuals_correlations_and_doubts(found):
+    from dataclasses import replace
+
+    shown = str(replace(found, doubts=(Doubt("test", "nothing happened", "use --dof surge-yaw"),)))
+    lines = shown.splitlines()
+    assert all(any(line.split()[:1] == [name] for line in lines) for name in found.parameters)
+    assert any(line.split()[0] == "psi" and line.endswith(" rad") for line in lines if line)
+    assert "nothing happened. Cure: use dof= surge-yaw" in shown
+    assert max(map(len, lines)) <= 88
+    correlated = [line for line in lines if line.startswith("  beta_r, delta")]
+    names = list(found.parameters)
+    i, j = names.index("beta_r"), names.index("delta")
+    assert bool(correlated) == (abs(found.correlation[i, j]) >= 0.5)
+
+
+def test_every_result_prints_itself(found):
+    assert "residual (rms)" in str(api.validate(found, RUN))
+    assert str(api.diagnose(RUN, dof="yaw", effects=["quadratic-drag"])).startswith("no-effect: ")
+    gains = {f"ATC_STR_RAT_{term}": 0.1 for term in ("FF", "P", "I", "D")} | {"ATC_STR_ANG_P": 2.0}
+    shown = str(api.design(found, "heading", gains, speed=1.5))
+    assert "ATC_STR_ANG_P" in shown
+    assert max(map(len, shown.splitlines())) <= 88
+
+
+def test_a_data_frame_is_fitted_and_diagnosed_directly(found):
+    pytest.importorskip("pandas")
+    frame = RUN.to_pandas()
+    direct = api.fit(frame, "linear", dof="yaw", delay=0.0)
+    assert direct.parameters["beta_r"].value == pytest.approx(found.parameters["beta_r"].value)
+    assert api.diagnose(frame, dof="yaw", effects=["quadratic-drag"]).verdict == "no-effect"
+    assert api.validate(direct, frame).fit_percent > 90.0
+
+
+def test_errors_in_python_name_arguments_instead_of_options():
+    both = {"t[s]": RUN["psi"].t, **{n: c.values for n, c in RUN.channels.items()}}
+    with pytest.raises(UsageError) as told:
+        api.fit({**both, "X": both["N"], "u": both["r"]})
+    assert "Choose one with dof=" in str(told.value)
+    assert "--" not in str(told.value)
 
 
 def test_tables_for_pandas_have_the_numbers_of_the_fit(found):

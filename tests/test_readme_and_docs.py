@@ -80,7 +80,7 @@ def _help(verb: str, capsys: pytest.CaptureFixture[str]) -> str:
     from gcs_autotune.cli import main
 
     with pytest.raises(SystemExit):
-        main([verb, "--help"])
+        main([verb, "--help-all" if COMMANDS[verb].load().everyday else "--help"])
     return capsys.readouterr().out
 
 

@@ -16,6 +16,7 @@ from typing import NoReturn
 from gcs_autotune import __version__
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
+from gcs_autotune.cli.help import add_help
 from gcs_autotune.cli.tune_cmd import RESTORED, tune_settings
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, OperatorStopped, UsageError, exit_code
 from gcs_autotune.registry import nearest_of
@@ -60,6 +61,7 @@ COMMANDS: Mapping[str, Verb] = {
         "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",
     ),
+    "compare": Verb("show several runs of one craft side by side, and what changed", "compare_cmd"),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
     "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),
     "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),
@@ -94,6 +96,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         from gcs_autotune.cli.sitl_cmd import hand_over
 
         return hand_over(arguments[1:])
+    if not arguments:
+        make_parser(only=COMPLETION).print_help()
+        return 0
     args = None
     # What is imported stays: by Python's own threshold (700 objects) the collector would look at it 600 times.
     usual = gc.get_threshold()
@@ -156,7 +161,8 @@ def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argp
             verbs.add_parser(name, help=verb.help)
             continue
         command = verb.load()
-        sub = verbs.add_parser(name, help=verb.help, description=command.description)
+        sub = verbs.add_parser(name, help=verb.help, description=command.description, add_help=False)
+        add_help(sub, command)
         command.add_arguments(sub)
     config.apply(parser)
     verbs.choices[COMPLETION].set_defaults(whole=parser)

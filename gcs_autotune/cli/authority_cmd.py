@@ -8,8 +8,8 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number, check_files
 from gcs_autotune.cli.reading import add_parameters, full_scale, read_parameters
-from gcs_autotune.cli.writing import on_replacing, put_out
-from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.cli.writing import on_replacing, put_out, write_page
+from gcs_autotune.errors import UsageError
 
 __all__ = ["COMMAND"]
 
@@ -40,7 +40,7 @@ def _run(args: argparse.Namespace) -> int:
     check_files(*args.models, args.parameters)
     from gcs_autotune.design import limits_for
     from gcs_autotune.mavlink import save_params
-    from gcs_autotune.report import authority_document, to_html
+    from gcs_autotune.report import authority_document
     from gcs_autotune.workflow import authority
 
     found = authority(
@@ -62,12 +62,7 @@ def _run(args: argparse.Namespace) -> int:
             f"Parameters: {args.save}{replaced}. To write them: gcs-autotune params restore {args.save} --connect URI"
         )
     if args.page is not None:
-        replaced = on_replacing(args.page)
-        try:
-            args.page.write_text(to_html(document), encoding="utf-8")
-        except OSError as error:
-            raise BadFile(f"{args.page} cannot be written: {error.strerror}") from error
-        lines.append(f"Report: {args.page}{replaced}")
+        lines.append(write_page(document, args.page))
     put_out(document, *lines, as_json=args.json)
     return 0
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.cli.console import BELL_VARIABLE
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
-from gcs_autotune.documents import check_run_folder, load_json
+from gcs_autotune.documents import check_run_folder, load_json, model_file
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
@@ -69,11 +69,15 @@ GUARDING = (
 class Command:
     """One verb of the command line: its description, its options, and the function that runs it and returns the
     exit code.
+
+    everyday : options that ``--help`` shows, in this order; empty: all. examples : call -> what it does.
     """
 
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
+    everyday: tuple[str, ...] = ()
+    examples: tuple[tuple[str, str], ...] = ()
 
 
 def add_number(
@@ -375,7 +379,7 @@ def check_model_file(path: Path | None) -> None:
     if path is None:
         return
     check_files(path)
-    if not isinstance(load_json(path, "a model file"), dict):
+    if not isinstance(load_json(model_file(path), "a model file"), dict):
         raise BadFile(
             f"{path} is not a model file: it contains no JSON object with a model. Write one with identify --save"
         )

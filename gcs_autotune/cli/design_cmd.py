@@ -11,8 +11,8 @@ from gcs_autotune.axes import AXES
 from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files
 from gcs_autotune.cli.hold_cmd import LAWS
 from gcs_autotune.cli.tune_cmd import FUNCTIONS
-from gcs_autotune.cli.writing import fresh, on_replacing, put_out
-from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
+from gcs_autotune.errors import UsageError
 
 __all__ = ["COMMAND"]
 
@@ -80,7 +80,7 @@ def _run(args: argparse.Namespace) -> int:
     _check(args)
     check_files(args.model, args.parameters)
     from gcs_autotune.mavlink import save_params
-    from gcs_autotune.report import DesignedGains, designed_document, to_html
+    from gcs_autotune.report import DesignedGains, designed_document
     from gcs_autotune.workflow import DeskSettings, design_at_desk
 
     angular = AXES[args.axis].angular if args.axis in AXES else False
@@ -119,12 +119,7 @@ def _run(args: argparse.Namespace) -> int:
         save_params(args.save, designed.values, comment=f"{args.loop} loop, designed from {designed.source}, not flown")
     document = designed_document(designed, datetime.now().isoformat(timespec="seconds"))
     if args.page is not None or not (args.no_page or args.json):
-        page: Path = args.page or fresh(Path(f"design-{args.loop}.html"))
-        lines.append(f"Report: {page}{on_replacing(page)}")
-        try:
-            page.write_text(to_html(document), encoding="utf-8")
-        except OSError as error:
-            raise BadFile(f"{page} cannot be written: {error.strerror}") from error
+        lines.append(write_page(document, args.page or fresh(Path(f"design-{args.loop}.html"))))
     put_out(document, *lines, as_json=args.json)
     return 0
 
@@ -151,4 +146,22 @@ COMMAND = Command(
     "--for relay it predicts the limit cycle of a relay. Nothing is written to a vehicle.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "for",
+        "own",
+        "parameters",
+        "settling-time",
+        "omega-0",
+        "gain-margin",
+        "phase-margin",
+        "speed",
+        "save",
+        "page",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune design runs/LAST --for heading", "gains from the model of a run"),
+        ("gcs-autotune design boat.json --for speed --save boat.param", "gains as a parameter file"),
+        ("gcs-autotune design boat.json --for relay --dof yaw", "the limit cycle of a relay"),
+    ),
 )

@@ -136,4 +136,23 @@ COMMAND = Command(
     "verdict exits with code 0. Searches are limited by work, not by time: every machine gives the same result.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "model",
+        "simulation",
+        "validate",
+        "dof",
+        "effects",
+        "list-effects",
+        "columns",
+        "full-scale",
+        "resume",
+        "out",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune diagnose runs/LAST", "what the plain model of a run lacks"),
+        ("gcs-autotune diagnose day1.csv --validate day2.csv", "prove the causes on another run"),
+        ("gcs-autotune diagnose lake.bin --simulation sitl.bin", "what a simulation gets wrong"),
+    ),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -40,30 +40,53 @@ def _doctor(args: argparse.Namespace) -> int:
         if not args.json:
             _print(SIGNS[finding.state], finding.what, finding.told + (f". {finding.cure}" if finding.cure else ""))
     ports = _listen(args, told=not args.json)
+    wrong = sum(f.state == "wrong" for f in findings)
     if args.json:
         sys.stdout.write(json_text({"schema": 1, "findings": [asdict(f) for f in findings], "ports": ports}))
-    return UNFIT if any(f.state == "wrong" for f in findings) else 0
+    elif wrong:
+        sys.stdout.write(f"\nNot ready: correct the {'line' if wrong == 1 else f'{wrong} lines'} marked X.\n")
+    else:
+        sys.stdout.write(f"\nThis computer is ready. {_next(ports)}\n")
+    return UNFIT if wrong else 0
 
 
 def _ports(args: argparse.Namespace) -> int:
     ports = _listen(args, told=not args.json)
     if args.json:
         sys.stdout.write(json_text({"schema": 1, "ports": ports}))
+    else:
+        sys.stdout.write(f"\n{_next(ports)}\n")
     return 0
 
 
+def _next(ports: Sequence[Mapping[str, object]]) -> str:
+    """Return what was received, and what to do next."""
+    uris = [str(port["uri"]) for port in ports if port["systems"]]
+    if not uris:
+        return (
+            "No vehicle was received. If one should be, check its power, the cable and the baud rate. "
+            "To try a simulated vehicle: gcs-autotune tune heading"
+        )
+    heard = "A vehicle was received." if len(uris) == 1 else f"Vehicles were received on {len(uris)} links."
+    return f"{heard} Next: gcs-autotune tune heading --connect {visible(uris[0])}"
+
+
 def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
-    """Listen on each port in turn and print the result of each."""
+    """Listen on each port in turn and print the result of each. A terminal shows what is being listened to."""
+    from rich.console import Console
+
     from gcs_autotune.workflow import listened_to
 
     found: list[dict[str, object]] = []
     uris: Iterable[str] | None = args.connect
-    for name, heard in listened_to(args.listen, uris):
-        if told:
-            _print(" ", "port", f"{name}: {heard.told}" + (f"; --connect {heard.uri}" if heard.autopilots else ""))
-        found.append(
-            {"port": name, "uri": heard.uri, "told": heard.told, "systems": [a.system for a in heard.autopilots]}
-        )
+    with Console(stderr=True).status("looking for ports") as status:
+        for name, heard in listened_to(args.listen, uris, say=lambda text: status.update(visible(text))):
+            if told:
+                link = f"; --connect {heard.uri}" if heard.autopilots else ""
+                _print(" ", "port", f"{name}: {heard.told}{link}")
+            found.append(
+                {"port": name, "uri": heard.uri, "told": heard.told, "systems": [a.system for a in heard.autopilots]}
+            )
     return found
 
 

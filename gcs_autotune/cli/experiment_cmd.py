@@ -93,4 +93,20 @@ COMMAND = Command(
     "Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "connect",
+        "throttle",
+        "relay-output",
+        "relay-hysteresis",
+        "max-distance",
+        "max-time",
+        "yes",
+        "out",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune experiment heading", "try it on a simulated boat"),
+        ("gcs-autotune experiment surge --connect /dev/ttyUSB0", "the speed of a boat"),
+    ),
 )

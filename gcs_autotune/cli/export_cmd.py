@@ -9,6 +9,7 @@ from pathlib import Path
 from gcs_autotune.cli.command import Command, check_files
 from gcs_autotune.cli.reading import full_scale
 from gcs_autotune.cli.writing import fresh, on_replacing
+from gcs_autotune.documents import model_file
 from gcs_autotune.errors import BadFile
 from gcs_autotune.untrusted_text import visible
 
@@ -20,7 +21,10 @@ TARGETS = ("ardupilot-json", "gazebo", "fossen", "matlab", "csv")
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "model", type=Path, metavar="MODEL", help="model file written by identify --save, tune or diagnose"
+        "model",
+        type=Path,
+        metavar="MODEL",
+        help="model file written by identify --save, tune or diagnose, or a run directory",
     )
     parser.add_argument("--to", required=True, choices=TARGETS, help="program that reads the exported model")
     parser.add_argument(
@@ -40,7 +44,7 @@ def _run(args: argparse.Namespace) -> int:
     from gcs_autotune.identify import load_model
 
     written = export_model(load_model(args.model), args.to, full_scale(args.full_scale))
-    path: Path = args.out or fresh(args.model.with_suffix(written.suffix))
+    path: Path = args.out or fresh(model_file(args.model).with_suffix(written.suffix))
     replaced = on_replacing(path)
     try:
         path.write_text(written.text, encoding="utf-8")
@@ -48,7 +52,7 @@ def _run(args: argparse.Namespace) -> int:
         raise BadFile(f"{path} cannot be written: {error.strerror}. Choose another --out") from error
     for what in written.left:
         sys.stderr.write(f"Not exported: {visible(what)}\n")
-    sys.stdout.write(f"{visible(str(path))}{replaced}\n")
+    sys.stdout.write(f"Model for {args.to}: {visible(str(path))}{replaced}\n")
     return 0
 
 

@@ -78,8 +78,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     design.add_argument(
         "--model",
         type=Path,
-        metavar="FILE",
-        help="design from this model (of identify --save or diagnose), without experiments",
+        metavar="FILE|DIR",
+        help="design from this model (of identify --save or diagnose) or the models of this run, without experiments "
+        "in their motions",
     )
     add_number(design, "full-scale")
     design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="model function (default bessel)")
@@ -91,7 +92,8 @@ def _run(args: argparse.Namespace) -> int:
     args.what, args.axis = args.axis, HELD[args.axis]
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    check_model_file(args.model)
+    if args.model is not None and not args.model.is_dir():
+        check_model_file(args.model)
     args.connect = args.connect or args.configured_link or None
     example = EXAMPLES.get(args.what, AXES[args.axis].example)
     with connected(args, args.connect or example) as connection:
@@ -99,9 +101,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _hold(args: argparse.Namespace, connection: Connection) -> int:
-    from gcs_autotune.identify import load_model
     from gcs_autotune.report import hold_document
-    from gcs_autotune.workflow import HoldSettings, TuneSettings, hold
+    from gcs_autotune.workflow import HoldSettings, TuneSettings, hold, load_models
 
     now, angular = datetime.now(), AXES[args.axis].angular
 
@@ -119,7 +120,6 @@ def _hold(args: argparse.Namespace, connection: Connection) -> int:
         throttle=args.throttle,
         speed=args.speed,
         model=args.function,
-        given=None if args.model is None else load_model(args.model),
         full_scale=args.full_scale,
         omega_0=args.omega_0,
         structure=args.structure,
@@ -134,6 +134,7 @@ def _hold(args: argparse.Namespace, connection: Connection) -> int:
     settings = HoldSettings(
         args.what,
         tune,
+        () if args.model is None else load_models(args.model),
         seconds=getattr(args, "for"),
         offset=args.line_offset,
         length=args.line_length,
@@ -157,4 +158,23 @@ COMMAND = Command(
     "written. Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "connect",
+        "for",
+        "model",
+        "law",
+        "throttle",
+        "step",
+        "max-distance",
+        "max-time",
+        "yes",
+        "out",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune hold heading", "try it on a simulated boat"),
+        ("gcs-autotune hold line --connect /dev/ttyUSB0", "follow a line ahead"),
+        ("gcs-autotune hold depth --connect udp:14550 --model runs/DEPTH", "an ROV with the model of an earlier run"),
+    ),
 )

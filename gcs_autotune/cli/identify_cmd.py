@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
-from gcs_autotune.cli.writing import fresh, on_replacing, put_out
+from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
 from gcs_autotune.errors import UsageError
 from gcs_autotune.methods import METHOD_PLACES
 from gcs_autotune.registry import lookup
@@ -136,7 +136,7 @@ def _run(args: argparse.Namespace) -> int:
         check_files(*args.runs, *args.validate, args.start, args.parameters)
 
     from gcs_autotune.identify import METHODS, load_model, save_model
-    from gcs_autotune.report import method_list, study_document, to_html
+    from gcs_autotune.report import method_list, study_document
     from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
@@ -175,8 +175,7 @@ def _run(args: argparse.Namespace) -> int:
         said.append(f"Model: {args.save}{replaced}")
     page = _page(args)
     if page is not None:
-        said.append(f"Report: {page}{on_replacing(page)}")
-        page.write_text(to_html(document), encoding="utf-8")
+        said.append(write_page(document, page))
     put_out(document, *said, as_json=args.json)
     return 0
 
@@ -265,4 +264,22 @@ COMMAND = Command(
     "r[rad/s], N[N m], telemetry logs (.tlog) or onboard logs (.bin). Several runs are fitted together.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "dof",
+        "structure",
+        "validate",
+        "choose",
+        "columns",
+        "parameters",
+        "full-scale",
+        "save",
+        "page",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune identify zigzag.csv", "a table with units in its header"),
+        ("gcs-autotune identify flight.bin --dof yaw --save boat.json", "a dataflash log, and the model as a file"),
+        ("gcs-autotune identify a.csv --validate b.csv", "fit one run, predict another"),
+    ),
 )

@@ -40,4 +40,6 @@ COMMAND = Command(
     "vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=("connect", "set-point", "throttle", "max-distance", "max-time", "area", "yes", "out", "verbose", "json"),
+    examples=(("gcs-autotune recheck heading --connect /dev/ttyUSB0", "is the heading loop still well tuned?"),),
 )

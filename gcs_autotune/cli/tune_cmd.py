@@ -31,6 +31,7 @@ from gcs_autotune.cli.command import (
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import put_out
 from gcs_autotune.errors import UsageError
+from gcs_autotune.tunables import TUNABLES, tunable
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
@@ -39,27 +40,16 @@ __all__ = ["COMMAND", "RESTORED", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
-LINE, POSITION = "line", "position"
-"""Tuned by a mission, and by steps of two motions at once, so they are no axes."""
-STANDS_ON = {LINE: "heading", POSITION: "depth"}
-"""What is tuned that is no axis -> the axis whose settings it uses."""
-ONLY_STEPS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "resume", "omega_0")
-"""Options that `tune line` has no use for."""
-ONE_AXIS = ("relay_output", "relay_hysteresis", "model", "gains", "resume", "omega_0", "settling_time")
-"""Options that `tune position` has no use for."""
-EXAMPLES = {POSITION: "sitl:bluerov2-sway"}
-"""What is tuned -> the simulated vehicle used by default, if it is not that of the axis."""
-USELESS = {LINE: ONLY_STEPS, POSITION: ONE_AXIS}
 RESTORED = 8
 """Exit code of ``tune`` if the new gains were tested, but the old gains proved better and are restored."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=sorted((*AXES, *STANDS_ON)), help="the loop to tune")
+    parser.add_argument("axis", choices=sorted({*AXES, *TUNABLES}), help="the loop to tune")
     add_connection(
         parser,
-        otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth, "
-        "sitl:bluerov2-sway for position",
+        otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth, sitl:bluerov2-sway for "
+        "position",
     )
     add_output(parser)
     add_fetch_log(parser)
@@ -107,10 +97,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    args.what, args.axis = args.axis, STANDS_ON.get(args.axis, args.axis)
+    args.what, args.axis = args.axis, tunable(args.axis).axis
     _check(args)
     args.connect = args.connect or args.configured_link or None
-    with connected(args, args.connect or EXAMPLES.get(args.what, AXES[args.axis].example)) as connection:
+    example = tunable(args.what).example or AXES[args.axis].example
+    with connected(args, args.connect or example) as connection:
         return _tune(args, connection)
 
 
@@ -118,13 +109,11 @@ def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    what = getattr(args, "what", "")
-    useless = [name for name in USELESS.get(what, ()) if getattr(args, name) is not None]
+    what = getattr(args, "what", args.axis)
+    useless = [name for name in tunable(what).useless if getattr(args, name) is not None]
     if useless:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
         raise UsageError(f"{names} has no use for `tune {what}`. Remove it")
-    if what != LINE and args.leg_length is not None:
-        raise UsageError("--leg-length is for `tune line`. Remove it")
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
@@ -138,17 +127,12 @@ def _check(args: argparse.Namespace) -> None:
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over an open link and show the result."""
     from gcs_autotune.report import tune_document
-    from gcs_autotune.workflow import LineSettings, tune, tune_line, tune_position
+    from gcs_autotune.workflow import job_of
 
     now = datetime.now()
     settings, when = tune_settings(args, connection, now), now.isoformat(timespec="seconds")
     with attending(args, "or --dry-run to change nothing") as (operator, observer):
-        if args.what == LINE:
-            story = tune_line(LineSettings(settings, args.leg_length), operator, observer, when)
-        elif args.what == POSITION:
-            story = tune_position(settings, operator, observer, when)
-        else:
-            story = tune(settings, operator, observer, when)
+        story = job_of(args.what).run(settings, operator, observer, when)
     if not args.remote:  # else standard output is the program's
         page = [f"Report: {Path(story.directory) / 'report.html'}"] if story.directory else []
         put_out(tune_document(story), *page, as_json=args.json)
@@ -181,6 +165,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         step_duration=args.step_duration,
         relay_output=args.relay_output,
         relay_hysteresis=inside(args.relay_hysteresis),
+        leg_length=args.leg_length,
         throttle=args.throttle,
         speed=args.speed,
         model=args.function,
@@ -237,4 +222,24 @@ COMMAND = Command(
     "used.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "connect",
+        "throttle",
+        "settling-time",
+        "step",
+        "max-distance",
+        "max-time",
+        "model",
+        "dry-run",
+        "yes",
+        "out",
+        "resume",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune tune heading", "try it on a simulated boat"),
+        ("gcs-autotune tune heading --connect /dev/ttyUSB0", "a boat on a telemetry radio"),
+        ("gcs-autotune tune depth --connect udp:14550 --max-depth 5", "an ROV, not deeper than 5 m"),
+    ),
 )

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 
 from gcs_autotune.cli.command import Command, add_loudness, add_number
 from gcs_autotune.cli.reading import add_parameters, read_parameters
-from gcs_autotune.errors import AutotuneError, NotInformative, UsageError
+from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.untrusted_text import visible
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import AxisFit
-    from gcs_autotune.trial import Trial
 
 __all__ = ["COMMAND"]
 
-DOFS = ("yaw", "surge", "heave")
+MOTIONS = ("yaw", "surge", "heave")
+"""As ``workflow.COMPARED``, which is imported only when the command runs."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LOG",
         help="logs of one craft, oldest first (.tlog, .bin, run directories, CSV files). The first is the reference",
     )
-    parser.add_argument("--dof", choices=DOFS, help="degree of freedom to check (default: all that each log excites)")
+    parser.add_argument(
+        "--dof", choices=MOTIONS, help="degree of freedom to check (default: all that each log excites)"
+    )
     add_number(parser, "system-id", "ID", meaning="system id of the vehicle, in a .tlog with several")
     add_parameters(parser.add_argument_group("parameters"))
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
@@ -40,6 +42,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     from gcs_autotune.diagnose import compare_craft
     from gcs_autotune.logs import load_runs
+    from gcs_autotune.workflow import COMPARED, fits_in
 
     if len(args.logs) < 2:
         raise UsageError("fewer than two logs given. Give the log of the tune first, then at least one later log")
@@ -48,14 +51,11 @@ def _run(args: argparse.Namespace) -> int:
     rows = []
     for path in args.logs:
         trials = load_runs(path, system=args.system_id, parameters=given)
-        for dof in (args.dof,) if args.dof else DOFS:
-            try:
-                structure = references[dof].structure if dof in references else None
-                fit = _identified(trials, dof, structure)
-            except AutotuneError as error:
-                if args.verbose:
-                    sys.stderr.write(f"{visible(f'{path}, {dof}: {error}')}\n")
-                continue
+        structures = {dof: fit.structure for dof, fit in references.items()}
+        fits, reasons = fits_in(trials, structures, (args.dof,) if args.dof else COMPARED)
+        if args.verbose:
+            sys.stderr.writelines(f"{visible(f'{path}, {dof}: {why}')}\n" for dof, why in reasons.items())
+        for dof, fit in fits.items():
             if dof not in references:
                 references[dof] = fit
                 rows.append({"log": str(path), "dof": dof, "told": "the reference", "changed": False})
@@ -74,19 +74,6 @@ def _run(args: argparse.Namespace) -> int:
     if not any(row["changed"] for row in rows):
         sys.stdout.write("No change: every parameter is within its interval.\n")
     return 0
-
-
-def _identified(trials: list[Trial], dof: str, structure: str | None) -> AxisFit:
-    from typing import cast
-
-    from gcs_autotune.identify import Structure, fit_axis
-    from gcs_autotune.sname import DOFS as NAMES
-
-    own = NAMES[dof]
-    telling = [t for t in trials if own.force in t and (own.position in t or own.velocity in t)]
-    if not telling:
-        raise NotInformative(f"no run contains {own.force} together with {own.position} or {own.velocity}")
-    return fit_axis(telling, dof=dof, structure=cast("Structure | None", structure))
 
 
 COMMAND = Command(

@@ -10,13 +10,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs_autotune.errors import BadFile
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.untrusted_text import visible
 
 if TYPE_CHECKING:
     from gcs_autotune.report import Document
 
-__all__ = ["fresh", "on_replacing", "put_out"]
+__all__ = ["fresh", "on_replacing", "put_out", "write_page"]
 
 
 def fresh(path: Path) -> Path:
@@ -34,6 +35,24 @@ def on_replacing(path: Path) -> str:
     """
     is_there = any(path.iterdir()) if path.is_dir() else path.exists()
     return " (replaced an earlier file)" if is_there else ""
+
+
+def write_page(document: Document, path: Path) -> str:
+    """Write a report as a page and return the line that shows *path*.
+
+    Raises
+    ------
+    BadFile
+        The file cannot be written.
+    """
+    from gcs_autotune.report import to_html
+
+    replaced = on_replacing(path)
+    try:
+        path.write_text(to_html(document), encoding="utf-8")
+    except OSError as error:
+        raise BadFile(f"{path} cannot be written: {error.strerror}") from error
+    return f"Report: {path}{replaced}"
 
 
 def put_out(document: Document, *lines: str, as_json: bool = False) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from gcs_autotune.control.choice import (
     LEAST_MARGINS,
+    AxisLoop,
     LoopMargins,
     OwnDesign,
     design_own,
@@ -72,6 +73,7 @@ __all__ = [
     "SETTLED",
     "STRUCTURES",
     "AdaptiveLineOfSight",
+    "AxisLoop",
     "DirectLine",
     "DistanceController",
     "DistanceLaw",

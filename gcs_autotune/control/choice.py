@@ -7,6 +7,7 @@ actuator. Margins are those of python-control.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +19,16 @@ from gcs_autotune.control.reference_model import ReferenceModel, reference_model
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof
 
-__all__ = ["LEAST_MARGINS", "LoopMargins", "OwnDesign", "design_own", "margins", "simulated_step", "step_response"]
+__all__ = [
+    "LEAST_MARGINS",
+    "AxisLoop",
+    "LoopMargins",
+    "OwnDesign",
+    "design_own",
+    "margins",
+    "simulated_step",
+    "step_response",
+]
 
 USED = 0.8
 """Fraction of the actuator's range that the required step may use; the rest is for waves and wind."""
@@ -75,6 +85,17 @@ class OwnDesign:
     bound: tuple[float, float]
     effort: float
     limited_by: str
+
+
+@dataclass(frozen=True, slots=True)
+class AxisLoop:
+    """The designed loop of one motion, with the inverse of its actuator.
+
+    ``output`` : force to normalised output (Miskovic2010, fig. 8.2: actuator nonlinearity compensation).
+    """
+
+    design: OwnDesign
+    output: Callable[[float], float]
 
 
 def margins(law: FeedbackLaw, model: SingleDof) -> LoopMargins:

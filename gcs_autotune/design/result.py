@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.notebook import html_block, html_table, pandas_module
+from gcs_autotune.notebook import Display, Displayed, Table, pandas_module
 from gcs_autotune.rounding import format_number
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ class Prediction:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proposal:
+class Proposal(Displayed):
     """New gains for one axis, not yet written to a vehicle.
 
     - ``margins``: margins at the identified parameters.
@@ -239,7 +239,7 @@ class Proposal:
         rows = [{n: getattr(c, n) for n in names} for c in self.changes]
         return pandas_module().DataFrame(rows, columns=list(names)).set_index("parameter")
 
-    def _repr_html_(self) -> str:
+    def _display(self) -> Display:
         changes = [(c.parameter, format_number(c.old), format_number(c.new), c.reason) for c in self.changes]
         metrics = [
             (words, *(format_number(scale * getattr(p.metrics, name), 3) for p in (self.before, self.after)))
@@ -250,11 +250,11 @@ class Proposal:
                 ("settling [s]", "settling", 1.0),
             )
         ]
-        tables = [html_table(("predicted step", "old gains", "new gains"), metrics)]
+        tables = [Table(("predicted step", "old gains", "new gains"), tuple(metrics))]
         if changes:
-            tables.insert(0, html_table(("gain", "old", "new", "why"), changes))
+            tables.insert(0, Table(("gain", "old", "new", "why"), tuple(changes)))
         title = f"{self.axis} ({self.law}): " + ("new gains, not written" if changes else "the present gains stay")
-        return html_block(title, tables, self.notes)
+        return Display(title, tuple(tables), self.notes)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the proposal as data for JSON, without the time series of the predictions.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel
 from gcs_autotune.identify import Doubt, Trace
 from gcs_autotune.identify.kalman import RunOffset
-from gcs_autotune.notebook import html_block, html_table, pandas_module
+from gcs_autotune.notebook import Display, Displayed, Table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_number, format_value
 
@@ -354,7 +354,7 @@ class MissingForce:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Diagnosis:
+class Diagnosis(Displayed):
     """What the simulation gets wrong.
 
     ``causes`` are in the order found, ``ranking`` is best first within each step. ``indistinguishable``: groups of
@@ -480,36 +480,32 @@ class Diagnosis:
         names = ("step", "cause", "place", "gain", "p_value", "evidence")
         return pandas_module().DataFrame([{n: getattr(r, n) for n in names} for r in self.ranking], columns=list(names))
 
-    def _repr_html_(self) -> str:
+    def _display(self) -> Display:
         causes = [
             (
                 f"{c.effect.slug} at {c.effect.place}",
-                c.meaning if i == 0 else "",
                 name,
                 format_value(v.value, v.std),
                 v.unit,
+                c.meaning if i == 0 else "",
             )
             for c in self.causes
             for i, (name, v) in enumerate(c.parameters.items())
         ]
-        tables = (
-            [html_table(("cause", "meaning", "parameter", "value ± standard error", "unit"), causes)] if causes else []
-        )
+        heads = ("cause", "parameter", "value ± standard error", "unit", "meaning")
+        tables = [Table(heads, tuple(causes))] if causes else []
         wrong = [
-            (n.name, n.meaning, format_value(n.given, n.given_std), format_value(n.value, n.std), n.unit)
+            (n.name, format_value(n.given, n.given_std), format_value(n.value, n.std), n.unit, n.meaning)
             for n in self.wrong_numbers
         ]
         if wrong:
-            tables.append(html_table(("wrong number", "meaning", "given", "from these runs", "unit"), wrong))
+            tables.append(Table(("wrong number", "given", "from these runs", "unit", "meaning"), tuple(wrong)))
         gains = [
             f"{g.signal}: {format_number(g.before)} to {format_number(g.after)} {g.unit}, {g.held_out or g.metric}"
             for g in self.gains
         ]
-        return html_block(
-            f"{self.verdict}: {', '.join(self.used)}",
-            tables,
-            (*gains, *(f"{d.cause}: {d.cure}" for d in self.doubts)),
-        )
+        doubts = (f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
+        return Display(f"{self.verdict}: {', '.join(self.used)}", tuple(tables), (*gains, *doubts))
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, unknown numbers as null.

@@ -31,6 +31,8 @@ from gcs_autotune.identify.signals.preparation import prepare, prepare_as_record
 from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.identify.signals.whiteness import autocorrelation, explained, whiteness
 from gcs_autotune.models import CoupledModel, Simulator, SingleDof, explicit_parameters
+from gcs_autotune.notebook import Display, Displayed, Table
+from gcs_autotune.rounding import format_number
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 
@@ -85,8 +87,8 @@ class ResidualStatistics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Validation:
-    """Prediction quality of a model: one trace and its statistics per run and signal."""
+class Validation(Displayed):
+    """Prediction quality of a model: one trace and its statistics per run and signal. ``print`` shows a table of it."""
 
     traces: tuple[Trace, ...]
     statistics: tuple[ResidualStatistics, ...]
@@ -103,6 +105,14 @@ class Validation:
         0 is as good as the mean value, and negative is worse than the mean value.
         """
         return float(np.mean([s.fit_percent for s in self.statistics])) if self.statistics else math.nan
+
+    def _display(self) -> Display:
+        rows = (
+            (t.run, t.signal, f"{format_number(s.rms, 3)} {t.unit}", f"{s.fit_percent:.1f} %", str(s.n))
+            for t, s in zip(self.traces, self.statistics, strict=True)
+        )
+        heads = ("run", "signal", "residual (rms)", "fit", "samples")
+        return Display(f"simulation of runs, fit {self.fit_percent:.1f} % on average", (Table(heads, tuple(rows)),))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fit percentages, and the rms residual per run and signal, as data for JSON."""

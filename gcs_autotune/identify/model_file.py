@@ -8,14 +8,14 @@ of ``identify`` and ``diagnose`` contains the same data and can be read too.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.documents import conformed, load_json
+from gcs_autotune.documents import conformed, load_json, model_file
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, as_extended
@@ -95,7 +95,7 @@ def model_document(fit: Fit[Model]) -> dict[str, Any]:
 
 
 def load_model(path: Path) -> ModelFile:
-    """Read a model file, or the JSON output of an identification or a diagnosis.
+    """Read a model file, the JSON output of an identification or a diagnosis, or the model of a run directory.
 
     Raises
     ------
@@ -113,7 +113,9 @@ def load_model(path: Path) -> ModelFile:
     ...     load_model(Path(folder) / "craft.json").inputs
     {'N': '1'}
     """
-    return _file(load_json(path, "a model file"), path)
+    file = model_file(path)
+    found = _file(load_json(file, "a model file"), file)
+    return found if file == path else replace(found, name=path.name)
 
 
 def model_file_of(fit: Fit[Model]) -> ModelFile:

@@ -15,9 +15,10 @@ from gcs_autotune.identify.axis.form import Structure, as_extended
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.signals.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
-from gcs_autotune.notebook import html_block, html_table, pandas_module
+from gcs_autotune.notebook import Display, Displayed, Table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
-from gcs_autotune.rounding import format_value
+from gcs_autotune.rounding import format_number, format_value
+from gcs_autotune.sname import SIGNALS
 
 __all__ = [
     "AxisFit",
@@ -34,6 +35,9 @@ __all__ = [
     "is_of_one_axis",
     "plain_data",
 ]
+
+CORRELATED = 0.5
+"""Correlation of two parameters from which it is shown. Project choice."""
 
 Status = Literal["fitted", "absent", "fixed", "at_bound"]
 
@@ -187,8 +191,8 @@ ModelT = TypeVar("ModelT", bound=Model, covariant=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Fit(Generic[ModelT]):
-    """An identified model with its uncertainty, for any method and structure.
+class Fit(Displayed, Generic[ModelT]):
+    """An identified model with its uncertainty, for any method and structure. ``print`` shows a table of it.
 
     - ``covariance`` (p, p): in the order of ``parameters``, with zero rows for fixed parameters.
     - ``fit_percent``: 100 (1 - rms/std) of the free-run simulation, averaged over signals.
@@ -302,14 +306,24 @@ class Fit(Generic[ModelT]):
         table.index.name = "parameter"
         return table
 
-    def _repr_html_(self) -> str:
-        rows = [(p.name, format_value(p.value, p.std), p.unit, p.status) for p in self.parameters.values()]
+    def _display(self) -> Display:
         title = f"{self.dof}, {self.structure} ({self.method}), fit {self.fit_percent:.1f} %: {', '.join(self.used)}"
-        return html_block(
-            title,
-            [html_table(("parameter", "value ± standard error", "unit", "status"), rows)],
-            (f"{d.cause}: {d.cure}" for d in self.doubts),
+        parameters = [(p.name, format_value(p.value, p.std), p.unit, p.status) for p in self.parameters.values()]
+        residuals = [(s, f"{format_number(r.rms, 3)} {SIGNALS[s][0]}") for s, r in self.remainder.items()]
+        names, correlation = list(self.parameters), self.correlation
+        correlated = [
+            (f"{names[i]}, {names[j]}", f"{correlation[i, j]:+.2f}")
+            for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
+            if abs(correlation[i, j]) >= CORRELATED
+        ]
+        tables = (
+            Table(("parameter", "value ± standard error", "unit", "status"), tuple(parameters)),
+            Table(("signal", "residual (rms)"), tuple(residuals)),
+            Table(("parameters", "correlation"), tuple(correlated)),
         )
+        left_out = [f"{s} was not used: {why}" for s, why in self.extra.get("signals_left_out", {}).items()]
+        doubts = (f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
+        return Display(title, tuple(t for t in tables if t.rows), (*left_out, *doubts))
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, with unknown numbers as null.

@@ -11,7 +11,7 @@ From the wire up:
   ``parameter_transaction`` (temporary changes: verify, restore);
 * ``vehicle``, commanding: ``commands`` (modes, arming), ``setpoint_streamer`` (repeats set-points), ``rc_monitor``
   (whether the vehicle obeys them), ``actuation_check`` (the same at arming), ``congestion`` (whether the link has
-  capacity for them);
+  capacity for them), ``mission_transfer`` and ``script_loan`` (a mission or a Lua script of ours for a while);
 * ``vehicle``, receiving: ``rates``, fitted by ``bandwidth``; ``telemetry`` with ``watchdog``; ``latency`` (delays);
 * ``vehicle``, other senders: ``interference_monitor`` (their effects), ``other_stations`` (their identity);
 * ``vehicle``, configuration: ``vehicle_config`` (wiring); ``mavlink_craft`` (:class:`MavlinkCraft`), assembled by
@@ -47,6 +47,7 @@ from gcs_autotune.link.vehicle.mission_transfer import (
     write_mission,
 )
 from gcs_autotune.link.vehicle.rates import Granted, Rates
+from gcs_autotune.link.vehicle.script_loan import ScriptLoan, drop_script, script_folder
 from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
 
 __all__ = [
@@ -73,11 +74,13 @@ __all__ = [
     "Peer",
     "PortSeen",
     "Rates",
+    "ScriptLoan",
     "Session",
     "StoredMission",
     "Transport",
     "VehicleConfig",
     "difference",
+    "drop_script",
     "fetch_log",
     "fingerprint_of",
     "is_being_written",
@@ -92,6 +95,7 @@ __all__ = [
     "read_outputs",
     "same_float32",
     "same_mission",
+    "script_folder",
     "serial_ports",
     "set_current",
     "waypoint",

@@ -1,11 +1,13 @@
-"""Read a file from the vehicle by MAVLink FTP; nothing is written on the vehicle. A few blocks are requested at a time,
-by offset, so that a lost block can be requested again. The file ends with a short block or with the reply "end of
-file".
+"""Read, write and remove a file on the vehicle by MAVLink FTP.
+
+A few blocks are requested or sent at a time, by offset, so that a lost block can be repeated. A file that is read ends
+with a short block or with the reply "end of file". A file that was written is verified by its checksum.
 """
 
 from __future__ import annotations
 
 import struct
+import zlib
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,12 +16,14 @@ from gcs_autotune.errors import BadFile, NoReply
 from gcs_autotune.link.session import Session
 from gcs_autotune.mavlink import Message, mavlink
 
-__all__ = ["read_remote_file"]
+__all__ = ["has_remote_folder", "read_remote_file", "remove_remote_file", "write_remote_file"]
 
 _HEAD = struct.Struct("<HBBBBBBI")
-_TERMINATE, _OPEN, _READ = 1, 4, 5
+_TERMINATE, _LIST, _OPEN, _READ = 1, 3, 4, 5
+_CREATE, _WRITE, _REMOVE, _CHECKSUM = 6, 7, 8, 14
 _ACK, _NACK = 128, 129
-_END_OF_FILE = 6
+_ERRNO, _END_OF_FILE, _NOT_FOUND = 2, 6, 10
+_ENOENT = 2
 _PIECE, _PAYLOAD = 239, 251
 _ABREAST = 5
 """Number of pieces requested at once, about what the buffer of a slow radio can store. Project choice."""
@@ -32,7 +36,9 @@ _ERRORS = {
     1: "it failed",
     4: "the file session was lost",
     5: "the vehicle has no free file session",
+    2: "the file system rejects it",
     7: "the vehicle does not support the request",
+    9: "the file is write-protected",
     10: "the file does not exist",
 }
 
@@ -51,18 +57,20 @@ class _Exchange:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._sequence = 0
+        # A vehicle answers a number that it has seen last with the same reply, so another exchange has other numbers.
+        self._sequence = round(1e3 * session.clock.now()) & 0xFFFF
         self.replies: list[_Reply] = []
         self._stop = session.listen("FILE_TRANSFER_PROTOCOL", self._on_reply)
 
     def close(self) -> None:
         self._stop()
 
-    def ask(self, opcode: int, *, offset: int = 0, size: int = 0, data: bytes = b"") -> None:
+    def ask(self, opcode: int, *, offset: int = 0, size: int = 0, data: bytes = b"", is_repeated: bool = False) -> None:
+        """Send a request. A repeated one has the number of the last, so that the vehicle executes it once only."""
         vehicle = self._session.vehicle
         if vehicle is None:
             raise NoReply("a file was requested before a vehicle was discovered. Discover a vehicle first")
-        self._sequence = (self._sequence + 1) & 0xFFFF
+        self._sequence = (self._sequence + (not is_repeated)) & 0xFFFF
         head = _HEAD.pack(self._sequence, 0, opcode, size or len(data), 0, 0, 0, offset)
         payload = (head + data).ljust(_PAYLOAD, b"\0")
         self._session.send(
@@ -88,9 +96,9 @@ class _Exchange:
         NoReply
             The request was not answered.
         """
-        for _ in range(_TRIES):
+        for attempt in range(_TRIES):
             self.replies.clear()
-            self.ask(opcode, data=data)
+            self.ask(opcode, data=data, is_repeated=attempt > 0)
             found = self._session.wait_for(lambda: next((r for r in self.replies if r.asked == opcode), None), _REPLY)
             if found is not None:
                 return found
@@ -116,6 +124,86 @@ def read_remote_file(session: Session, path: str, timeout: float = 60.0) -> byte
         return data
     finally:
         exchange.close()
+
+
+def has_remote_folder(session: Session, path: str) -> bool:
+    """Return whether the vehicle has the folder *path*.
+
+    Raises
+    ------
+    NoReply
+        The vehicle does not answer MAVLink FTP.
+    """
+    exchange = _Exchange(session)
+    try:
+        found = exchange.answer(_LIST, path.encode("ascii"))
+    finally:
+        exchange.close()
+    return found.is_ack or found.data[:1] == bytes([_END_OF_FILE])
+
+
+def write_remote_file(session: Session, path: str, data: bytes, timeout: float = 120.0) -> None:
+    """Write *data* to the file *path* on the vehicle, and verify its checksum. An existing file is replaced.
+
+    Raises
+    ------
+    NoReply
+        The vehicle does not answer, or the link is too slow. BadFile: the vehicle does not take the file.
+    """
+    exchange = _Exchange(session)
+    try:
+        exchange.answer(_TERMINATE)
+        created = exchange.answer(_CREATE, path.encode("ascii"))
+        if not created.is_ack:
+            raise BadFile(f"{session.vehicle} cannot create the file {path}{_why(created)}")
+        _write(session, exchange, Deadline.after(session.liveness, timeout), path, data)
+        exchange.answer(_TERMINATE)
+        told = exchange.answer(_CHECKSUM, path.encode("ascii"))
+        if not told.is_ack or told.data[:4] != struct.pack("<I", _checksum(data)):
+            raise BadFile(f"{path} was not stored correctly on {session.vehicle}{_why(told)}. Check its SD card")
+    finally:
+        exchange.close()
+
+
+def _checksum(data: bytes) -> int:
+    """Return the CRC32 of MAVLink FTP, which starts at 0 and is not inverted at the end."""
+    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def _write(session: Session, exchange: _Exchange, deadline: Deadline, path: str, data: bytes) -> None:
+    left = list(range(0, len(data), _PIECE))
+    while left:
+        if deadline.expired:
+            raise NoReply(f"{path} was not sent to {session.vehicle} completely in time. Try a faster link")
+        sent = left[:_ABREAST]
+        exchange.replies.clear()
+        for offset in sent:
+            exchange.ask(_WRITE, offset=offset, data=data[offset : offset + _PIECE])
+        session.wait_for(partial(exchange.has, len(sent)), _REPLY)
+        for reply in exchange.replies:
+            if reply.asked == _WRITE and not reply.is_ack:
+                raise BadFile(f"{session.vehicle} cannot write {path}{_why(reply)}")
+            if reply.asked == _WRITE and reply.offset in left:
+                left.remove(reply.offset)
+
+
+def remove_remote_file(session: Session, path: str) -> None:
+    """Remove the file *path* from the vehicle. A file that does not exist is no error.
+
+    Raises
+    ------
+    NoReply
+        The vehicle does not answer. BadFile: the file cannot be removed.
+    """
+    exchange = _Exchange(session)
+    try:
+        exchange.answer(_TERMINATE)
+        removed = exchange.answer(_REMOVE, path.encode("ascii"))
+    finally:
+        exchange.close()
+    gone = removed.data[:1] == bytes([_NOT_FOUND]) or removed.data[:2] == bytes([_ERRNO, _ENOENT])
+    if not removed.is_ack and not gone:
+        raise BadFile(f"{path} cannot be removed from {session.vehicle}{_why(removed)}")
 
 
 def _read(session: Session, exchange: _Exchange, deadline: Deadline, path: str) -> bytes:

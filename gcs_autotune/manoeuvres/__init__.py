@@ -27,7 +27,7 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outco
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.own_loop import KeepSetPoint, UnderOwnLoop
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, NominalPlant, PlantState, Preview, fly_on, preview
-from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion
+from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion, WallRelay
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
@@ -96,6 +96,7 @@ __all__ = [
     "TurnAbout",
     "TurnAboutSettings",
     "UnderOwnLoop",
+    "WallRelay",
     "ZigZag",
     "ZigZagSettings",
     "Zone",

@@ -17,6 +17,7 @@ from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.manoeuvres.pulse_response import PulseResponse, Tick, pulse_response
+from gcs_autotune.manoeuvres.relay import INTEGRATED
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.sname import DOFS
 
@@ -62,7 +63,7 @@ class SignCheckSettings:
 
     Attributes
     ----------
-    signal, force : the signal observed (``psi`` or ``z``) and the driven force.
+    signal, force : the signal observed (``psi``, ``z``; ``y``: integrated sway speed) and the driven force.
     outputs : sizes of the pulse, tried until one has a response.
     reach : motion that ends a pulse. Otherwise a pulse ends after ``longest``, the largest pulse after twice that time.
     least : smallest motion that counts as a response.
@@ -105,6 +106,7 @@ class SignCheck(Manoeuvre):
         self._reversals = 0
         self._command = 0.0
         self._began_at, self._swings = math.nan, False
+        self._along, self._last_t = 0.0, math.nan
         self._rest: list[Tick] = []
         self._forward: list[Tick] = []
         self._back: list[Tick] = []
@@ -130,14 +132,15 @@ class SignCheck(Manoeuvre):
     def commands(self, now: Observation) -> Commands:
         """Yield the commands of the approach, then the pulses."""
         self._approach.start(now)
-        self._began_at = now.value(self._settings.signal)
+        self._last_t = now.t
+        self._began_at = self._watched(now)
         while True:
             command = self._tick(now)
             self.phase = "approach" if self._command == 0.0 else "pulse"
             now = yield command
 
     def _tick(self, observation: Observation) -> Command:
-        s, t, x = self._settings, observation.t, observation.value(self._settings.signal)
+        s, t, x = self._settings, observation.t, self._watched(observation)
         tick = t, x, observation.output.get(s.force, math.nan)
         if not self._forward:
             self._ease(observation)
@@ -160,6 +163,16 @@ class SignCheck(Manoeuvre):
             if seconds >= SHORTEST and (seconds >= longest or is_back):
                 self._judge()
         return self._drive(observation)
+
+    def _watched(self, observation: Observation) -> float:
+        """Return the monitored position; sideways it is the integral of the speed."""
+        signal, dt = self._settings.signal, observation.t - self._last_t
+        self._last_t = observation.t
+        if signal not in INTEGRATED:
+            return observation.value(signal)
+        speed = observation.value(INTEGRATED[signal])
+        self._along += speed * dt if math.isfinite(speed) else 0.0
+        return self._along
 
     @property
     def eased(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse
@@ -51,11 +51,15 @@ def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
     return ", ".join(went) or "the outputs changed"
 
 
+_WAYS: Mapping[str, tuple[str, str]] = {"X": ("ahead", "astern"), "Z": ("down", "up")}
+"""Force -> direction of the motion along it, and against it. The others act to starboard and to port."""
+
+
 def moved(stretch: Pulse, signal: str, force: str) -> str:
     """Return a clause on the motion caused by one pulse."""
     angular = SIGNALS[signal].angular
     size = f"{abs(math.degrees(stretch.moved)):.1f} deg" if angular else f"{abs(stretch.moved):.2f} m"
-    way = ("to starboard", "to port") if angular else ("down", "up")
+    way = _WAYS.get(force, ("to starboard", "to port"))
     return (
         f"{stretch.command:+.2f} of full {force} output moved the craft {size} {way[0 if stretch.moved > 0.0 else 1]} "
         "in "
@@ -96,7 +100,8 @@ def _drifting(seen: PulseResponse, signal: str) -> str:
         return ""
     if SIGNALS[signal].angular:
         return f"; without command it turns at {math.degrees(seen.drift):+.1f} deg/s"
-    return f"; without command it {'sinks' if seen.drift > 0.0 else 'rises'} at {abs(seen.drift):.2f} m/s"
+    way = ("sinks", "rises") if SIGNALS[signal].down else ("drifts", "drifts")
+    return f"; without command it {way[seen.drift <= 0.0]} at {abs(seen.drift):.2f} m/s"
 
 
 def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:

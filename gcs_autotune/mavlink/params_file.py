@@ -84,6 +84,8 @@ def load_params(path: Path) -> dict[str, float]:
     BadFile
         The file is unreadable or empty, or a line is not a parameter. The message states the line number.
     """
+    if not path.exists():
+        raise BadFile(f"{path} does not exist. Give a parameter file with lines NAME,VALUE")
     try:
         text = read_text(path)
     except Refused as error:

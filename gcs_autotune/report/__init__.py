@@ -23,6 +23,7 @@ from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_documen
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
 from gcs_autotune.report.flight.authority import authority_document
+from gcs_autotune.report.flight.compared import ComparedRun, Comparison, comparison_document
 from gcs_autotune.report.flight.document import (
     FlightModel,
     FlightStory,
@@ -65,6 +66,8 @@ from gcs_autotune.report.tune.wording import proof_command
 
 __all__ = [
     "MODEL_FILE",
+    "ComparedRun",
+    "Comparison",
     "DesignedGains",
     "DesignedOwn",
     "DesignedRelay",
@@ -88,6 +91,7 @@ __all__ = [
     "TuneStory",
     "authority_document",
     "beside_telemetry",
+    "comparison_document",
     "correlation_plot",
     "designed_document",
     "diagnosis_document",

@@ -7,13 +7,14 @@
   ``nominal_plant`` and compute the required space as an ``excursion``. ``announcement`` reports all of it.
 * ``tunable_loop`` defines the sequence of every tune. The autopilot's loops in ``autopilot_loop`` use
   ``identification``, ``stop_rule``, ``proof`` and ``designing``.
-* ``restore`` restores a vehicle after an interrupted run. ``study``, ``diagnosis`` and ``authority`` need
+* ``restore`` restores a vehicle after an interrupted run. ``study``, ``diagnosis``, ``authority`` and ``compare`` need
   only records, not a vehicle.
 """
 
 from __future__ import annotations
 
 from gcs_autotune.workflow.authority import authority
+from gcs_autotune.workflow.comparison import COMPARED, compare, fits_in
 from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
@@ -26,6 +27,7 @@ from gcs_autotune.workflow.hold import HoldSettings, hold
 from gcs_autotune.workflow.line import LineSettings, tune_line
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
+from gcs_autotune.workflow.own_loops import load_models
 from gcs_autotune.workflow.position import tune_position
 from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.recheck import recheck
@@ -34,9 +36,10 @@ from gcs_autotune.workflow.self_planned import first_run
 from gcs_autotune.workflow.settings import CommonSettings, Connection, StudySettings, SuppliedGains, TuneSettings
 from gcs_autotune.workflow.study import study
 from gcs_autotune.workflow.supplied_gains import load_gains
-from gcs_autotune.workflow.tune import tune
+from gcs_autotune.workflow.tune import job_of, tune
 
 __all__ = [
+    "COMPARED",
     "PLAN_FILE",
     "CommonSettings",
     "Connection",
@@ -55,19 +58,23 @@ __all__ = [
     "TuneSettings",
     "Unattended",
     "authority",
+    "compare",
     "design_at_desk",
     "examine",
     "experiment",
     "fetch_onboard_log",
     "first_run",
+    "fits_in",
     "fly",
     "fly_plan",
     "hold",
     "is_settled",
+    "job_of",
     "link_of",
     "listened_to",
     "load_flight_plan",
     "load_gains",
+    "load_models",
     "precision_of",
     "preview_of_model",
     "recheck",

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from gcs_autotune.design import Authority, CraftModels, FlownModel, authority_of
-from gcs_autotune.errors import AutotuneError, BadFile, UsageError
+from gcs_autotune.documents import model_file
+from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import load_model
 from gcs_autotune.logs import load_runs, record
 from gcs_autotune.mavlink import load_params
@@ -18,7 +19,7 @@ from gcs_autotune.trial import Trial
 
 __all__ = ["authority"]
 
-MODEL, TELEMETRY = "model.json", "telemetry.tlog"
+TELEMETRY = "telemetry.tlog"
 PARAMETERS = ("parameters_before.json", "parameters_after.json")
 """Files of a tune with parameters; the later one counts."""
 DRIVEN = "XN"
@@ -51,11 +52,7 @@ def authority(
         runs: Sequence[Trial] = ()
         file = path
         if path.is_dir():
-            file = path / MODEL
-            if not file.is_file():
-                raise BadFile(
-                    f"{path} contains no {MODEL}. Identify it first: gcs-autotune identify {path} --save FILE"
-                )
+            file = model_file(path)
             settings |= _settings(path)
             runs = _runs(path)
             firmwares |= {str(run.meta.get("firmware", "")) for run in runs} - {""}

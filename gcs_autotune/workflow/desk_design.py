@@ -38,8 +38,8 @@ from gcs_autotune.logs import load_runs
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import DesignedGains, DesignedOwn, DesignedRelay
-from gcs_autotune.workflow.hold import SUPPLIED, range_of
 from gcs_autotune.workflow.nominal_plant import motion_of
+from gcs_autotune.workflow.own_loops import SUPPLIED, range_of
 from gcs_autotune.workflow.proof import SHARE_OF_TOP, cruise_pair, known_of
 from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from gcs_autotune import __version__
 from gcs_autotune.diagnose import Diagnosis, diagnose
+from gcs_autotune.documents import model_file
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import load_model
@@ -90,7 +91,7 @@ def run_diagnosis(
     """
     kept = None
     if settings.keep is not None:
-        model = None if settings.model is None else settings.model.read_bytes()
+        model = None if settings.model is None else model_file(settings.model).read_bytes()
         asked = replace(settings, model=None, jobs=1, max_seconds=math.inf, keep=None, resume=False)
         path = settings.keep / KEPT_FILE
         if settings.resume and not path.exists():

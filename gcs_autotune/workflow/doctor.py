@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from importlib import metadata
@@ -68,22 +68,28 @@ def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
     yield _cache()
 
 
-def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[tuple[str, Overheard]]:
+def listened_to(
+    seconds: float, uris: Iterable[str] | None = None, *, say: Callable[[str], object] = str
+) -> Iterator[tuple[str, Overheard]]:
     """Listen on each port for *seconds* [s] and yield what was received. Nothing is sent.
 
-    uris : links to listen on instead of every serial port (at the usual speeds) and UDP 14550.
+    uris : links to listen on instead of every serial port (at the usual speeds) and UDP 14550. say : receives what is
+    being listened to, before it takes its time.
     """
     if uris is not None:
         for uri in uris:
+            say(f"listening on {uri} for {seconds:g} s")
             yield uri, overhear(uri, seconds)
         return
     for port in serial_ports():
         heard = Overheard(port.device)
         for baud in BAUDS:
+            say(f"listening on {port.device} at {baud} baud for {seconds:g} s")
             heard = overhear(f"{port.device},{baud}", seconds)
             if heard.trouble or heard.messages:
                 break
         yield str(port), heard
+    say(f"listening on UDP 14550 for {seconds:g} s")
     yield "UDP 14550", overhear(UDP, seconds)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.axes import AXES, SIGNAL_FORCES, excitation_of
+from gcs_autotune.axes import AXES, OWN_AXES, SIGNAL_FORCES, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import StepMetrics, combine, step_metrics, throttle_of
 from gcs_autotune.firmware import Axis, Firmware
@@ -24,6 +24,7 @@ from gcs_autotune.manoeuvres import (
     StopCriterion,
     ThrottleSteps,
     ThrottleStepsSettings,
+    WallRelay,
     windows_of,
 )
 from gcs_autotune.sensor import noise_of, quantum
@@ -121,28 +122,57 @@ class Relays:
         """Return the relay experiments for *craft*."""
         return cls(settings, dof, throttle, not craft.firmware.needs_way, craft.least_period)
 
+    @property
+    def motion(self) -> str:
+        """Degree of freedom, if it is not the one that the run is about; else empty."""
+        return self.dof if self.settings.axis in OWN_AXES else ""
+
+    @property
+    def against_wall(self) -> bool:
+        """Whether they oscillate about the distance to a wall.
+
+        One such relay is flown. A VideoRay with rangefinders of 2 Hz does not settle at twice its output, and takes
+        more than ten minutes at half of it.
+        """
+        return self.settings.axis == "distance"
+
+    def second_output(self, first: Trial) -> float:
+        """Return the output of the second relay."""
+        return second_output(first, 0.9 - abs(self.throttle) if excitation_of(self.dof).by_throttle else 0.9)
+
+    def name(self, number: int) -> str:
+        """Return the name of the *number*-th relay (from 1)."""
+        return f"relay-{self.motion}-{number}" if self.motion else f"relay-{number}"
+
+    def stage(self, which: str) -> str:
+        """Return the stage of the relay *which* (``first``)."""
+        return f"{which} {self.motion} self-oscillation" if self.motion else f"{which} self-oscillation"
+
     def relay(
         self,
-        name: str,
+        number: int,
         output: float | None,
         *,
         noise_std: float | None = None,
         criterion: StopCriterion | None = None,
     ) -> Relay:
-        """Return the relay *name* with amplitude *output*; if it is None, the relay determines a suitable amplitude
-        itself.
+        """Return the *number*-th relay (from 1) with amplitude *output*; if it is None, the relay determines a suitable
+        amplitude itself.
 
         noise_std : noise [rad or m] of a vehicle that needs no approach. criterion : the rule that may end it before
             its periods agree.
         """
         d, throttle = excitation_of(self.dof), self.throttle
         along = d.by_throttle
-        return Relay(
+        wall = self.against_wall
+        make = WallRelay if wall else Relay
+        return make(
             RelaySettings(
-                signal=d.signal,
+                signal="d" if wall else d.signal,
                 force=d.names.force,
                 output=output,
-                hysteresis=self.settings.relay_hysteresis,
+                hysteresis=WALL_HYSTERESIS if wall else self.settings.relay_hysteresis,
+                least_distance=LEAST_DISTANCE if wall else 0.0,
                 throttle=throttle,
                 reference_speed=(self.settings.speed or 0.0) if along else 0.0,
                 most_output=0.9 - abs(throttle) if along else 0.9,
@@ -152,9 +182,15 @@ class Relays:
                 least_period=self.least_period,
                 noise_std=noise_std,
             ),
-            name,
+            self.name(number),
             criterion,
         )
+
+
+WALL_HYSTERESIS = 0.1
+"""Hysteresis of a relay on the distance to a wall [m]: Miskovic2010, section 7.6."""
+LEAST_DISTANCE = 0.3
+"""Smallest distance to the wall during that relay [m]. Project choice."""
 
 
 def second_output(first: Trial, room: float = 0.9) -> float:

@@ -76,7 +76,7 @@ def fly_extra(third: ExtraRelay, relays: Relays, runner: ManoeuvreRunner, observ
     """
     observer.say(third.why)
     try:
-        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation")]
+        return [runner.fly(relays.relay(3, third.output), relays.stage("third"))]
     except NotAchieved as error:
         observer.say(f"{error}. Continuing with the two experiments flown")
         return []

@@ -11,23 +11,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.control import (
     LINE_LAWS,
     POSITION_LAWS,
+    AxisLoop,
     DirectLine,
     LineQuestion,
     OwnDesign,
     SetPointLoop,
-    Uncertainty,
     design_distance,
-    design_own,
-    uncertainty_of,
 )
-from gcs_autotune.design import Actuator
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.identify import fit_axis, save_model
+from gcs_autotune.identify import ModelFile
 from gcs_autotune.link import Journal
 from gcs_autotune.manoeuvres import (
     MANOEUVRES,
@@ -40,7 +36,6 @@ from gcs_autotune.manoeuvres import (
     StepSettings,
     UnderOwnLoop,
 )
-from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import (
@@ -55,34 +50,27 @@ from gcs_autotune.report import (
     position_figures,
     to_html,
 )
-from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiment import learn
 from gcs_autotune.workflow.experiments import SWING_AHEAD, dive_for, measure, noise_in, resolution
-from gcs_autotune.workflow.identification import identify
-from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_experiment, pace_of
+from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_beside, legs_of_experiment, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.own_loops import OwnMotion, identified, motion, supplied, supplied_motion
 from gcs_autotune.workflow.preflight import check_signals
-from gcs_autotune.workflow.proof import Known, known_of, reduction_with_curve
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
-from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of
 
-__all__ = ["SUPPLIED", "HoldSettings", "hold", "range_of"]
+__all__ = ["HoldSettings", "hold"]
 
-RANGE = 0.9
-"""Largest output that our own loops use [fraction of full]; the relays' too."""
 SETTLE = 10.0
 """Holding before the step [s]: until the integral has found the constant disturbance."""
 SETTLED_TIMES = 8.0
 """Duration of the step each way, in reciprocals of the characteristic frequency: a third-order Bessel loop settles in
 four. Chosen."""
-SUPPLIED = Uncertainty(0.1, 0.2)
-"""Relative errors assumed of a model whose file has no covariance, Miskovic2010, section 8.1.2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +80,7 @@ class HoldSettings:
     Attributes
     ----------
     what : a name in :data:`TASKS`. tune : settings of the experiments and of the step.
+    models : models that replace the experiments of their motions.
     seconds : how long it holds after a step [s].
     offset, length : of a line: metres to starboard of the craft, and metres along it.
     guidance : the law that follows a line, a name in ``LINE_LAWS``. approach : largest angle to it [rad].
@@ -102,6 +91,7 @@ class HoldSettings:
 
     what: str
     tune: TuneSettings
+    models: tuple[ModelFile, ...] = ()
     seconds: float = 0.0
     offset: float = 8.0
     length: float = 60.0
@@ -148,22 +138,31 @@ def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
     context, craft = learn(tune, visit), visit.craft
     kind = context.axis.kind
     task.check(context)
-    given = None if tune.given is None else supplied_for(tune.given, context.axis, tune.full_scale)
+    given = supplied(task.settings.models, context.axis.name, tune.full_scale)
+    if given is None and task.settings.models:
+        raise UsageError(
+            f"the model contains no {context.axis.dof}, which hold {task.settings.what} needs. Identify it first"
+        )
     now, firmware = craft.observe(), craft.firmware
     dive = dive_for(context.axis.dof, firmware, now)
     pace = pace_of(craft.steered_by)
     legs = list(legs_of_experiment(context.axis.dof, pace, dives=dive is not None))
     if given is not None:
         legs = [leg for leg in legs if not leg.kind]
+    flown_too = [a for a in task.axes if supplied(task.settings.models, a, tune.full_scale) is None]
+    for axis in flown_too:
+        legs += legs_beside(axis_kind(axis).dof, pace, wall=DISTANCE_RELAY * (axis == "distance"))
     legs += [replace(leg, before=pace.turn) if not k else leg for k, leg in enumerate(task.legs(context))]
     itinerary = Itinerary(legs, pace.turn)
     whole = excursion_of(context, now, (itinerary,))
 
     def fly(_: Journal) -> None:
         started = context.begin()
-        flown.append(task.fly(started, _prepared(started, given)))
+        link = started.craft.link_times.loop
+        flown.append(task.fly(started, identified(started) if given is None else supplied_motion(given, link)))
 
-    relays = "" if given is not None else f"relay oscillations about the present {kind.excitation.title}, then "
+    titles = [kind.excitation.title] * (given is None) + [MOTIONS[axis] for axis in flown_too]
+    relays = f"relay oscillations about the present {' and '.join(titles)}, then " if titles else ""
     down = "" if dive is None else f"dive to {float(dive.settings['depth']):g} m, then "
     return Mission(
         itinerary=itinerary,
@@ -178,46 +177,10 @@ def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """What a controller is designed from: the craft, its uncertainty, and the delay of the link there and back [s]."""
-
-    known: Known
-    uncertainty: Uncertainty
-    link: float
-
-    def design(self, context: TuneContext, step: float) -> OwnDesign:
-        """Return the loop whose *step* [rad or m] does not saturate the actuator, computed while the link is served."""
-        limits, omega_0 = range_of(self.known.actuator), context.settings.omega_0
-        return self._designed(context, self.known.model, self.uncertainty, step, limits, omega_0)
-
-    def design_from(self, context: TuneContext, relay: Trial, dof: str, step: float) -> OwnDesign:
-        """Return the loop of another degree of freedom, identified from its *relay*."""
-        fit = context.run_in_background(fit_axis, [relay], dof=dof)
-        return self._designed(
-            context, fit.model, uncertainty_of(fit.model, fit.craft_covariance), step, (-RANGE, RANGE)
-        )
-
-    def _designed(
-        self,
-        context: TuneContext,
-        model: SingleDof,
-        uncertainty: Uncertainty,
-        step: float,
-        limits: tuple[float, float],
-        omega_0: float | None = None,
-    ) -> OwnDesign:
-        late = replace(model, delay=model.delay + self.link)
-        kind = context.settings.model
-        design = context.run_in_background(
-            design_own, late, uncertainty, step=step, limits=limits, kind=kind, omega_0=omega_0
-        )
-        context.log.say(_told(design))
-        return design
-
-
 class Task(ABC):
-    """One thing that a controller of our own does."""
+    """One thing that a controller of our own does; ``axes``: motions of ``OWN_AXES`` that it needs beside its own."""
+
+    axes: tuple[str, ...] = ()
 
     def __init__(self, settings: HoldSettings) -> None:
         self.settings = settings
@@ -235,7 +198,7 @@ class Task(ABC):
         """Return its stages with their times."""
 
     @abstractmethod
-    def fly(self, context: TuneContext, prepared: Prepared) -> Held:
+    def fly(self, context: TuneContext, found: OwnMotion) -> Held:
         """Design the controller and fly."""
 
     def step(self, context: TuneContext) -> float:
@@ -263,18 +226,18 @@ class HoldSetPoint(Task):
         step = Leg("step with our own loop", SETTLE + 2.0 * context.axis.kind.step_duration)
         return [step] + [Leg("holding", self.settings.seconds)] * (self.settings.seconds > 0.0)
 
-    def fly(self, context: TuneContext, prepared: Prepared) -> HeldLoop:
+    def fly(self, context: TuneContext, found: OwnMotion) -> HeldLoop:
         """Fly the step and hold."""
         tune, kind, step = self.settings.tune, context.axis.kind, self.step(context)
-        design = prepared.design(context, step)
+        loop = _loop(context, found, step, tune.omega_0)
+        design = loop.design
         duration = tune.step_duration or max(SETTLED_TIMES / design.wanted.omega_0, 0.5 * kind.step_duration)
         proof = StepSettings(kind.stepped, step, duration, speed=context.speed, settle=2.0 * SETTLE, hold=SETTLE)
         context.turn_around("own-step", SWING_AHEAD)
-        actuator = prepared.known.actuator
-        trial = context.fly(_own(Step(proof, "own-step"), design, actuator, context), "step with our own loop")
+        trial = context.fly(_own(Step(proof, "own-step"), loop, context), "step with our own loop")
         if self.settings.seconds > 0.0:
             keep = KeepSetPoint(kind.stepped, self.settings.seconds, context.speed, "own-hold")
-            context.fly(_own(keep, design, actuator, context), "holding")
+            context.fly(_own(keep, loop, context), "holding")
         metrics = measure(trial, noise_in(trial, kind.stepped), resolution(trial))
         return HeldLoop(context.axis.name, design, trial, metrics)
 
@@ -298,10 +261,11 @@ class HoldLine(Task):
         """Return the line."""
         return [Leg("following the line", (self.settings.length + abs(self.settings.offset)) / context.speed)]
 
-    def fly(self, context: TuneContext, prepared: Prepared) -> HeldLine:
+    def fly(self, context: TuneContext, found: OwnMotion) -> HeldLine:
         """Follow the line."""
         s = self.settings
-        design = prepared.design(context, self.step(context))
+        loop = _loop(context, found, self.step(context), s.tune.omega_0)
+        design = loop.design
         question = LineQuestion(
             design.model,
             design.law.closed_loop(design.model),
@@ -314,17 +278,16 @@ class HoldLine(Task):
         if isinstance(law, DirectLine):
             law = replace(law, rate=law.rate.with_limits(*design.law.limits))
         context.turn_around("own-line", math.inf)
-        actuator = prepared.known.actuator
-        line = FollowLine(
-            law, s.offset, s.length, context.speed, context.throttle, "own-line", output=actuator.output_for
-        )
-        manoeuvre = line if line.in_manual else _own(line, design, actuator, context)
+        line = FollowLine(law, s.offset, s.length, context.speed, context.throttle, "own-line", output=loop.output)
+        manoeuvre = line if line.in_manual else _own(line, loop, context)
         trial = context.fly(manoeuvre, "following the line")
         return HeldLine(s.guidance, design, trial, figures_on(trial))
 
 
 class HoldDistance(Task):
     """Face a wall and keep a distance to it: Miskovic2010, algorithm 8.5."""
+
+    axes = ("distance",)
 
     def check(self, context: TuneContext) -> None:
         """Raise for a craft that has no two rangefinders ahead, or does not thrust both ways."""
@@ -339,28 +302,22 @@ class HoldDistance(Task):
             )
 
     def movements(self, context: TuneContext) -> str:
-        """Return the relay and the step in words."""
-        return (
-            "a relay ahead and astern on the distance to the wall, then "
-            f"a step of {self.settings.distance_step:g} m away from it and back"
-        )
+        """Return the step in words."""
+        return f"a step of {self.settings.distance_step:g} m away from the wall and back"
 
     def legs(self, context: TuneContext) -> list[Leg]:
-        """Return the relay and the step."""
-        return [Leg("relay on the distance", DISTANCE_RELAY), Leg("keeping the distance", 3.0 * DISTANCE_LEG)]
+        """Return the step."""
+        return [Leg("keeping the distance", 3.0 * DISTANCE_LEG)]
 
-    def fly(self, context: TuneContext, prepared: Prepared) -> HeldDistance:
+    def fly(self, context: TuneContext, found: OwnMotion) -> HeldDistance:
         """Identify surge by the distance, and keep it."""
         s = self.settings
-        yaw = prepared.design(context, self.step(context))
-        options = {"wall-hysteresis": DISTANCE_HYSTERESIS, "least-distance": 0.3, "keep-still": 1.0}
-        make = MANOEUVRES["wall-relay"].make
-        assert make is not None
-        relay = context.fly(make(options), "relay on the distance")
-        surge = prepared.design_from(context, relay, "surge", s.distance_step)
+        turn = _loop(context, found, self.step(context), s.tune.omega_0)
+        ahead = _loop(context, motion(context, "distance", s.models, s.tune.full_scale), s.distance_step)
+        surge, yaw = ahead.design, turn.design
         law = design_distance(surge.model, yaw.model, surge.wanted, yaw.wanted)
         law = law.with_limits(X=surge.law.limits, N=yaw.law.limits)
-        outputs = (_plain, prepared.known.actuator.output_for)
+        outputs = (ahead.output, turn.output)
         duration = max(SETTLED_TIMES / surge.wanted.omega_0, DISTANCE_LEG)
         keep = KeepDistance(law, s.apart, s.distance_step, duration, DISTANCE_LEG, outputs, "own-distance")
         trial = context.fly(keep, "keeping the distance")
@@ -369,6 +326,8 @@ class HoldDistance(Task):
 
 class HoldPosition(Task):
     """Hold a position and a heading, and step away from both and back."""
+
+    axes = ("ahead", "sideways")
 
     def check(self, context: TuneContext) -> None:
         """Raise for a craft that does not thrust sideways, or reports no position."""
@@ -381,61 +340,41 @@ class HoldPosition(Task):
             raise PreconditionFailed("hold position needs a position (DVL, USBL or GPS), but the vehicle reports none")
 
     def movements(self, context: TuneContext) -> str:
-        """Return the relays and the step in words."""
+        """Return the step in words."""
         s = self.settings
         return (
-            f"relays ahead and sideways, then a step of {s.distance_step:g} m ahead and to starboard with a turn of "
+            f"a step of {s.distance_step:g} m ahead and to starboard with a turn of "
             f"{math.degrees(self.step(context)):.0f} deg, and back ({s.law} control)"
         )
 
     def legs(self, context: TuneContext) -> list[Leg]:
-        """Return the relays and the step."""
-        relay = pace_of("rov").relay
-        return [
-            Leg("relay ahead", relay),
-            Leg("relay sideways", relay),
-            Leg("holding the position", 3.0 * DISTANCE_LEG),
-        ]
+        """Return the step."""
+        return [Leg("holding the position", 3.0 * DISTANCE_LEG)]
 
-    def fly(self, context: TuneContext, prepared: Prepared) -> HeldPosition:
+    def fly(self, context: TuneContext, found: OwnMotion) -> HeldPosition:
         """Identify surge and sway, and hold the position."""
         s = self.settings
-        yaw = prepared.design(context, self.step(context))
-        surge, sway = (
-            self._along(context, prepared, force, dof, where)
-            for force, dof, where in (("X", "surge", "ahead"), ("Y", "sway", "sideways"))
+        turning = _loop(context, found, self.step(context), s.tune.omega_0)
+        ahead, sideways = (
+            _loop(context, motion(context, axis, s.models, s.tune.full_scale), s.distance_step) for axis in self.axes
         )
+        surge, sway, yaw = ahead.design, sideways.design, turning.design
         make = POSITION_LAWS[s.law](surge, sway, yaw)
         slowest = min(d.wanted.omega_0 for d in (surge, sway, yaw))
         duration = max(2.0 * SETTLED_TIMES / slowest, DISTANCE_LEG)
-        outputs = (_plain, _plain, prepared.known.actuator.output_for)
+        outputs = (ahead.output, sideways.output, turning.output)
         turn = self.step(context)
         keep = KeepPosition(make, s.distance_step, turn, duration, DISTANCE_LEG, outputs, "own-position")
         trial = context.fly(keep, "holding the position")
         return HeldPosition(s.law, (surge, sway, yaw), trial, position_figures(trial))
 
-    def _along(self, context: TuneContext, prepared: Prepared, force: str, dof: str, where: str) -> OwnDesign:
-        """Fly a relay of one *force*, identify *dof* and return the design of its loop."""
-        make = MANOEUVRES["relay"].of(force).make
-        assert make is not None
-        relay = make({"throttle": 0.0, "keep-still": 1.0})
-        relay.name = f"relay-{dof}"
-        trial = context.fly(relay, f"relay {where}")
-        return prepared.design_from(context, trial, dof, self.settings.distance_step)
 
-
+MOTIONS: Mapping[str, str] = {"ahead": "place ahead", "sideways": "place sideways", "distance": "distance to the wall"}
+"""Axis -> what its relays oscillate about."""
 DISTANCE_RELAY = 130.0
 """Expected time of the relay on the distance [s]: a VideoRay of 16 s period (Miskovic2010, section 7.6)."""
 DISTANCE_LEG = 30.0
 """Shortest time at one distance [s]. Chosen."""
-DISTANCE_HYSTERESIS = 0.1
-"""Hysteresis of the relay on the distance [m]: Miskovic2010, section 7.6."""
-
-
-def _plain(force: float) -> float:
-    return force
-
-
 TASKS: Mapping[str, Callable[[HoldSettings], Task]] = {
     "heading": HoldSetPoint,
     "depth": HoldSetPoint,
@@ -446,41 +385,19 @@ TASKS: Mapping[str, Callable[[HoldSettings], Task]] = {
 """What can be held -> its task; one class and one line add another."""
 
 
-def _prepared(context: TuneContext, given: SuppliedModel | None) -> Prepared:
-    return Prepared(*_model(context, given))
+def _loop(context: TuneContext, found: OwnMotion, step: float, omega_0: float | None = None) -> AxisLoop:
+    """Return the loop of one motion, designed while the link is served, and report it."""
+    loop = context.run_in_background(found.loop, step, context.settings.model, omega_0)
+    context.log.say(_told(loop.design))
+    return loop
 
 
-def _model(context: TuneContext, given: SuppliedModel | None) -> tuple[Known, Uncertainty, float]:
-    """Return what to design from, its uncertainty, and the delay of the link, there and back [s]."""
-    link = context.craft.link_times.loop
-    if given is not None:
-        covariance = given.reduction.covariance
-        sure = bool(np.any(covariance))
-        uncertainty = uncertainty_of(given.reduction.model, covariance) if sure else SUPPLIED
-        return known_of(given, context.axis), uncertainty, link
-    identified = identify(context, turns_first=False)
-    fit, curved = identified.fit, identified.curved
-    save_model(fit, context.visit.record.path / "model.json")
-    reduction = None if curved is None else reduction_with_curve(curved, context.axis)
-    if reduction is None:
-        uncertainty = uncertainty_of(fit.model, fit.craft_covariance)
-    else:
-        uncertainty = uncertainty_of(reduction.model, reduction.covariance)
-    return known_of(identified, context.axis), uncertainty, link
-
-
-def range_of(actuator: Actuator) -> tuple[float, float]:
-    """Return the smallest and the largest force of our own loops: those of :data:`RANGE` of full output."""
-    low, high = actuator.static(np.array([-RANGE, RANGE]))
-    return float(low), float(high)
-
-
-def _own(manoeuvre: Manoeuvre, design: OwnDesign, actuator: Actuator, context: TuneContext) -> UnderOwnLoop:
-    """Return *manoeuvre* under our own loop of *design*."""
-    law, names = design.law, context.axis.kind.names
-    loop = SetPointLoop(law, names, throttle=context.throttle, output=actuator.output_for)
+def _own(manoeuvre: Manoeuvre, loop: AxisLoop, context: TuneContext) -> UnderOwnLoop:
+    """Return *manoeuvre* under our own *loop*."""
+    law, names = loop.design.law, context.axis.kind.names
+    own = SetPointLoop(law, names, throttle=context.throttle, output=loop.output)
     gains = {"structure": law.structure.name, "K_P": law.K_P, "K_I": law.K_I, "K_D": law.K_D, "drag": law.drag}
-    return UnderOwnLoop(manoeuvre, loop, gains, keeps_still=not context.craft.firmware.needs_way)
+    return UnderOwnLoop(manoeuvre, own, gains, keeps_still=not context.craft.firmware.needs_way)
 
 
 def _told(design: OwnDesign) -> str:

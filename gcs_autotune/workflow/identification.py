@@ -19,7 +19,7 @@ from gcs_autotune.identify.thrust import (
 )
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import SWING_AHEAD, Relays, noise_in, second_output, throttle_steps_for
+from gcs_autotune.workflow.experiments import SWING_AHEAD, Relays, noise_in, throttle_steps_for
 from gcs_autotune.workflow.extra_relay import extra_relay, fly_extra
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.stop_rule import BY_ITSELF, KnownDesign, assess
@@ -82,21 +82,23 @@ def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
 
 def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -> Identified:
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
-    throttle, relays = context.throttle, Relays.of(s, dof, craft, context.throttle)
-    relay = relays.relay("relay-1", s.relay_output)
+    relays = Relays.of(s, dof, craft, context.throttle)
+    relay = relays.relay(1, s.relay_output)
     if turns_first:
-        context.turn_around("relay-1", SWING_AHEAD)
-    first = context.fly(relay, "first self-oscillation")
-    room = 0.9 - abs(throttle) if context.axis.excitation.by_throttle else 0.9
-    relay = relays.relay("relay-2", second_output(first, room))
-    context.turn_around("relay-2", SWING_AHEAD)
-    trials = [first, context.fly(relay, "second self-oscillation")]
+        context.turn_around(relay.name, SWING_AHEAD)
+    first = context.fly(relay, relays.stage("first"))
+    if relays.against_wall:
+        log.say("identifying")
+        return Identified(_plain(context, [first]), [first])
+    relay = relays.relay(2, relays.second_output(first))
+    context.turn_around(relay.name, SWING_AHEAD)
+    trials = [first, context.fly(relay, relays.stage("second"))]
     log.say("identifying")
     plain = _plain(context, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
         third = context.run_in_background(extra_relay, trials, plain)
         if third is not None:
-            context.turn_around("relay-3", SWING_AHEAD)
+            context.turn_around(relays.name(3), SWING_AHEAD)
             context.come_down()
             trials += fly_extra(third, relays, context.runner, log)
             plain = _plain(context, trials)
@@ -111,11 +113,11 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     leaves too much unexplained, the experiments are flown again in full.
     """
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
-    throttle, relays, excitation = context.throttle, Relays.of(s, dof, craft, context.throttle), context.axis.excitation
-    noise = noise_in(step, excitation.signal) if relays.keep_still else None
+    relays = Relays.of(s, dof, craft, context.throttle)
+    noise = noise_in(step, context.axis.excitation.signal) if relays.keep_still else None
     rule.start()
     context.turn_around("relay-1", SWING_AHEAD)
-    relay = relays.relay("relay-1", s.relay_output, noise_std=noise, criterion=rule)
+    relay = relays.relay(1, s.relay_output, noise_std=noise, criterion=rule)
     again = context.earlier.has("relay-1")
     first = context.fly(relay, "first self-oscillation")
     if again:
@@ -127,10 +129,10 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
         fit = log.fit = _plain(context, [step, first])
         return Identified(fit, [step, first])
     short = rule.another_size
-    output = second_output(first, 0.9 - abs(throttle) if excitation.by_throttle else 0.9)
+    output = relays.second_output(first)
     turned = context.turn_around("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
-    relay = relays.relay("relay-2", output, noise_std=noise, criterion=rule if short else None)
+    relay = relays.relay(2, output, noise_std=noise, criterion=rule if short else None)
     second = context.fly(relay, "second self-oscillation")
     trials = [first, rule.conclude(second, context.await_worker) if short else second]
     log.say("identifying")

@@ -17,7 +17,17 @@ from gcs_autotune.observer import Fact, Intentions, Observer, Progress
 from gcs_autotune.workflow.preflight import STAGE
 from gcs_autotune.workflow.settings import TuneSettings
 
-__all__ = ["TURNING", "Itinerary", "Leg", "MissionLog", "Pace", "legs_of_experiment", "legs_of_tune", "pace_of"]
+__all__ = [
+    "TURNING",
+    "Itinerary",
+    "Leg",
+    "MissionLog",
+    "Pace",
+    "legs_beside",
+    "legs_of_experiment",
+    "legs_of_tune",
+    "pace_of",
+]
 
 TURNING = "turning around"
 DIVE, HOLD = 20.0, 10.0
@@ -143,6 +153,14 @@ def legs_of_experiment(dof: str, pace: Pace, *, dives: bool) -> tuple[Leg, ...]:
         first,
         replace(second, before=pace.turn),
     )
+
+
+def legs_beside(dof: str, pace: Pace, *, wall: float = 0.0) -> list[Leg]:
+    """Return the stages that identify one more degree of freedom at rest; *wall* [s]: time of a relay on the distance
+    to a wall, which is its own sign check.
+    """
+    first, second = (Leg(f"{n} {dof} self-oscillation", wall or pace.relay) for n in ("first", "second"))
+    return [first] if wall else [Leg(STAGE, pace.check), first, second]
 
 
 def _first(pace: Pace, *, dives: bool, steers: bool) -> list[Leg]:

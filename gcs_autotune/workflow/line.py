@@ -50,7 +50,7 @@ from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tune_loop
-from gcs_autotune.workflow.tune import leave_report, read_back
+from gcs_autotune.workflow.tune import TuneJob, leave_report, read_back
 from gcs_autotune.workflow.tune_log import TuneLog
 
 __all__ = ["LineSettings", "tune_line"]
@@ -388,3 +388,11 @@ class _Line:
         before = self._log.track_before
         wide = pivots and before is not None and before.corners[-1] > 0.5 * speed / rate
         return HullTurn(speed, rate, lag, pivots, wide)
+
+
+JOB = TuneJob(
+    lambda settings, operator, observer, when: tune_line(
+        LineSettings(settings, settings.leg_length), operator, observer, when
+    ),
+    lambda settings, visit: _declare(LineSettings(settings, settings.leg_length), visit),
+)

@@ -2,7 +2,7 @@
 
 The order is that of every tune (``tunable_loop``). The proof is a step ahead and to starboard in GUIDED, and pushes by
 the sticks in POSHOLD. Surge and sway are identified from the step with the present gains and a
-relay each. The relay shows the delay, which a step cannot tell from inertia.
+relay each. The relay shows the delay, which a step does not separate from inertia.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.axes import excitation_of
 from gcs_autotune.design import (
     POSITION_CONTEXT,
     POSITION_GAINS,
@@ -50,14 +49,15 @@ from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tune_loop
-from gcs_autotune.workflow.tune import leave_report, read_back
+from gcs_autotune.workflow.tune import TuneJob, leave_report, read_back
 from gcs_autotune.workflow.tune_log import TuneLog
 
 __all__ = ["tune_position"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
-DOFS = ("surge", "sway")
+DOFS = {"surge": "ahead", "sway": "sideways"}
+"""Motion -> its axis in ``OWN_AXES``, whose relay is flown."""
 STEP, DURATION = 1.0, 12.0
 """Step ahead and to starboard [m], and time at each position [s]. Project choice: twice the water around an ROV is
 enough, and a BlueROV2 is there after 4 s."""
@@ -93,7 +93,7 @@ def tune_position(tune: TuneSettings, operator: Operator, observer: Observer, wh
         What ended it early. By then the vehicle is as before (or ``NotAsFound`` states what is not).
     """
     record, log = RunDirectory(tune.directory), TuneLog(tune, when, observer, "position")
-    visit = visiting(tune, operator, log, record, tune.axis, dofs=DOFS)
+    visit = visiting(tune, operator, log, record, tune.axis, dofs=tuple(DOFS))
     try:
         run_mission(visit, partial(_declare, tune), log)
     finally:
@@ -119,7 +119,7 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     envelope = replace(tune.envelope, area=area_of_flight(craft, tune.envelope.area, log))
     size, duration = abs(tune.step) if tune.step is not None else STEP, tune.step_duration or DURATION
     before, after = ([_leg("step", gains, duration), _leg("push", gains, duration)] for gains in STAGES.values())
-    relays = [Leg(f"relay on {excitation_of(dof).title}", pace_of("rov").relay, kind="relay") for dof in DOFS]
+    relays = [Leg(f"first {dof} self-oscillation", pace_of("rov").relay, kind="relay") for dof in DOFS]
     itinerary = Itinerary([*before, *relays, *([] if tune.dry_run else after)])
 
     def keep(trial: Trial) -> None:
@@ -237,11 +237,10 @@ class _Flights:
 
     def relay(self, dof: str) -> Trial:
         """Return a relay oscillation of *dof* at rest, as ``hold position`` flies it."""
-        craft, excitation = self.visit.craft, excitation_of(dof)
-        relays = Relays(self.settings, dof, 0.0, keep_still=True, least_period=craft.least_period)
-        stage = f"relay on {excitation.title}"
+        relays = Relays.of(replace(self.settings, axis=DOFS[dof]), dof, self.visit.craft, 0.0)
+        stage = relays.stage("first")
         self.visit.log.say(stage)
-        return self.runner.fly(relays.relay(f"relay-{dof}", None), stage)
+        return self.runner.fly(relays.relay(1, None), stage)
 
     def _fly(self, manoeuvre: Manoeuvre, when: str, what: str) -> Trial:
         stage = f"{what} with {STAGES[when]} gains"
@@ -384,3 +383,6 @@ def _is_felt(push: Trial, pushes: Sequence[tuple[Mark, float, float]]) -> bool:
     return (
         len(before) > 0 and len(after) > 0 and float(after.max() - np.median(before)) > FELT * float(push.meta["push"])
     )
+
+
+JOB = TuneJob(tune_position, _declare)

@@ -52,7 +52,7 @@ __all__ = [
     "steered_meanwhile",
 ]
 
-CHECKED = {"N": "yaw", "X": "surge", "Z": "heave"}
+CHECKED = {"N": "yaw", "X": "surge", "Y": "sway", "Z": "heave"}
 """Force -> degree of freedom whose actuator is checked before the force is applied."""
 STAGE = "sign check"
 LEAST_SPEED = 0.25
@@ -101,7 +101,7 @@ def sign_check_for(
     wanted_speed: float = math.nan,
     most_speed: float = math.inf,
 ) -> SignCheck | ThrustCheck:
-    """Return the check of the actuator of *dof* (``yaw``, ``heave``, ``surge``).
+    """Return the check of the actuator of *dof* (``yaw``, ``heave``, ``surge``, ``sway``).
 
     needs_speed : whether the actuator needs speed to act; None: derived from the type of craft.
     output : the relay amplitude, if supplied.

@@ -61,6 +61,10 @@ class LastTune:
         return tuple(n for n, v in self.gains.items() if n in present and not same_float32(v, present[n]))
 
 
+STEP_NUMBERS = ("overshoot", "rise", "settling")
+"""Metrics that a tune and a recheck have in common."""
+
+
 def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool]) -> LastTune | None:
     """Return the last tune of *axis* below *runs* that kept its gains; None if there is none.
 
@@ -75,8 +79,9 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
                 continue
             about = read(summary.parent / SETTING_OUT)
             after = told["metrics"]["after"] or {}
-            names = ("overshoot", "rise", "settling")
-            numbers = LoopNumbers(**{n: float(after[n]) if after.get(n) is not None else math.nan for n in names})
+            numbers = LoopNumbers(
+                **{n: float(after[n]) if after.get(n) is not None else math.nan for n in STEP_NUMBERS}
+            )
             held = read(summary.parent / AFTER)
             gains = {str(name): float(value) for name, value in held.items()}
             found.append((str(told["when"]), about, LastTune(summary.parent, str(told["when"]), numbers, gains)))
@@ -257,6 +262,14 @@ def recheck(
     document = recheck_document(found, title, when, shown)
     (directory / "report.html").write_text(to_html(document), encoding="utf-8")
     (directory / "recheck.json").write_text(json_text(to_json(document)), encoding="utf-8")
-    summary = {"title": f"recheck {axis.name}", "when": when, "ending": found.kind, "reason": found.text}
+    numbers = {name: getattr(found.now, name) for name in STEP_NUMBERS}
+    summary = {
+        "title": f"recheck {axis.name}",
+        "when": when,
+        "ending": found.kind,
+        "reason": found.text,
+        "axis": axis.name,
+        "metrics": {"before": numbers, "after": None},
+    }
     (directory / SUMMARY).write_text(json_text(summary), encoding="utf-8")
     return found

@@ -26,6 +26,7 @@ from gcs_autotune.link import (
     Session,
     StoredMission,
     difference,
+    drop_script,
     is_ours,
     read_failsafes,
     read_mission,
@@ -136,7 +137,7 @@ def restore_run(
 def _owed(state: JournalState) -> str:
     """Return in words what is still to be restored."""
     firmware = state.vehicle.get("firmware", "?")
-    owed = [*state.debts, *(["the mission"] if state.mission is not None else [])]
+    owed = [*state.debts, *(["the mission"] if state.mission is not None else []), *state.scripts]
     if owed:
         return f"still to be restored on {firmware}: {', '.join(owed)}"
     return f"all parameters are restored on {firmware}. The mode or the armed state may still need restoring"
@@ -182,6 +183,7 @@ class _Restoring:
             self._try(name, partial(self._parameters.write, name, value))
         self._put_back_state()
         self._put_back_mission()
+        self._drop_scripts()
         if not self._differences:
             self._try("mode", self._session.await_heartbeat)  # what restarts meanwhile is in the mode it boots in
         if not self._differences and (self._disarms or self._changes_mode):
@@ -244,6 +246,13 @@ class _Restoring:
             return
         mission = StoredMission(_items(owed["items"]), int(owed["current"]))
         self._try(_MISSION, partial(write_mission, self._session, mission))
+
+    def _drop_scripts(self) -> None:
+        """Remove the scripts that the run left on the vehicle."""
+        for path in self._state.scripts:
+            self._try(path, partial(drop_script, self._session, self._command(), path))
+            if path not in self._differences:
+                self._journal.record("script_removed", path=path)
 
     def _put_back_state(self) -> None:
         """Disarm a vehicle that was disarmed before the run, restore the mode and check that the outputs are
@@ -361,6 +370,7 @@ class _Restoring:
         wanted += [f"write {n} {old:g} -> {new:g}" for n, (old, new) in changes.items()]
         if self._owes_mission and _MISSION not in self._left:
             wanted.append("upload the old mission")
+        wanted += [f"remove {path}" for path in self._state.scripts]
         if self._changes_mode:
             wanted.append(f"go from {self._command().mode} to {self._state.mode}")
         return wanted

@@ -135,6 +135,7 @@ class TuneSettings(CommonSettings):
     Attributes
     ----------
     axis : the loop, or the degree of freedom of an experiment.
+    leg_length : length of a leg [m] of the mission that proves them; None: by the speed.
     step, step_duration : size of the step that proves gains [rad, m, m/s or rad/s], and duration [s] of each half.
     relay_output, relay_hysteresis : amplitude of the relays [fraction of full output] and their hysteresis [rad or m].
     model : family of the reference model. settling_time [s], omega_0 [rad/s] : speed of the reference model.
@@ -155,6 +156,7 @@ class TuneSettings(CommonSettings):
     """
 
     axis: str
+    leg_length: float | None = None
     step: float | None = None
     step_duration: float | None = None
     relay_output: float | None = None

@@ -8,8 +8,9 @@ read back, fly the same step, keep or restore. The report comes last.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 
 from gcs_autotune.design import LAWS
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
@@ -17,6 +18,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, proof_command, write_story
+from gcs_autotune.tunables import tunable
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.autopilot_loop import autopilot_loop, learn_parameters
 from gcs_autotune.workflow.connection import axis_of
@@ -35,7 +37,26 @@ from gcs_autotune.workflow.tunable_loop import tune_loop
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of, movements_of, tune_legs
 
-__all__ = ["leave_report", "read_back", "tune"]
+__all__ = ["TuneJob", "job_of", "leave_report", "read_back", "tune"]
+
+
+@dataclass(frozen=True, slots=True)
+class TuneJob:
+    """How one row of ``TUNABLES`` is tuned.
+
+    ``run``: tune it, as :func:`tune` does. ``declare``: return what that will do on the vehicle of a visit, with the
+    errors of its checks; nothing moves.
+    """
+
+    run: Callable[[TuneSettings, Operator, Observer, str], TuneStory]
+    declare: Callable[[TuneSettings, Visit[TuneLog]], Mission]
+
+
+def job_of(name: str) -> TuneJob:
+    """Return the job of the tunable called *name*; ``KeyError`` if there is none."""
+    module, _, attribute = tunable(name).job.partition(":")
+    job: TuneJob = getattr(import_module(module), attribute)
+    return job
 
 
 def tune(settings: TuneSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
@@ -144,3 +165,6 @@ def read_back(read: Callable[[], Mapping[str, float]], visit: Visit[TuneLog]) ->
     else:
         log.parameters_after = after
         visit.record.save_parameters("after", after)
+
+
+JOB = TuneJob(tune, lambda settings, visit: _declare(settings, Earlier(settings), visit))

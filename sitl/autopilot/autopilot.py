@@ -26,6 +26,7 @@ __all__ = [
     "WARNING",
     "Autopilot",
     "BatteryMonitor",
+    "ScriptHost",
     "StateEstimate",
 ]
 
@@ -86,6 +87,16 @@ class StateEstimate:
 _WARNING = 4
 
 
+class ScriptHost(Protocol):
+    """What runs Lua scripts on this autopilot. The simulator has none of its own; tests bring one."""
+
+    def tick(self) -> None:
+        """Run the scripts that are due."""
+
+    def restart(self) -> None:
+        """Load all scripts on the card anew."""
+
+
 class _Owner(Protocol):
     ms: int
 
@@ -142,7 +153,8 @@ class Autopilot(ABC):
 
     ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``reached_items`` the
     mission items not yet reported as reached, ``last_gcs_ms`` when the ground station was last heard, ``failsafe``
-    whether one is in force. ``home`` follows the craft until it arms (north + i east [m]).
+    whether one is in force. ``home`` follows the craft until it arms (north + i east [m]). ``scripts`` runs Lua
+    scripts, if SCR_ENABLE was set at boot.
     """
 
     firmware: str
@@ -163,6 +175,7 @@ class Autopilot(ABC):
         self.texts: list[tuple[int, str]] = []
         self.reached_items: list[int] = []
         self.mission = Mission()
+        self.scripts: ScriptHost | None = None
         self.home: complex | None = None
         self.prearm_ok = False
         self._next_report_ms = _FIRST_REPORT_MS
@@ -229,6 +242,8 @@ class Autopilot(ABC):
             if ms % _PREARM_PERIOD_MS == 0:
                 self._check_prearm()
                 self._follow_home()
+        if self.scripts is not None:
+            self.scripts.tick()
         if self.armed:
             self.mode.run()
         self.write_outputs()

@@ -17,7 +17,8 @@ class ServoRail:
     """Pulses [us] of all outputs. The functions and end points of the channels are read again whenever a parameter has
     changed.
 
-    A channel without a function has no pulse (0).
+    A channel without a function has no pulse (0). A script may override a channel for a number of loops.
+    ``is_overridden``: whether it does, or did at the last loop.
     """
 
     def __init__(self, parameters: ParameterStore) -> None:
@@ -25,6 +26,13 @@ class ServoRail:
         self._version = -1
         self._rows: list[tuple[int, int, int, int, int, int]] = []
         self.pwm = [0] * OUTPUTS
+        self._overridden: dict[int, tuple[int, int]] = {}
+        self.is_overridden = False
+
+    def override(self, index: int, pulse: int, loops: int) -> None:
+        """Hold *pulse* [us] on the channel with this *index* (from 0) for that many *loops*."""
+        self._overridden[index] = pulse, loops
+        self.is_overridden = True
 
     def write(self, pulse_for: Callable[[int, int, int, int, int], int]) -> None:
         """Set the pulse [us] of each channel with a function to the result of ``pulse_for(function, low, trim, high,
@@ -36,6 +44,11 @@ class ServoRail:
         for index, function, low, trim, high, sign in self._rows:
             pulse = pulse_for(function, low, trim, high, sign)
             pwm[index] = pulse if 0 <= pulse <= _MOST_PWM else max(0, min(_MOST_PWM, pulse))
+        if self.is_overridden:
+            self.is_overridden = bool(self._overridden)
+            for index, (pulse, _) in self._overridden.items():
+                pwm[index] = pulse
+            self._overridden = {i: (pulse, n - 1) for i, (pulse, n) in self._overridden.items() if n > 1}
 
     def _read_assignments(self) -> None:
         values = self._parameters.values

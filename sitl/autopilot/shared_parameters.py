@@ -68,6 +68,15 @@ RC_PROTOCOLS      i32 1
 SCHED_DEBUG       i8  0
 SCHED_LOOP_RATE   i16 50 ro   # acts at boot only, as on a real one; see loop_rate
 SCHED_OPTIONS     i8  0
+SCR_DIR_DISABLE   i16 0
+SCR_ENABLE        i8  0      # acts at boot only
+SCR_HEAP_SIZE     i32 204800
+SCR_USER1         f32 0
+SCR_USER2         f32 0
+SCR_USER3         f32 0
+SCR_USER4         f32 0
+SCR_USER5         f32 0
+SCR_USER6         f32 0
 SIM_BATT_VOLTAGE  f32 12.6
 SIM_RC_FAIL       i8  1
 STAT_BOOTCNT      i16 1 ro

@@ -84,7 +84,7 @@ class SubMotors:
         demands = self.yaw, self.forward, self.lateral, up
         if self._version != self._parameters.version:
             self._read_frame()
-        elif demands == self._written:
+        elif demands == self._written and not rail.is_overridden:
             return
         self._written = demands
         distinct = [self._pulse_of(*demands, motor) for motor in self._motors]

@@ -115,6 +115,17 @@ def _enter(port: Port, name: str) -> int:
     return _ACCEPTED if autopilot.set_mode(number) else _FAILED
 
 
+_SCRIPTING_STOP, _SCRIPTING_RESTART = 2, 3
+
+
+def _scripting(port: Port, p: Sequence[float]) -> int:
+    if _whole(p[0]) not in (_SCRIPTING_STOP, _SCRIPTING_RESTART):
+        return _UNSUPPORTED
+    if port.vehicle.autopilot.scripts is not None and _whole(p[0]) == _SCRIPTING_RESTART:
+        port.vehicle.autopilot.scripts.restart()
+    return _ACCEPTED
+
+
 def _refuse(port: Port, p: Sequence[float]) -> int:
     return _FAILED
 
@@ -132,6 +143,7 @@ COMMANDS: Mapping[int, Callable[[Port, Sequence[float]], int]] = {
     mavlink.MAV_CMD_MISSION_START: _start_mission,
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return_home,
     mavlink.MAV_CMD_DO_SET_SERVO: _refuse,
+    mavlink.MAV_CMD_SCRIPTING: _scripting,
 }
 """MAV_CMD -> function that executes the command with its seven parameters and returns a MAV_RESULT."""
 

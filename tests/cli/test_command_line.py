@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import os
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs_autotune.cli import COMMANDS, main
+from gcs_autotune.cli import COMMANDS, main, make_parser
 from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.link import Journal
 
@@ -287,6 +288,43 @@ def test_help_lists_every_command_and_every_exit_code(capsys):
     out = capsys.readouterr().out
     assert all(name in out for name in COMMANDS)
     assert all(f"  {code}  " in out or f"{code:5d}  " in out for _, code, _ in EXIT_CODES)
+
+
+def test_without_a_command_the_help_is_shown(capsys):
+    assert main([]) == 0
+    assert "exit codes:" in capsys.readouterr().out
+
+
+EVERYDAY = [name for name, verb in COMMANDS.items() if verb.load().everyday]
+
+
+@pytest.mark.parametrize("verb", EVERYDAY)
+def test_help_is_short_and_help_all_has_every_option(verb, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = []
+    for option in ("--help", "--help-all"):
+        with pytest.raises(SystemExit) as ended:
+            main([verb, option])
+        assert ended.value.code == 0
+        shown.append(capsys.readouterr().out)
+    short, whole = shown
+    command = COMMANDS[verb].load()
+    assert len(command.everyday) <= 14
+    assert len(short.splitlines()) < 0.75 * len(whole.splitlines())
+    assert max(map(len, short.splitlines())) <= 80
+    assert all(f"--{option}" in short and f"--{option}" in whole for option in command.everyday)
+    assert short.endswith(f"lists all {len(options_of(verb))} options.\n")
+    for call, _ in command.examples:
+        words = call.split()
+        assert words[:2] == ["gcs-autotune", verb]
+        assert {w for w in words if w.startswith("--")} <= options_of(verb)
+
+
+def options_of(verb: str) -> set[str]:
+    """The long options of a command."""
+    parser = make_parser(only=verb)
+    verbs = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    return {a.option_strings[-1] for a in verbs.choices[verb]._actions if a.option_strings}
 
 
 def test_sitl_lists_its_vehicles():

@@ -34,6 +34,7 @@ POSITIONALS = {
     "params restore": ("all.param", "--connect", "sitl:charlie"),
     "restore": (),
     "watch": ("a.csv", "b.csv"),
+    "compare": ("a.csv", "b.csv"),
     "doctor": (),
     "ports": (),
 }
@@ -202,7 +203,7 @@ def test_the_simulator_takes_no_parameter_that_is_no_number(capsys):
 def test_the_help_shows_every_range(capsys):
     for command in ("tune", "identify", "figures"):
         with pytest.raises(SystemExit):
-            main([command, "--help"])
+            main([command, "--help-all" if command != "figures" else "--help"])
         shown = " ".join(capsys.readouterr().out.split())
         for called, option in NUMBERS:
             if called == command:

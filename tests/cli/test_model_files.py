@@ -64,3 +64,24 @@ def test_what_cannot_be_done_is_said_in_one_line(capsys, tmp_path, monkeypatch, 
     assert run(*arguments) != 0
     error = capsys.readouterr().err
     assert words in error and len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("export", "RUN", "--to", "csv"),
+        ("fly", "zig-zag", "--preview", "--model", "RUN"),
+        ("diagnose", "LOG", "--model", "RUN", "--effects", "dead-zone", "--out", "found"),
+        ("identify", "LOG", "--start", "RUN", "--no-check"),
+        ("identify", "LOG", "--compare", "RUN", "--no-check"),
+    ],
+)
+def test_a_run_directory_stands_for_its_model(command, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log, folder = record(tmp_path / "a.csv", 1), tmp_path / "flown"
+    folder.mkdir()
+    words = [str(folder) if w == "RUN" else str(log) if w == "LOG" else w for w in command]
+    assert run(*words) == 6
+    assert "flown contains no model.json. Identify it first" in capsys.readouterr().err
+    assert run("identify", log, "--save", folder / "model.json", "--no-check", "--no-page") == 0
+    assert run(*words) == 0

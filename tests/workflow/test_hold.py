@@ -8,19 +8,23 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.errors import NoGainsMeetSpec, PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.identify import load_model
+from gcs_autotune.errors import AutotuneError, NoGainsMeetSpec, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.identify import ModelFile
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.models import SingleDof
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import HeldDistance, HeldLine, HeldLoop, HeldPosition, hold_document, to_html
-from gcs_autotune.workflow import HoldSettings, Unattended, hold
+from gcs_autotune.workflow import HoldSettings, Unattended, hold, load_models
+from gcs_autotune.workflow.own_loops import supplied, supplied_motion
+from sitl.effects import parse_effect
 
 from .sitl_harness import WHEN, Ear, SitlHarness
 
 
-def held(harness: SitlHarness, axis: str, *, seconds: float = 0.0, **changes: Any) -> HeldLoop:
-    settings = HoldSettings(axis, harness.settings(axis, **changes), seconds)
+def held(
+    harness: SitlHarness, axis: str, *, seconds: float = 0.0, models: tuple[ModelFile, ...] = (), **changes: Any
+) -> HeldLoop:
+    settings = HoldSettings(axis, harness.settings(axis, **changes), models, seconds)
     found = hold(settings, Unattended(), Ear(harness.said), WHEN)
     assert isinstance(found, HeldLoop)
     return found
@@ -59,7 +63,7 @@ def test_a_supplied_model_replaces_the_experiments(tmp_path: Path) -> None:
     file = tmp_path / "craft.json"
     file.write_text(json_text(SingleDof("yaw", "1", 0.5, 1.0).to_dict()), encoding="utf-8")
     harness = SitlHarness(tmp_path, "blueboat")
-    found = held(harness, "heading", omega_0=0.5, given=load_model(file))
+    found = held(harness, "heading", omega_0=0.5, models=load_models(file))
     assert found.design.model.alpha == 0.5
     assert not list((harness.directory / "trials").glob("*relay*"))
 
@@ -69,7 +73,7 @@ def test_a_model_from_a_file_takes_the_place_of_the_relays(tmp_path: Path) -> No
     first = SitlHarness(tmp_path / "first", "blueboat")
     held(first, "heading")
     again = SitlHarness(tmp_path / "again", "blueboat")
-    found = held(again, "heading", given=load_model(first.directory / "model.json"))
+    found = held(again, "heading", models=load_models(first.directory))
     assert found.follows
     assert "relay-1" not in " ".join(again.said)
 
@@ -184,3 +188,38 @@ def test_a_craft_that_cannot_push_sideways_does_not_hold_a_position(tmp_path: Pa
     harness = SitlHarness(tmp_path, "videoray")
     with pytest.raises(WrongVehicle, match="push sideways"):
         hold(HoldSettings("position", harness.settings("heading")), Unattended(), Ear(harness.said), WHEN)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("signal", "force"), [("u", "X"), ("v", "Y")])
+def test_every_thruster_is_checked_before_the_relay_that_drives_it(signal: str, force: str, tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "bluerov2-sway", effects=[parse_effect(f"sign-error@{signal}")])
+    with pytest.raises(PreconditionFailed, match=rf"sign check: .* of full {force} output"):
+        hold(HoldSettings("position", harness.settings("heading")), Unattended(), Ear(harness.said), WHEN)
+    flown = " ".join(path.stem for path in (harness.directory / "trials").glob("*.csv"))
+    assert f"relay-{'surge' if force == 'X' else 'sway'}" not in flown
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+
+
+@pytest.mark.slow
+def test_a_reversed_thruster_ends_the_relay_at_the_wall_away_from_it(tmp_path: Path) -> None:
+    astern = {f"MOT_{n}_DIRECTION": -1.0 for n in (1, 2)}
+    harness = SitlHarness(tmp_path, "videoray-lasers", parameters=astern)
+    with pytest.raises(AutotuneError, match=r"first surge self-oscillation|sign check"):
+        hold(HoldSettings("distance", harness.settings("heading")), Unattended(), Ear(harness.said), WHEN)
+    harness.assert_neutral()
+
+
+@pytest.mark.slow
+def test_models_of_a_run_replace_every_relay_and_their_dead_zones_are_inverted(tmp_path: Path) -> None:
+    first = SitlHarness(tmp_path / "first", "bluerov2-sway")
+    hold(HoldSettings("position", first.settings("heading")), Unattended(), Ear(first.said), WHEN)
+    again = SitlHarness(tmp_path / "again", "bluerov2-sway")
+    models = load_models(first.directory)
+    assert {file.model.base.form.dofs[0] for file in models} == {"yaw", "surge", "sway"}
+    found = hold(HoldSettings("position", again.settings("heading"), models), Unattended(), Ear(again.said), WHEN)
+    assert found.follows
+    assert "relay" not in " ".join(again.said).replace("relay-", "")
+    loop = supplied_motion(supplied(models, "sideways", None)).loop(0.3)
+    assert loop.output(0.01) > 0.1

@@ -420,3 +420,15 @@ def test_without_a_name_the_newest_run_that_is_not_settled_is_meant(
     assert not is_settled(tmp_path / "runs" / "old" / "journal.jsonl")
     with pytest.raises(UsageError, match="does not exist"):
         is_settled(tmp_path / "runs" / "none")
+
+
+def test_a_script_that_the_run_left_on_the_card_is_removed(tmp_path):
+    vehicle, path, script = moored(), tmp_path / "journal.jsonl", "APM/scripts/left.lua"
+    borrow(vehicle, path)
+    vehicle.server.vehicle.card[script] = b"return"
+    journal = Journal.resume(path)
+    journal.record("script_writing", path=script)
+    journal.leave()
+    restore(vehicle, path)
+    assert vehicle.server.vehicle.card == {}
+    assert is_settled(path)

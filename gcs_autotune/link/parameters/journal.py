@@ -3,7 +3,8 @@ nothing.
 
 The file consists of JSON lines, each synced to disk before the next step. The events are, in order: ``opened``
 (vehicle, link, mode, armed, fingerprint), ``lent`` (name, value), ``writing`` (name, value), ``written`` (name, value),
-then ``kept`` (values) or ``returned`` (name, value), and ``closed``. A restore that continues the journal adds
+then ``kept`` (values) or ``returned`` (name, value), and ``closed``. ``script_writing`` and ``script_removed`` (path)
+enclose the time in which a Lua script of ours may be on the vehicle. A restore that continues the journal adds
 ``resumed``.
 
 Commands for mode and arming are recorded too: ``ordering`` (mode or armed, the vehicle's time since boot) before the
@@ -48,6 +49,7 @@ class JournalState:
     of this program may have armed the vehicle. ``boot`` [s] and ``stamp`` : the vehicle's time since boot and our time
     at the last command; None and empty if unknown.
     ``mission`` : the vehicle's own ``items`` and ``current`` item, and ``ours`` that replaced them; None once restored.
+    ``scripts`` : paths of Lua scripts of this program on the vehicle that are not removed yet.
     """
 
     vehicle: Mapping[str, Any] = field(default_factory=dict)
@@ -64,11 +66,12 @@ class JournalState:
     boot: float | None = None
     stamp: str = ""
     mission: Mapping[str, Any] | None = None
+    scripts: tuple[str, ...] = ()
 
     @property
     def is_settled(self) -> bool:
         """Whether nothing is left to restore."""
-        return not self.opened or (self.closed and not self.debts and self.mission is None)
+        return not self.opened or (self.closed and not self.debts and self.mission is None and not self.scripts)
 
 
 def read_journal(path: Path) -> JournalState:
@@ -165,6 +168,17 @@ class _MissionReturned(Struct, frozen=True, tag_field="event", tag="mission_retu
     pass
 
 
+RemotePath = Annotated[str, Meta(pattern="^[A-Za-z0-9_./-]{1,120}$")]
+
+
+class _ScriptWriting(Struct, frozen=True, tag_field="event", tag="script_writing"):
+    path: RemotePath
+
+
+class _ScriptRemoved(Struct, frozen=True, tag_field="event", tag="script_removed"):
+    path: RemotePath
+
+
 class _Closed(Struct, frozen=True, tag_field="event", tag="closed"):
     pass
 
@@ -199,6 +213,8 @@ _Event = (
     | _Kept
     | _MissionWriting
     | _MissionReturned
+    | _ScriptWriting
+    | _ScriptRemoved
     | _Closed
     | _Resumed
     | _Ordering
@@ -237,6 +253,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
     debts: dict[str, float] = {}
     written: dict[str, tuple[float, ...]] = {}
     mission: dict[str, Any] | None = None
+    scripts: dict[str, None] = {}
     closed = False
     orders = _Orders()
     try:
@@ -265,6 +282,10 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
                     mission = {**mission, "ours": event.ours}
                 case _MissionReturned():
                     mission = None
+                case _ScriptWriting():
+                    scripts[event.path] = None
+                case _ScriptRemoved():
+                    scripts.pop(event.path, None)
                 case _Returned():
                     debts.pop(event.name, None)
                     written.pop(event.name, None)
@@ -291,6 +312,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
         boot=orders.boot,
         stamp=orders.stamp,
         mission=mission,
+        scripts=tuple(scripts),
     )
 
 

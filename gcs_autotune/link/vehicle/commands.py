@@ -97,6 +97,26 @@ class Commands:
         NoReply
             No answer arrived.
         """
+        self._command(command, lambda n: self._message(command, n, values), timeout, tries, is_done)
+
+    def command_int(self, command: int, *values: float) -> None:
+        """Send COMMAND_INT with the first four parameters; repetition and errors as for :meth:`command_long`."""
+        vehicle = self._session.vehicle
+        if vehicle is None:
+            raise NoReply("a command was sent before a vehicle was discovered. Discover a vehicle first")
+        params = [float(v) for v in values] + [0.0] * (4 - len(values))
+        ids = vehicle.system, vehicle.component
+        message = mavlink.MAVLink_command_int_message(*ids, 0, command, 0, 0, *params, 0, 0, 0.0)
+        self._command(command, lambda n: message, _REPLY, _TRIES, lambda: False)
+
+    def _command(
+        self,
+        command: int,
+        message: Callable[[int], Message],
+        timeout: float,
+        tries: int,
+        is_done: Callable[[], bool],
+    ) -> None:
         answers: list[Message] = []
         stop = self._session.listen("COMMAND_ACK", lambda m: answers.append(m) if self._ours(m, command) else None)
         self._in_progress = command
@@ -104,7 +124,7 @@ class Commands:
             for confirmation in range(tries):
                 if confirmation and is_done():
                     break
-                self._session.send(self._message(command, confirmation, values))
+                self._session.send(message(confirmation))
                 if self._session.wait_for(lambda: True if answers else None, timeout):
                     break
             result = self._final_result(answers, command, timeout * tries)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -325,32 +324,11 @@ def _position_document(held: HeldPosition, heading: str, when: str) -> Document:
         when=format_moment(when),
         verdict=Verdict(text, "good" if held.follows else "bad", (f"{held.law.capitalize()} control.",)),
         sections=(
-            Section("position", "Position", (Table(("figure", "flown", "unit"), "lrl", rows), *_held_track(held))),
+            Section("position", "Position", (Table(("figure", "flown", "unit"), "lrl", rows), _position_plot(held))),
             Section("loops", "What each motion allows", (Table(heads, "lrr", loops),)),
         ),
         facts=held.to_dict(),
     )
-
-
-def _held_track(held: HeldPosition) -> Iterator[Figure]:
-    yield Figure("own-position", "Position and heading against time, and the targets.", partial(_draw_position, held))
-
-
-def _draw_position(held: HeldPosition) -> Drawing:
-    trial = held.trial
-    legs = [m for m in trial.marks if m.kind == "target"]
-    t = np.array([m.t for m in legs] + [trial.end]) - trial.start
-    figure, axes = new_axes((1.5, 1.5, 1.5))
-    for panel, name, label in zip(axes, ("x", "y", "psi"), ("north [m]", "east [m]", "heading [deg]"), strict=True):
-        factor = math.degrees(1.0) if name == "psi" else 1.0
-        seen = thin(finite(trial[name].t - trial.start, factor * trial[name].values))
-        panel.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
-        wanted = [factor * float(m.detail[name]) for m in legs]
-        panel.step(t, [*wanted, wanted[-1]], where="post", color=WANTED, lw=1.0, label="commanded")
-        panel.set_ylabel(label)
-    legend(axes[0], 2)
-    axes[-1].set_xlabel("time [s]")
-    return figure
 
 
 def _distance_document(held: HeldDistance, heading: str, when: str) -> Document:
@@ -370,33 +348,12 @@ def _distance_document(held: HeldDistance, heading: str, when: str) -> Document:
         when=format_moment(when),
         verdict=Verdict(text, "good" if held.follows else "bad"),
         sections=(
-            Section("distance", "Distance", (Table(("figure", "flown", "unit"), "lrl", rows), *_kept(held))),
+            Section("distance", "Distance", (Table(("figure", "flown", "unit"), "lrl", rows), _distance_plot(held))),
             Section("controller", "Distance loop", (gains_of_own(held.design), _margins(held.design))),
             Section("angle", "Angle loop", (gains_of_own(held.yaw), _margins(held.yaw))),
         ),
         facts=held.to_dict(),
     )
-
-
-def _kept(held: HeldDistance) -> Iterator[Figure]:
-    yield Figure("own-distance", "Distance to the wall, and output.", partial(_draw_distance, held))
-
-
-def _draw_distance(held: HeldDistance) -> Drawing:
-    trial = held.trial
-    targets = [(m.t, float(m.detail["value"])) for m in trial.marks if m.kind == "target"]
-    figure, (upper, lower) = new_axes((2.4, 1.4))
-    seen = thin(finite(trial["d"].t - trial.start, trial["d"].values))
-    upper.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
-    t = np.array([t for t, _ in targets] + [trial.end]) - trial.start
-    upper.step(t, [d for _, d in targets] + [targets[-1][1]], where="post", color=WANTED, lw=1.0, label="commanded")
-    upper.set_ylabel("distance [m]")
-    legend(upper, 2)
-    out = thin(finite(trial["X"].t - trial.start, 100.0 * trial["X"].values))
-    lower.plot(out.t, out.y, color=INK, lw=0.9)
-    lower.set_ylabel("output [%]")
-    lower.set_xlabel("time [s]")
-    return figure
 
 
 def _line_document(held: HeldLine, heading: str, when: str) -> Document:
@@ -418,33 +375,12 @@ def _line_document(held: HeldLine, heading: str, when: str) -> Document:
         when=format_moment(when),
         verdict=Verdict(text, "good" if held.follows else "bad", (f"{held.guidance.capitalize()} control.",)),
         sections=(
-            Section("line", "Line", (Table(("figure", "flown", "unit"), "lrl", rows), *_track(held))),
+            Section("line", "Line", (Table(("figure", "flown", "unit"), "lrl", rows), _line_plot(held))),
             Section("controller", "Heading loop", (gains_of_own(held.design),)),
             Section("margins", "Margins of the heading loop", (_margins(held.design),)),
         ),
         facts=held.to_dict(),
     )
-
-
-def _track(held: HeldLine) -> Iterator[Figure]:
-    caption = "Distance to the line, and output."
-    yield Figure("own-line", caption, partial(_draw_line, held))
-
-
-def _draw_line(held: HeldLine) -> Drawing:
-    trial = held.trial
-    line = Line(*(float(trial.meta[f"line_{name}"]) for name in ("x", "y", "gamma")))
-    t, d, _, _ = distances(trial, line)
-    figure, (upper, lower) = new_axes((2.4, 1.4))
-    upper.axhline(0.0, color=WANTED, lw=1.0, label="line")
-    upper.plot(t - trial.start, d, color=AFTER, lw=1.2, label="flown")
-    upper.set_ylabel("to starboard [m]")
-    legend(upper, 2)
-    out = thin(finite(trial["N"].t - trial.start, 100.0 * trial["N"].values))
-    lower.plot(out.t, out.y, color=INK, lw=0.9)
-    lower.set_ylabel("output [%]")
-    lower.set_xlabel("time [s]")
-    return figure
 
 
 def _loop_document(held: HeldLoop, heading: str, when: str) -> Document:
@@ -466,7 +402,7 @@ def _loop_document(held: HeldLoop, heading: str, when: str) -> Document:
         sections=(
             Section("controller", "Controller", (gains_of_own(held.design),)),
             Section("margins", "Margins", (_margins(held.design),)),
-            Section("step", "Step", (_figures(held), *_step(held))),
+            Section("step", "Step", (_figures(held), _step_plot(held))),
         ),
         facts=held.to_dict(),
     )
@@ -519,32 +455,98 @@ def _figures(held: HeldLoop) -> Table:
     )
 
 
-def _step(held: HeldLoop) -> Iterator[Figure]:
-    caption = "The step as flown, the model function, and the output."
-    yield Figure("own-step", caption, partial(_draw, held))
+# --- figures: one or more signals with their commands, and the output ------------------------------------------------
 
 
-def _draw(held: HeldLoop) -> Drawing:
-    trial, kind = held.trial, axis_kind(held.axis)
-    signal, force = kind.stepped, kind.names.force
-    unit, factor = to_people(trial[signal].unit)
-    targets = [(m.t, float(m.detail["value"])) for m in trial.marks if m.kind == "target"]
-    base = targets[0][1] if not SIGNALS[signal].down else 0.0
-    figure, (upper, lower) = new_axes((2.6, 1.4))
-    seen = thin(finite(trial[signal].t - trial.start, factor * (trial[signal].values - base)))
-    upper.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
-    t = np.linspace(targets[0][0], trial.end, 800)
-    required = np.full(len(t), targets[0][1])
-    for (_, before), (start, after) in itertools.pairwise(targets):
-        required += (after - before) * wanted_step(held.design.wanted, t - start).position
-    upper.plot(t - trial.start, factor * (required - base), color=WANTED, lw=1.2, label="model function")
-    upper.set_ylabel(f"{held.axis} [{unit}]")
-    if SIGNALS[signal].down:
-        upper.invert_yaxis()
-    legend(upper, 2)
-    if force in trial:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Panel:
+    """One signal against time: (t, value) as flown and as commanded.
+
+    ``called``: name of the command. ``steps``: the command is held until its next time. ``down``: it grows downwards.
+    """
+
+    label: str
+    flown: tuple[Array, Array]
+    wanted: tuple[Array, Array]
+    called: str = "commanded"
+    steps: bool = False
+    down: bool = False
+
+
+def _draw(trial: Trial, panels: tuple[_Panel, ...], force: str = "") -> Drawing:
+    """Return the figure of *panels*, with the output of *force* in the last panel if it is recorded."""
+    drives = force in trial
+    heights = (2.4,) if len(panels) == 1 else (1.5,) * len(panels)
+    figure, axes = new_axes((*heights, 1.4) if drives else heights)
+    for panel, ax in zip(panels, axes, strict=False):
+        seen = thin(finite(panel.flown[0] - trial.start, panel.flown[1]))
+        ax.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
+        style = "steps-post" if panel.steps else "default"
+        ax.plot(panel.wanted[0] - trial.start, panel.wanted[1], ds=style, color=WANTED, lw=1.0, label=panel.called)
+        ax.set_ylabel(panel.label)
+        if panel.down:
+            ax.invert_yaxis()
+    legend(axes[0], 2)
+    if drives:
         out = thin(finite(trial[force].t - trial.start, 100.0 * trial[force].values))
-        lower.plot(out.t, out.y, color=INK, lw=0.9)
-    lower.set_ylabel("output [%]")
-    lower.set_xlabel("time [s]")
+        axes[-1].plot(out.t, out.y, color=INK, lw=0.9)
+        axes[-1].set_ylabel("output [%]")
+    axes[-1].set_xlabel("time [s]")
     return figure
+
+
+def _targets(trial: Trial, name: str = "value") -> tuple[Array, Array]:
+    """Return the commands (t, value) of the marks, the last one also at the end of the record."""
+    marks = [m for m in trial.marks if m.kind == "target"]
+    values = [float(m.detail[name]) for m in marks]
+    return np.array([*(m.t for m in marks), trial.end]), np.array([*values, values[-1]])
+
+
+def _position_plot(held: HeldPosition) -> Figure:
+    trial = held.trial
+    panels = []
+    for name, label, factor in (
+        ("x", "north [m]", 1.0),
+        ("y", "east [m]", 1.0),
+        ("psi", "heading [deg]", math.degrees(1.0)),
+    ):
+        t, wanted = _targets(trial, name)
+        panels.append(_Panel(label, (trial[name].t, factor * trial[name].values), (t, factor * wanted), steps=True))
+    caption = "Position and heading against time, and the targets."
+    return Figure("own-position", caption, partial(_draw, trial, tuple(panels)))
+
+
+def _distance_plot(held: HeldDistance) -> Figure:
+    trial = held.trial
+    panel = _Panel("distance [m]", (trial["d"].t, trial["d"].values), _targets(trial), steps=True)
+    return Figure("own-distance", "Distance to the wall, and output.", partial(_draw, trial, (panel,), "X"))
+
+
+def _line_plot(held: HeldLine) -> Figure:
+    trial = held.trial
+    line = Line(*(float(trial.meta[f"line_{name}"]) for name in ("x", "y", "gamma")))
+    t, d, _, _ = distances(trial, line)
+    panel = _Panel("to starboard [m]", (t, d), (t[[0, -1]], np.zeros(2)), called="line")
+    return Figure("own-line", "Distance to the line, and output.", partial(_draw, trial, (panel,), "N"))
+
+
+def _step_plot(held: HeldLoop) -> Figure:
+    trial, kind = held.trial, axis_kind(held.axis)
+    signal = kind.stepped
+    unit, factor = to_people(trial[signal].unit)
+    times, values = _targets(trial)
+    down = SIGNALS[signal].down
+    base = 0.0 if down else values[0]
+    t = np.linspace(times[0], trial.end, 800)
+    required = np.full(len(t), values[0])
+    for (before, after), start in zip(itertools.pairwise(values[:-1]), times[1:-1], strict=True):
+        required += (after - before) * wanted_step(held.design.wanted, t - start).position
+    panel = _Panel(
+        f"{held.axis} [{unit}]",
+        (trial[signal].t, factor * (trial[signal].values - base)),
+        (t, factor * (required - base)),
+        called="model function",
+        down=down,
+    )
+    caption = "The step as flown, the model function, and the output."
+    return Figure("own-step", caption, partial(_draw, trial, (panel,), kind.names.force))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 from gcs_autotune.design import Proposal
@@ -51,6 +52,7 @@ def plot(
     >>> plot(fit(example_run(), "linear", dof="yaw", delay=0.0), ax, signal="psi") is ax
     True
     """
+    _let_notebooks_show_figures()
     if isinstance(result, Fit):
         return fit_plot(result) if ax is None else plot_trace(ax, result.traces, run, signal)
     if isinstance(result, Proposal):
@@ -58,3 +60,15 @@ def plot(
     if isinstance(result, Diagnosis):
         return plot_residuals(result, ax, run, signal)
     raise UsageError(f"a {type(result).__name__} has no plot. Plot a fit, a proposal or a diagnosis")
+
+
+def _let_notebooks_show_figures() -> None:
+    """Let IPython show figures, which it learns only when ``pyplot`` is imported. Here figures are made without it."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is None:
+        return
+    from IPython.core.pylabtools import select_figure_formats
+    from matplotlib.figure import Figure
+
+    if Figure not in shell.display_formatter.formatters["image/png"].type_printers:
+        select_figure_formats(shell, {"png"})  # type: ignore[no-untyped-call]

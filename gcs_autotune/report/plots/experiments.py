@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gcs_autotune.experiments import Identifiability, Profile, RankedManoeuvre, Ranking
+from gcs_autotune.report.toolkit.canvas import legend
 
 __all__ = ["correlation_plot", "plan_plot", "profile_plot"]
 
@@ -79,5 +80,5 @@ def plan_plot(proposal: RankedManoeuvre, plan: Ranking | None = None) -> Figure:
     axes.set_xlim(right=edge)
     axes.set_xlabel("standard error [% of value]")
     axes.set_title(f"{chosen.candidate.title}, {proposal.seconds:.0f} s", fontsize="small", loc="left")
-    axes.legend(fontsize="small")
+    legend(axes, side="right")
     return figure

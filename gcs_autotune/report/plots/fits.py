@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import Trace
+from gcs_autotune.report.toolkit.canvas import legend
 from gcs_autotune.sname import SIGNALS
 
 if TYPE_CHECKING:
@@ -52,8 +53,8 @@ def _draw_motion(top: Axes, trace: Trace, label: str) -> tuple[Array, Array, Arr
     t, fitted, band = trace.t[index] - trace.t[0], scale * trace.fitted[index], scale * trace.band[index]
     measured = scale * trace.measured[index]
     top.fill_between(t, fitted - band, fitted + band, color=BAND, alpha=0.6, lw=0, label="95 % band")
+    top.plot(t, measured, ".", ms=2.8, color=MEASURED, alpha=0.5, label="measured")
     top.plot(t, fitted, color=MODEL, lw=1.4, label="model, from the inputs alone")
-    top.plot(t, measured, ".", ms=2.4, color=MEASURED, label="measured")
     top.set_ylabel(f"{name} [{unit}]")
     label_as_read(top, trace.signal, float(measured[0]) if len(measured) else 0.0)
     return t, band, measured - fitted, unit
@@ -92,7 +93,7 @@ def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "
         raise UsageError(f"no trace of {signal or 'any signal'} of {run or 'any run'}. Available: {have}")
     _draw_motion(ax, found, "")
     ax.set_xlabel("time [s]")
-    ax.legend(fontsize="small")
+    legend(ax)
     return ax
 
 
@@ -109,6 +110,6 @@ def fit_plot(fit: Fit[Model]) -> Figure:
     for i, trace in enumerate(traces):
         draw_trace(grid[2 * i, 0], grid[2 * i + 1, 0], trace)
         grid[2 * i, 0].set_title(trace.run, fontsize="small", loc="left")
-    grid[0, 0].legend(loc="upper right", fontsize="small")
+    legend(grid[0, 0], side="right")
     grid[-1, 0].set_xlabel("time [s]")
     return figure

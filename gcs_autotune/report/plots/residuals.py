@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from gcs_autotune.errors import UsageError
+from gcs_autotune.report.toolkit.canvas import legend
 from gcs_autotune.sname import SIGNALS
 
 if TYPE_CHECKING:
@@ -51,4 +52,4 @@ def _draw(ax: Axes, before: Trace, after: Trace | None) -> None:
     ax.set_ylabel(f"{name}, measured minus simulated [{before.unit}]")
     ax.set_xlabel("time [s]")
     ax.set_title(before.run, fontsize="small", loc="left")
-    ax.legend(fontsize="small")
+    legend(ax, side="right")

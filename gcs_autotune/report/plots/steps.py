@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from gcs_autotune.report.toolkit.canvas import legend
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -41,4 +43,4 @@ def _draw(ax: Axes, proposal: Proposal) -> None:
         ax.plot(after.t, after.position, color=AFTER, lw=1.4, label="new gains")
     ax.set_xlabel("time [s]")
     ax.set_ylabel(f"{proposal.axis} [SI]")
-    ax.legend(fontsize="small")
+    legend(ax)

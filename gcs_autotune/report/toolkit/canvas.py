@@ -6,7 +6,7 @@ import io
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from markupsafe import Markup, escape
 
@@ -170,13 +170,15 @@ def new_row(count: int, height: float, *, polar_first: bool = False) -> tuple[Fi
     return figure, row
 
 
-def legend(axes: Axes, columns: int = 5) -> None:
-    """Put the legend in one line above the axes, outside the data."""
+def legend(axes: Axes, columns: int = 5, side: Literal["left", "right"] = "left") -> None:
+    """Put the legend in one line above the axes, outside the data, on the *side* where there is no title."""
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(
-            loc="lower left",
-            bbox_to_anchor=(-0.01, 1.0),
+            loc="lower left" if side == "left" else "lower right",
+            bbox_to_anchor=(-0.01 if side == "left" else 1.01, 1.0),
+            frameon=False,
+            fontsize=8.0,
             ncols=columns,
             borderaxespad=0.1,
             handlelength=1.6,

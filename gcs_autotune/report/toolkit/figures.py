@@ -113,7 +113,7 @@ def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, en
         axes.step(few.t, few.y, where="post", color=colour, lw=1.0, label=name if len(names) > 1 else None)
     axes.set_ylabel(f"{', '.join(names)} [{', '.join(dict.fromkeys(units))}]")
     if len(names) > 1:
-        axes.legend(loc="upper right", ncols=len(names), fontsize=7.0)
+        legend(axes, len(names))
 
 
 def draw_track(runs: Mapping[str, Trial]) -> Figure | None:

@@ -1,0 +1,69 @@
+"""Table of what ``tune`` tunes. To add a row, add a file with a :class:`TuneJob` and a line here.
+
+This module does not import the jobs, so that the command line can list them quickly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.axes import AXES
+
+__all__ = ["STEP_OPTIONS", "TUNABLES", "Tunable", "tunable"]
+
+STEP_OPTIONS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "omega_0")
+"""Options of a tune whose proof is a step."""
+TWO_AXES = tuple(name for name in STEP_OPTIONS if not name.startswith("step"))
+"""Options of a step that a tune of two motions at once has no use for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tunable:
+    """One thing that ``tune`` tunes.
+
+    Attributes
+    ----------
+    axis : the axis whose settings it uses.
+    job : module and attribute of its ``workflow.tune.TuneJob``.
+    after : what ``tune all`` tunes before it, because it stands on it; None: not part of ``tune all``.
+    useless : options that it has no use for.
+    example : the simulated vehicle used by default; empty: that of the axis.
+    """
+
+    name: str
+    axis: str
+    job: str = "gcs_autotune.workflow.tune:JOB"
+    after: tuple[str, ...] | None = None
+    useless: tuple[str, ...] = ("leg_length",)
+    example: str = ""
+
+
+TUNABLES: Mapping[str, Tunable] = {
+    t.name: t
+    for t in (
+        Tunable("speed", "speed", after=()),
+        Tunable("heading", "heading", after=("speed",)),
+        Tunable("depth", "depth", after=()),
+        Tunable(
+            "line",
+            "heading",
+            "gcs_autotune.workflow.line:JOB",
+            after=("speed", "heading"),
+            useless=(*STEP_OPTIONS, "resume"),
+        ),
+        Tunable(
+            "position",
+            "depth",
+            "gcs_autotune.workflow.position:JOB",
+            useless=(*TWO_AXES, "leg_length", "resume", "settling_time"),
+            example="sitl:bluerov2-sway",
+        ),
+    )
+}
+"""Name -> what is tuned, in the order of ``tune all``. An axis without a row is tuned only by its name."""
+
+
+def tunable(name: str) -> Tunable:
+    """Return the row of *name*, or that of an axis without a row; ``KeyError`` if there is none."""
+    return TUNABLES.get(name) or Tunable(AXES[name].name, name)

@@ -1,0 +1,122 @@
+"""``compare``: what changed between runs of one craft, as text, page and JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from gcs_autotune import api
+from gcs_autotune.cli import main
+from gcs_autotune.trial import Trial, save_trial
+
+TUNED = {
+    "title": "tune heading",
+    "ending": "kept",
+    "axis": "heading",
+    "kept": True,
+    "gains": {"ATC_STR_RAT_P": {}},
+    "metrics": {"before": None, "after": {"itae": 2.0, "overshoot": 0.1, "rise": 1.5, "settling": None}},
+}
+
+
+def relay_run(seed: int, inertia: float = 1.0, manoeuvre: str = "relay", dof: str = "yaw") -> Trial:
+    """A relay in yaw of a craft with drag 0.5, written independently of the package's models."""
+    rng = np.random.default_rng(seed)
+    t = 0.1 * np.arange(600)
+    force = 0.1 * np.sign(np.sin(2.0 * math.pi * t / 7.0) + 1e-9)
+
+    def rate(at: float, x: np.ndarray) -> tuple[float, float]:
+        return x[1], (force[min(int(at / 0.1 + 1e-9), 599)] - 0.5 * x[1]) / inertia
+
+    psi, r = solve_ivp(rate, (0.0, t[-1]), (0.0, 0.0), t_eval=t, max_step=0.05, rtol=1e-8).y
+    noise = rng.normal(0.0, math.radians(0.1), (2, 600))
+    (run,) = api.load_runs(
+        {"t[s]": t, "N": force, "psi[rad]": psi + noise[0], "r[rad/s]": r + noise[1]}, name="relay-1"
+    )
+    return Trial(run.name, run.channels, meta={"manoeuvre": manoeuvre, "dof": dof, "purpose": "identification"})
+
+
+def directory(folder: Path, name: str, when: str, run: Trial, uid: str = "aa", **told: object) -> Path:
+    place = folder / name
+    (place / "trials").mkdir(parents=True)
+    save_trial(run, place / "trials" / "01-relay-1.csv")
+    (place / "summary.json").write_text(json.dumps({**TUNED, "when": when, **told}))
+    (place / "setting_out.json").write_text(json.dumps({"vehicle": {"uid": uid}}))
+    (place / "parameters_after.json").write_text(json.dumps({"ATC_STR_RAT_P": 0.3 if name == "may" else 0.7}))
+    return place
+
+
+def test_a_heavier_craft_is_reported_and_gains_and_steps_stand_side_by_side(tmp_path, capsys):
+    may = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
+    july = directory(tmp_path, "july", "2026-07-01T10:00:00", relay_run(2, inertia=1.4))
+    page = tmp_path / "season.html"
+    assert main(["compare", str(july), str(may), "--page", str(page)]) == 0
+    told = capsys.readouterr().out
+    assert "run 2 against run 1, yaw: inertia x 1.4" in told
+    assert told.index("may") < told.index("july")
+    assert "ATC_STR_RAT_P" in told
+    assert "10 %" in told
+    assert "The craft has changed in run 2" in told
+    assert "july" in page.read_text()
+
+
+def test_an_unchanged_craft_is_called_unchanged_in_json(tmp_path, capsys):
+    runs = [directory(tmp_path, n, f"2026-0{i}-01T10:00:00", relay_run(i)) for i, n in ((1, "may"), (2, "june"))]
+    assert main(["compare", *map(str, runs), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["changed"] is False
+    assert [run["gains"]["ATC_STR_RAT_P"] for run in told["runs"]] == [0.3, 0.7]
+    assert told["runs"][0]["metrics"]["settling"] is None
+
+
+def test_a_motion_that_was_not_excited_is_not_compared(tmp_path, capsys):
+    runs = []
+    for i in (1, 2):
+        run = relay_run(i)
+        ahead = {"X": replace(run["N"], name="X"), "u": replace(run["r"], name="u", unit="m/s")}
+        both = Trial(run.name, {**run.channels, **ahead}, meta=run.meta)
+        runs.append(directory(tmp_path, f"day{i}", f"2026-05-0{i}T10:00:00", both))
+    assert main(["compare", *map(str, runs), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert list(told["runs"][0]["models"]) == ["yaw"]
+    assert told["runs"][0]["not_identified"]["surge"] == "the manoeuvres flown do not excite surge"
+
+
+def test_runs_of_two_vehicles_raise_a_doubt(tmp_path, capsys):
+    one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
+    other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2), uid="bb")
+    assert main(["compare", str(one), str(other)]) == 0
+    assert "2 different vehicles (aa, bb)" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("which", "code", "told"),
+    [((0,), 2, "1 run given"), ((0, 0), 2, "given twice"), ((0, 9), 6, "none does not exist")],
+)
+def test_what_cannot_be_compared_is_refused_in_one_sentence(which, code, told, tmp_path, capsys):
+    place = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
+    paths = [str(place) if i == 0 else str(tmp_path / "none") for i in which]
+    assert main(["compare", *paths]) == code
+    assert told in capsys.readouterr().err
+
+
+def test_runs_without_anything_in_common_are_refused(tmp_path, capsys):
+    one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
+    other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2, dof="surge"), axis="speed")
+    assert main(["compare", str(one), str(other)]) == 6
+    assert "no loop and no model in common" in capsys.readouterr().err
+
+
+def test_python_prints_the_same_comparison(tmp_path):
+    one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
+    other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2, inertia=1.4))
+    found = api.compare([one, other])
+    assert found.changed
+    assert "inertia x 1.4" in str(found)
+    assert "<table>" in found._repr_html_()
