@@ -31,7 +31,15 @@ from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
 from gcs_autotune.design.plant import in_fractions
-from gcs_autotune.design.position import POSITION_CONTEXT, POSITION_GAINS, PositionDesign, design_position
+from gcs_autotune.design.position import (
+    LOITER_CONTEXT,
+    LOITER_GAINS,
+    POSITION_CONTEXT,
+    POSITION_GAINS,
+    PositionDesign,
+    design_position,
+    loiter_change,
+)
 from gcs_autotune.design.position_metrics import UNSTABLE, PositionMetrics, Stay, holds_better, position_metrics
 from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
@@ -45,6 +53,8 @@ from gcs_autotune.design.verdict import Verdict, is_better, is_followed, scatter
 __all__ = [
     "LAWS",
     "LINE_PARAMETERS",
+    "LOITER_CONTEXT",
+    "LOITER_GAINS",
     "OTHER_MODE",
     "POSITION_CONTEXT",
     "POSITION_GAINS",
@@ -97,6 +107,7 @@ __all__ = [
     "is_followed",
     "limits_for",
     "line_changes",
+    "loiter_change",
     "over_windows",
     "position_metrics",
     "provisional",

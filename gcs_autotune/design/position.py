@@ -28,7 +28,15 @@ from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.firmware import Gain
 from gcs_autotune.models import SingleDof
 
-__all__ = ["POSITION_CONTEXT", "POSITION_GAINS", "PositionDesign", "design_position"]
+__all__ = [
+    "LOITER_CONTEXT",
+    "LOITER_GAINS",
+    "POSITION_CONTEXT",
+    "POSITION_GAINS",
+    "PositionDesign",
+    "design_position",
+    "loiter_change",
+]
 
 GRAVITY = 9.80665
 POSITION_GAINS = (
@@ -39,6 +47,12 @@ POSITION_GAINS = (
 """What is tuned: documented range, meaning, default. Later names: ``firmware.aliases``."""
 POSITION_CONTEXT = ("PSC_VELXY_D", "PSC_VELXY_FLTE", "ANGLE_MAX", "SCHED_LOOP_RATE", "WPNAV_SPEED")
 """Parameters that the rule reads; what is missing has ArduSub's default."""
+LOITER_GAINS = (Gain("LOIT_RADIUS", 0.0, 20.0, "radius within which a boat drifts", 2.0),)
+LOITER_CONTEXT = ("LOIT_SPEED_GAIN", "LOIT_TYPE", "WP_SPEED")
+"""What else ``Rover/mode_loiter`` uses. A speed gain of 0.5 or 1 makes no difference to a BlueBoat."""
+LEAST_RADIUS, NOISES = 0.5, 5.0
+"""Smallest radius [m], and in standard deviations of the position. Project choice: within it a BlueBoat still rests,
+and noise does not start its thrusters."""
 DEFAULTS: Mapping[str, float] = {
     "PSC_VELXY_D": 0.0, "PSC_VELXY_FLTE": 5.0, "ANGLE_MAX": 4500.0, "SCHED_LOOP_RATE": 400.0
 }  # fmt: skip
@@ -116,6 +130,18 @@ def design_position(
         )
     now = {g.parameter: values[g.parameter] for g in gains}
     return PositionDesign(best[1], best[2], _margins(now, gains, values, per_acceleration, plants))
+
+
+def loiter_change(noise: float, present: Mapping[str, float], gain: Gain = LOITER_GAINS[0]) -> Change | None:
+    """Return the new radius of a boat that turns on the spot; None if the present one is as small.
+
+    noise : standard deviation of its position [m].
+    """
+    new, old = _inside(max(LEAST_RADIUS, NOISES * noise), gain), present[gain.parameter]
+    if old <= 1.02 * new:
+        return None
+    why = f"{gain.meaning}: {NOISES:g} standard deviations of the position ({noise:.2f} m), at least {LEAST_RADIUS:g} m"
+    return Change(gain.parameter, old, new, gain.low, gain.high, why)
 
 
 def _inside(value: float, gain: Gain) -> float:

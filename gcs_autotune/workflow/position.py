@@ -1,8 +1,11 @@
-"""``tune position``: how an ROV that thrusts sideways goes to a position and holds it.
+"""``tune position``: how an ROV that thrusts sideways, or a boat with two side thrusters, holds a position.
 
 The order is that of every tune (``tunable_loop``). The proof is a step ahead and to starboard in GUIDED, and pushes by
 the sticks in POSHOLD. Surge and sway are identified from the step with the present gains and a
 relay each. The relay shows the delay, which a step does not separate from inertia.
+
+A boat steps ahead and back in GUIDED. ArduRover stays at a position by the rules of LOITER: it drifts within
+LOIT_RADIUS and drives back from outside. What pushes it there is the current and the wind.
 """
 
 from __future__ import annotations
@@ -18,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design import (
+    LOITER_CONTEXT,
+    LOITER_GAINS,
     POSITION_CONTEXT,
     POSITION_GAINS,
     UNSTABLE,
@@ -25,6 +30,7 @@ from gcs_autotune.design import (
     Stay,
     design_position,
     holds_better,
+    loiter_change,
     position_metrics,
 )
 from gcs_autotune.errors import NotInformative, PreconditionFailed, WrongVehicle
@@ -34,6 +40,7 @@ from gcs_autotune.link import Journal, MavlinkCraft
 from gcs_autotune.manoeuvres import Manoeuvre, PushPosition, StepPosition
 from gcs_autotune.observer import Observer
 from gcs_autotune.report import TuneStory
+from gcs_autotune.sensor import noise_of
 from gcs_autotune.trial import Mark, Trial
 from gcs_autotune.workflow.announcement import ROV_ROOM, battery, how_long
 from gcs_autotune.workflow.autopilot_loop import lend_parameters
@@ -64,6 +71,11 @@ enough, and a BlueROV2 is there after 4 s."""
 SETTLE, PUSH_SETTLE, PUSHING = 10.0, 15.0, 8.0
 """Holding before the step and before the pushes, and length of a push and of the rest after it [s]. Project choice: the
 integral starts at zero in each mode, and removes a constant force in 6 to 12 s."""
+BOAT_STEP, BOAT_SETTLE, BOAT_DURATION, BOAT_HELD = 10.0, 20.0, 60.0, 25.0
+"""Step ahead of a boat [m], time before it and at each position, and the end of that time in which it holds [s].
+Project choice: a BlueBoat is there after 6 to 15 s."""
+BOAT_ROOM = 15.0
+"""Free water around a boat beyond the step [m]: to turn around."""
 HELD = 5.0
 """End of the hold before the step in which the craft should be still [s]."""
 CURRENT = 0.9
@@ -105,21 +117,23 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     """Return what this tune will do on the vehicle of *visit*; nothing moves yet."""
     craft, log = visit.craft, visit.log
     firmware = craft.firmware
-    if not (firmware.push_mode and "Y" in firmware.channels and craft.servos.driving("Y")):
-        raise WrongVehicle(
-            f"this vehicle ({firmware.name}) has no thrusters that push sideways, so it cannot hold a position"
-        )
+    _check_suits(craft)
+    boat = firmware.needs_way
     log.meet(craft)
-    loop = _Gains.of(craft, beyond=tune.beyond_ranges)
+    table, context = (LOITER_GAINS, LOITER_CONTEXT) if boat else (POSITION_GAINS, POSITION_CONTEXT)
+    loop = _Gains.of(craft, table, context, beyond=tune.beyond_ranges)
     log.parameters_before = loop.read(craft)
     craft.parameters.watch(log.parameters_before)
     log.say(f"present parameters saved to {visit.record.save_parameters('before', log.parameters_before)}")
     await_position(craft, log, firmware.position_mode)
     drift = _drift(craft, loop.present)
     envelope = replace(tune.envelope, area=area_of_flight(craft, tune.envelope.area, log))
-    size, duration = abs(tune.step) if tune.step is not None else STEP, tune.step_duration or DURATION
-    before, after = ([_leg("step", gains, duration), _leg("push", gains, duration)] for gains in STAGES.values())
+    envelope = replace(envelope, heading_excursion=math.inf) if boat else envelope
+    size = abs(tune.step) if tune.step is not None else BOAT_STEP if boat else STEP
+    duration = tune.step_duration or (BOAT_DURATION if boat else DURATION)
     relays = [Leg(f"first {dof} self-oscillation", pace_of("rov").relay, kind="relay") for dof in DOFS]
+    relays = [] if boat else relays
+    before, after = (_legs(gains, duration, boat=boat) for gains in STAGES.values())
     itinerary = Itinerary([*before, *relays, *([] if tune.dry_run else after)])
 
     def keep(trial: Trial) -> None:
@@ -130,21 +144,26 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     flights = _Flights(visit, visit.runner(envelope, keep, gains=True), tune, size, duration)
     names = ", ".join(gain.parameter for gain in loop.gains)
     times = "once" if tune.dry_run else "twice"
+    place = _Loiter(flights, tune, loop) if boat else _Position(flights, tune, loop)
+    drifts = sum(leg.seconds for leg in relays) * drift
+    metres = size + BOAT_ROOM if boat else math.sqrt(2.0) * size + ROV_ROOM + drifts
+    movements = (
+        f"{size:g} m ahead in {firmware.position_mode}, stay there, and back, {times}"
+        if boat
+        else f"a step of {size:g} m ahead and to starboard in {firmware.position_mode}, and back. Pushes by the "
+        f"thrusters in {firmware.push_mode}. Step and pushes are flown {times}. After the first ones a relay ahead "
+        f"and one sideways in {firmware.manual_mode}"
+    )
     return Mission(
         itinerary=itinerary,
-        modes=(firmware.position_mode, firmware.push_mode, firmware.manual_mode),
-        movements=(
-            f"a step of {size:g} m ahead and to starboard in {firmware.position_mode}, and back. Pushes by the "
-            f"thrusters in {firmware.push_mode}. Step and pushes are flown {times}. After the first ones a relay ahead "
-            f"and one sideways in {firmware.manual_mode}"
-        ),
+        modes=tuple(mode for mode in (firmware.position_mode, firmware.push_mode, firmware.manual_mode) if mode),
+        movements=movements,
         needs=(
-            f"need about {math.ceil(math.sqrt(2.0) * size + ROV_ROOM + len(DOFS) * relays[0].seconds * drift)} m of "
-            f"free water around the vehicle, with a drift of {drift:.2f} m/s during the relays",
+            f"need about {math.ceil(metres)} m of free water around the vehicle, which drifts at {drift:.2f} m/s now",
             how_long(itinerary),
             battery(craft.observe(), envelope, itinerary.seconds),
         ),
-        fly=lambda journal: tune_loop(_Position(flights, tune, loop), log, visit.agrees, journal, dry_run=tune.dry_run),
+        fly=lambda journal: tune_loop(place, log, visit.agrees, journal, dry_run=tune.dry_run),
         writes="write no parameter (dry run)"
         if tune.dry_run
         else f"write some of {names}, after asking again, and restore the old values unless the new ones prove better",
@@ -152,9 +171,26 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     )
 
 
-def _leg(what: str, gains: str, duration: float) -> Leg:
-    seconds = SETTLE + 2.0 * duration if what == "step" else PUSH_SETTLE + 4.0 * PUSHING
-    return Leg(f"{what} with {gains} gains", seconds, kind=what)
+def _check_suits(craft: MavlinkCraft) -> None:
+    """Raise ``WrongVehicle`` for a craft that cannot stay in one place."""
+    firmware = craft.firmware
+    if firmware.needs_way and not craft.skid:
+        raise WrongVehicle(
+            "this boat turns by a rudder or a steered thruster, so only under way. It cannot stay in one place. In "
+            "LOITER it drifts within LOIT_RADIUS and drives back: set LOIT_RADIUS to the radius of its turns, which "
+            "`gcs-autotune authority` computes"
+        )
+    if not firmware.needs_way and not ("Y" in firmware.channels and craft.servos.driving("Y")):
+        raise WrongVehicle(
+            f"this vehicle ({firmware.name}) has no thrusters that push sideways, so it cannot hold a position"
+        )
+
+
+def _legs(gains: str, duration: float, *, boat: bool) -> list[Leg]:
+    settle = BOAT_SETTLE if boat else SETTLE
+    step = Leg(f"step with {gains} gains", settle + 2.0 * duration, kind="step")
+    push = Leg(f"push with {gains} gains", PUSH_SETTLE + 4.0 * PUSHING, kind="push")
+    return [step] if boat else [step, push]
 
 
 def _drift(craft: MavlinkCraft, present: Mapping[str, float]) -> float:
@@ -172,11 +208,13 @@ def _drift(craft: MavlinkCraft, present: Mapping[str, float]) -> float:
             "the vehicle reports no position (LOCAL_POSITION_NED). Check the DVL or other position source"
         )
     drift = math.hypot(*(float(np.mean([getattr(o, name) for o in seen])) for name in ("u", "v")))
-    most = present.get("WPNAV_SPEED", math.inf) / 100.0
+    boat = craft.firmware.needs_way
+    name, unit = ("WP_SPEED", 1.0) if boat else ("WPNAV_SPEED", 0.01)
+    most = unit * present.get(name, math.inf)
     if drift > CURRENT * most:
         raise PreconditionFailed(
             f"the vehicle drifts at {drift:.2f} m/s, and its position loop commands {most:.2f} m/s at most "
-            "(WPNAV_SPEED): the current is stronger than the craft. Wait for slack water"
+            f"({name}): the current is stronger than the craft. Wait for slack water"
         )
     return drift
 
@@ -190,25 +228,25 @@ class _Gains:
     present: Mapping[str, float]
 
     @classmethod
-    def of(cls, craft: MavlinkCraft, *, beyond: bool) -> _Gains:
-        """Return those of *craft*. *beyond*: outside the documented ranges too.
+    def of(cls, craft: MavlinkCraft, table: Sequence[Gain], context: Sequence[str], *, beyond: bool) -> _Gains:
+        """Return those of *craft* in *table*, and what the rule reads. *beyond*: outside the documented ranges too.
 
         Raises
         ------
         WrongVehicle
             The firmware lacks them.
         """
-        wanted = [*(gain.parameter for gain in POSITION_GAINS), *POSITION_CONTEXT]
+        wanted = [*(gain.parameter for gain in table), *context]
         names, found = read_named(craft.parameters, wanted)
-        missing = [gain.parameter for gain in POSITION_GAINS if names.own(gain.parameter) not in found]
+        missing = [gain.parameter for gain in table if names.own(gain.parameter) not in found]
         if missing:
             raise WrongVehicle(
                 f"{craft.session.vehicle} has no parameter {', '.join(missing)}, also not under a newer name. "
-                "`tune position` needs ArduSub 4.1 or later"
+                "`tune position` needs ArduPilot 4.1 or later"
             )
         wider = WIDER if beyond else 1.0
         gains = []
-        for gain in POSITION_GAINS:
+        for gain in table:
             low, high = names.limits(gain.parameter, gain.low, gain.high)
             gains.append(replace(gain, low=low / wider, high=high * wider))
         return cls(tuple(gains), names, names.to_canonical(found))
@@ -227,6 +265,11 @@ class _Flights:
     settings: TuneSettings
     size: float
     duration: float
+
+    def fly_ahead(self, when: str) -> Trial:
+        """Return a boat's step ahead and back, flown ``before`` or ``after``."""
+        settings = self.size, BOAT_SETTLE, self.duration, f"position-{when}"
+        return self._fly(StepPosition(*settings, once=True, abeam=0.0), when, "step")
 
     def fly(self, when: str) -> tuple[Trial, Trial | None]:
         """Return the step and the push, flown ``before`` or ``after``; no push after an unstable step."""
@@ -329,11 +372,53 @@ class _Position:
         return run_in_background(visit.craft, visit.worker, self._flights.runner.bear, work, *args, **named)
 
 
+class _Loiter(_Position):
+    """A boat's position as a tunable loop."""
+
+    def experiment(self) -> None:
+        """Fly the step with the present radius."""
+        self._before = self._flights.fly_ahead("before")
+        self._log.position_before = _measured_of_boat(self._before)
+
+    def propose(self) -> Offer:
+        """Choose the radius by the rule."""
+        marks = [mark.t for mark in self._before.marks if mark.kind == "target"]
+        still = [self._before[axis].between(marks[0], marks[1]).values for axis in "xy"]
+        change = loiter_change(max(noise_of(values) for values in still), self._gains.present, self._gains.gains[0])
+        self._log.given_changes = () if change is None else (change,)
+        return Offer(self._log.given_changes)
+
+    def prove(self) -> ProofResult:
+        """Fly the step with the new radius."""
+        before = self._log.position_before
+        assert before is not None
+        after = self._log.position_after = _measured_of_boat(self._flights.fly_ahead("after"))
+        return ProofResult(holds_better(before, after))
+
+
 _NAMES = tuple(gain.parameter for gain in POSITION_GAINS)
 
 
 def _told(stable: bool, gain: float, phase: float) -> str:
     return f"{gain:.1f} in gain, {math.degrees(phase):.0f} deg in phase" if stable else "unstable"
+
+
+def _measured_of_boat(step: Trial) -> PositionMetrics:
+    """Return the figures of a boat's step; the ends of its phases show how it holds against current and wind."""
+    if step.ending == "stopped":
+        return UNSTABLE
+    targets, track = _phases(step, "target"), _track(step)
+    steps = [
+        Stay(begin, end, _place(mark), _place(last)) for (last, *_), (mark, begin, end) in itertools.pairwise(targets)
+    ]
+    ends = [Stay(stay.end - BOAT_HELD, stay.end, stay.place, stay.place) for stay in steps]
+    return position_metrics(track, steps, track, ends, ends, _travel(step))
+
+
+def _travel(step: Trial) -> float:
+    """Return the motion of the busiest thrust [full strokes per second]."""
+    moved = [float(np.sum(np.abs(np.diff(step[force].values)))) for force in "XY" if force in step.channels]
+    return 0.5 * max(moved) / max(step.end - step.start, 1.0)
 
 
 def _measured(step: Trial, push: Trial | None) -> PositionMetrics:
@@ -353,10 +438,7 @@ def _measured(step: Trial, push: Trial | None) -> PositionMetrics:
     where = complex(np.mean(track[(t >= hold_end - HELD) & (t < hold_end)]))
     felt = _is_felt(push, pushes)
     stays = [Stay(begin, end, where, where) for _, begin, end in pushes[1:]] if felt else []
-    travel = max(
-        0.5 * float(np.sum(np.abs(np.diff(step[force].values)))) / max(step.end - step.start, 1.0) for force in "XY"
-    )
-    return position_metrics(_track(step), steps, (t, track) if felt else None, stays, held, travel)
+    return position_metrics(_track(step), steps, (t, track) if felt else None, stays, held, _travel(step))
 
 
 def _phases(trial: Trial, kind: str) -> list[tuple[Mark, float, float]]:

@@ -15,6 +15,7 @@ from gcs_autotune.design import (
     Stay,
     design_position,
     holds_better,
+    loiter_change,
     position_metrics,
 )
 from gcs_autotune.errors import NoGainsMeetSpec
@@ -55,6 +56,17 @@ def test_an_oscillating_present_loop_is_recognised() -> None:
 def test_a_craft_beyond_the_ranges_is_refused_with_its_delay() -> None:
     with pytest.raises(NoGainsMeetSpec, match="delay is 4"):
         design_position(motions(alpha=0.02, drag=0.001, delay=4.0), PRESENT)
+
+
+@pytest.mark.parametrize(("noise", "radius"), [(0.03, 0.5), (0.3, 1.5)])
+def test_a_noisy_position_needs_a_larger_radius(noise: float, radius: float) -> None:
+    found = loiter_change(noise, {"LOIT_RADIUS": 2.0})
+    assert found is not None
+    assert found.new == pytest.approx(radius)
+
+
+def test_a_radius_that_is_small_enough_stays() -> None:
+    assert loiter_change(0.03, {"LOIT_RADIUS": 0.4}) is None
 
 
 def _flight(lag: float, push: float) -> PositionMetrics:

@@ -83,10 +83,26 @@ def test_gains_that_are_not_better_are_restored(tmp_path: Path) -> None:
     harness.assert_as_found()
 
 
-def test_a_craft_that_cannot_push_sideways_is_refused(tmp_path: Path) -> None:
-    for name in ("videoray", "blueboat"):
-        with pytest.raises(WrongVehicle, match="sideways"):
-            position(SitlHarness(tmp_path / name, name))
+@pytest.mark.parametrize(("name", "why"), [("videoray", "sideways"), ("charlie", "rudder.*LOIT_RADIUS")])
+def test_a_craft_that_cannot_stay_in_one_place_is_refused(name: str, why: str, tmp_path: Path) -> None:
+    with pytest.raises(WrongVehicle, match=why):
+        position(SitlHarness(tmp_path, name))
+
+
+def test_a_boat_holds_closer_against_a_current_with_a_smaller_radius(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "blueboat")
+    harness.vehicle.plant.water.V_x, harness.vehicle.plant.water.V_y = 0.2, 0.2
+    story = position(harness)
+    assert story.ending == "kept"
+    assert story.position_after.push < 0.6 * story.position_before.push
+    assert changed(harness) == {"LOIT_RADIUS"}
+    assert not harness.vehicle.autopilot.armed
+
+
+def test_a_boat_with_a_small_radius_is_left_as_it_is(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "blueboat", parameters={"LOIT_RADIUS": 0.3})
+    assert position(harness).ending == "unchanged"
+    harness.assert_as_found()
 
 
 def test_no_position_is_refused_before_anything_moves(tmp_path: Path) -> None:
