@@ -165,10 +165,13 @@ class Afloat(Protocol):
 class Ours:
     """A hull under the simulated autopilot."""
 
-    def __init__(self, name: str, parameters: Mapping[str, float], effects: Sequence[HiddenEffect]) -> None:
+    def __init__(
+        self, name: str, parameters: Mapping[str, float], effects: Sequence[HiddenEffect], seed: int = 0
+    ) -> None:
         data = load_vehicle(name)
         quiet = SensorData(**dict.fromkeys((f.name for f in fields(SensorData)), 0.0))
-        self._server = Server(Vehicle(replace(data, sensors=quiet), parameters=parameters, effects=effects))
+        vehicle = Vehicle(replace(data, sensors=quiet), parameters=parameters, effects=effects, seed=seed)
+        self._server = Server(vehicle)
         self._mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self._ear = mavlink.MAVLink(None)
         self.listener: Callable[[Any], None] = lambda message: None

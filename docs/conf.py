@@ -24,7 +24,7 @@ import gcs_autotune  # noqa: E402
 project = "gcs_autotune"
 author = copyright = "the gcs_autotune authors"
 version = release = gcs_autotune.__version__
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx_design", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build", "references.bib"]
 html_theme = "furo"
 html_title = f"gcs_autotune {release}"

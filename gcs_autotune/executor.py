@@ -1,4 +1,4 @@
-"""Run many tasks of one kind, in sequence or in several processes, with the same results in the same order.
+"""Run many tasks of one kind, in sequence, in several processes or on a cluster, with the same results.
 
 The function is passed once, the tasks one by one. Both must be picklable: a function of a module (or a
 ``functools.partial`` of one), and tasks that are plain frozen data. Limits of work and time, and stored results, are
@@ -10,6 +10,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import queue
 import signal
 import sys
 import traceback
@@ -25,7 +26,7 @@ from typing import Any, Protocol, TypeVar
 from gcs_autotune.clock import Budget, Deadline, OutOfTime, WallClock, current_effort, limited_to
 from gcs_autotune.kept_results import KeptResults, current_kept_results, keeping
 
-__all__ = ["Executor", "KeptProcess", "ProcessExecutor", "SerialExecutor", "executor_for"]
+__all__ = ["DaskExecutor", "Executor", "KeptProcess", "ProcessExecutor", "SerialExecutor", "executor_for"]
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -102,6 +103,202 @@ class ProcessExecutor:
                 yield outcome.result
                 if progress is not None:
                     progress(i + 1, len(tasks))
+
+
+_AHEAD = 2
+"""Tasks submitted to Dask per thread of its workers, so that no worker waits for the next one. Project choice."""
+_LOOK = 1.0
+"""Time [s] between two looks at the workers and the connection. Project choice."""
+
+
+class DaskExecutor:
+    """Runs tasks on a Dask cluster. The client was connected by the caller.
+
+    A task whose worker is killed is repeated. After its last but one try it runs alone, because until then another
+    task on that worker may have been the cause.
+
+    Parameters
+    ----------
+    client : a ``distributed.Client``.
+    in_order : whether results are yielded in the order of the tasks; otherwise each one as soon as it is known.
+    tries : how often a task whose worker is killed is begun.
+    lost : returns the result of a task after its last try; None: ``ChildProcessError`` is raised.
+    unsuited : called on the worker before a task; returns why this worker must not be used, or an empty text. Such a
+        worker receives no further tasks.
+    reports : called with a sentence about workers that are refused or missing.
+    """
+
+    def __init__(
+        self,
+        client: Any,
+        *,
+        in_order: bool = True,
+        tries: int = 3,
+        lost: Callable[[Any, int], Any] | None = None,
+        unsuited: Callable[[], str] | None = None,
+        reports: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self._client, self._in_order, self._tries = client, in_order, tries
+        self._lost, self._unsuited, self._reports = lost, unsuited, reports
+        self._refused: dict[str, str] = {}
+        self._threads: dict[str, int] = {}
+        self._looked, self._waits = -_LOOK, False
+
+    def map(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
+    ) -> Iterator[Result]:
+        """Yield ``function(task)`` for each task, as :meth:`Executor.map`.
+
+        Raises
+        ------
+        ConnectionError
+            The scheduler has gone away. RuntimeError: every worker is unsuited.
+        """
+        order = _Order(function, _Limits.present(), None)
+        done, early = 0, dict[int, _Outcome]()
+        for i, outcome in self._outcomes(order, tasks):
+            early[i] = outcome
+            while early and (not self._in_order or done in early):
+                outcome = early.pop(done if self._in_order else i)
+                _take_account(outcome)
+                done += 1
+                yield outcome.result
+                if progress is not None:
+                    progress(done, len(tasks))
+
+    def _outcomes(self, order: _Order, tasks: Sequence[Any]) -> Iterator[tuple[int, _Outcome]]:
+        """Yield (number of the task, outcome) as they become known."""
+        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        fresh, again, alone = deque(range(len(tasks))), deque[int](), deque[int]()
+        busy: dict[Any, int] = {}
+        killed: dict[int, int] = {}
+        try:
+            while fresh or again or alone or busy:
+                room = self._room()
+                while len(busy) < room and (again or fresh):
+                    i = (again or fresh).popleft()
+                    busy[self._submitted(order, tasks[i], ended)] = i
+                if room and alone and not busy:
+                    i = alone.popleft()
+                    busy[self._submitted(order, tasks[i], ended)] = i
+                if not room:
+                    self._await_workers()
+                    continue
+                future = self._next(ended)
+                if future not in busy:
+                    continue
+                i = busy.pop(future)
+                answer = self._answer_of(future)
+                if isinstance(answer, _Unsuited):
+                    self._refuse(answer)
+                    again.append(i)
+                elif not isinstance(answer, _Killed):
+                    yield i, answer
+                else:
+                    killed[i] = killed.get(i, 0) + answer.times
+                    if killed[i] < self._tries:
+                        (alone if killed[i] == self._tries - 1 else again).append(i)
+                    elif self._lost is None:
+                        raise ChildProcessError(f"task {i} was given up: {killed[i]} workers ended while it ran")
+                    else:
+                        yield i, _Outcome(self._lost(tasks[i], killed[i]))
+        finally:
+            with suppress(Exception):
+                self._client.cancel(list(busy))
+
+    def _submitted(self, order: _Order, task: Any, ended: queue.SimpleQueue[Any]) -> Any:
+        """Submit a task, to suited workers only if there are others. Its future is put into *ended*."""
+        only = [w for w in self._threads if w not in self._refused] if self._refused else None
+        future = self._client.submit(
+            _on_worker, order, self._unsuited, task, pure=False, workers=only, allow_other_workers=bool(only)
+        )
+        future.add_done_callback(ended.put)
+        return future
+
+    def _next(self, ended: queue.SimpleQueue[Any]) -> Any:
+        """Return the next future that has ended; None after a while.
+
+        Raises
+        ------
+        ConnectionError
+            The scheduler has gone away.
+        """
+        try:
+            return ended.get(timeout=_LOOK)
+        except queue.Empty:
+            self._verify_connected()
+            return None
+
+    def _verify_connected(self) -> None:
+        if self._client.status != "running":
+            raise ConnectionError(f"the scheduler {self._client._start_arg or ''} has gone away")
+
+    def _room(self) -> int:
+        """Return how many tasks may be submitted at a time."""
+        now = WallClock().now()
+        if now - self._looked >= _LOOK:
+            self._looked = now
+            self._verify_connected()
+            with suppress(OSError, TimeoutError, AttributeError):  # the last: the client was closed just now
+                self._threads = dict(self._client.nthreads())
+        suited = sum(n for worker, n in self._threads.items() if worker not in self._refused)
+        if self._threads and not suited:
+            raise RuntimeError(f"every worker is refused: {'; '.join(dict.fromkeys(self._refused.values()))}")
+        self._waits &= not suited
+        return _AHEAD * suited
+
+    def _await_workers(self) -> None:
+        """Wait until there is a worker, or for a while."""
+        self._verify_connected()
+        if not self._waits:
+            self._reports("no worker is connected to the scheduler. Waiting for one")
+        self._waits = True
+        with suppress(TimeoutError, OSError):
+            self._client.wait_for_workers(1, timeout=_LOOK)
+        self._looked = -_LOOK
+
+    def _refuse(self, answer: _Unsuited) -> None:
+        if answer.worker not in self._refused:
+            self._refused[answer.worker] = answer.why
+            self._reports(f"worker {answer.worker} is not used: {answer.why}")
+
+    def _answer_of(self, future: Any) -> _Outcome | _Unsuited | _Killed:
+        """Return what became of a task; an error of its function is raised."""
+        if future.status == "cancelled":
+            raise ConnectionError("the scheduler has gone away, or another client cancelled the tasks")
+        if future.status == "error":
+            error = future.exception()
+            if type(error).__name__ == "KilledWorker":
+                return _Killed(int(error.allowed_failures) + 1)
+            raise error
+        answer: _Outcome | _Unsuited | BaseException = future.result()
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+
+@dataclass(frozen=True, slots=True)
+class _Unsuited:
+    """Why a worker must not be used."""
+
+    worker: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Killed:
+    """How often the worker of a task was killed."""
+
+    times: int
+
+
+def _on_worker(order: _Order, unsuited: Callable[[], str] | None, task: Any) -> _Outcome | _Unsuited | BaseException:
+    """Run a task on a worker of Dask, unless the worker is unsuited."""
+    if unsuited is not None and (why := unsuited()):
+        from distributed import get_worker
+
+        return _Unsuited(get_worker().address, why)
+    return _outcome(order, task)
 
 
 _POLITE = 5

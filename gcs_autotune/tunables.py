@@ -10,10 +10,21 @@ from dataclasses import dataclass
 
 from gcs_autotune.axes import AXES
 
-__all__ = ["STEP_OPTIONS", "TUNABLES", "Tunable", "tunable"]
+__all__ = ["DESIGN_OPTIONS", "STEP_OPTIONS", "TUNABLES", "Tunable", "tunable"]
 
 STEP_OPTIONS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "omega_0")
 """Options of a tune whose proof is a step."""
+DESIGN_OPTIONS = (
+    "relays",
+    "stop_rule",
+    "throttle",
+    "speed",
+    "full_scale",
+    "function",
+    "beyond_ranges",
+    "settling_time",
+)
+"""Options of a tune that flies experiments and designs gains from them."""
 TWO_AXES = tuple(name for name in STEP_OPTIONS if not name.startswith("step"))
 """Options of a step that a tune of two motions at once has no use for."""
 
@@ -35,14 +46,14 @@ class Tunable:
     axis: str
     job: str = "gcs_autotune.workflow.tune:JOB"
     after: tuple[str, ...] | None = None
-    useless: tuple[str, ...] = ("leg_length",)
+    useless: tuple[str, ...] = ("leg_length", "untuned", "pull_test")
     example: str = ""
 
 
 TUNABLES: Mapping[str, Tunable] = {
     t.name: t
     for t in (
-        Tunable("speed", "speed", after=()),
+        Tunable("speed", "speed", after=(), useless=("leg_length", "untuned")),
         Tunable("heading", "heading", after=("speed",)),
         Tunable("depth", "depth", after=()),
         Tunable(
@@ -50,13 +61,28 @@ TUNABLES: Mapping[str, Tunable] = {
             "heading",
             "gcs_autotune.workflow.line:JOB",
             after=("speed", "heading"),
-            useless=(*STEP_OPTIONS, "resume"),
+            useless=(*STEP_OPTIONS, *DESIGN_OPTIONS, "resume", "pull_test"),
+        ),
+        Tunable(
+            "actuators",
+            "speed",
+            "gcs_autotune.workflow.actuators:JOB",
+            useless=(
+                "relay_output",
+                "relay_hysteresis",
+                "model",
+                "gains",
+                "omega_0",
+                "resume",
+                "leg_length",
+                "untuned",
+            ),
         ),
         Tunable(
             "position",
             "depth",
             "gcs_autotune.workflow.position:JOB",
-            useless=(*TWO_AXES, "leg_length", "resume", "settling_time"),
+            useless=(*TWO_AXES, "leg_length", "resume", "settling_time", "untuned", "pull_test"),
             example="sitl:bluerov2-sway",
         ),
     )

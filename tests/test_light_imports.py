@@ -65,12 +65,21 @@ def test_a_parameter_file_is_read_without_mavlink_too(tmp_path: Path) -> None:
     assert imported(reading, str(tmp_path / "boat.param")).isdisjoint(WIRE)
 
 
-@pytest.mark.parametrize("command", ["", "tune", "params", "logs", "restore", "experiment", "fly", "recheck", "serve"])
+@pytest.mark.parametrize(
+    "command", ["", "tune", "params", "logs", "restore", "experiment", "fly", "recheck", "serve", "study"]
+)
 def test_help_imports_no_numerics(command: str) -> None:
     asking = (
         "from gcs_autotune.cli import main\ntry:\n    main([*sys.argv[1:], '--help'])\nexcept SystemExit:\n    pass"
     )
     assert imported(asking, *command.split()).isdisjoint(NUMERICS)
+
+
+def test_nothing_imports_dask_before_a_study_runs() -> None:
+    asking = (
+        "import gcs_autotune.study\nfrom gcs_autotune.cli import main\nassert main(['study', 'run', 'no.toml']) == 6"
+    )
+    assert imported(asking).isdisjoint(("dask", "distributed", "pyarrow", "pandas"))
 
 
 @pytest.mark.parametrize("wrong", [("--known", "m=abc"), ("--known", "m"), ("--option", "bounds")])

@@ -37,6 +37,7 @@ ROOMS = (
     "gcs_autotune/report",
     "gcs_autotune/research",
     "gcs_autotune/seatrials",
+    "gcs_autotune/study",
     "gcs_autotune/thrusters",
     "gcs_autotune/web",
     "gcs_autotune/workflow",

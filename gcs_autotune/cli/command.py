@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from gcs_autotune.manoeuvres import Envelope
     from gcs_autotune.mavlink import SigningKey
     from gcs_autotune.report import StageBar, TerminalObserver
+    from gcs_autotune.thrusters import PullTest
     from gcs_autotune.workflow import Connection
 
 __all__ = [
@@ -33,6 +35,7 @@ __all__ = [
     "add_loudness",
     "add_number",
     "add_output",
+    "add_pull_test",
     "add_remote",
     "check_axis_limits",
     "check_files",
@@ -42,9 +45,11 @@ __all__ = [
     "connection_of",
     "envelope_from",
     "progress_bar",
+    "pull_test_of",
     "run_directory",
     "uri_of",
     "watching",
+    "what_remains",
 ]
 
 
@@ -327,6 +332,26 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_pull_test(parser: argparse.ArgumentParser) -> None:
+    """Add the option of the pull test that supplies the thrust curve."""
+    parser.add_argument(
+        "--pull-test",
+        type=Path,
+        metavar="FILE",
+        help="thrust curve from a pull test of one thruster: a CSV file with the columns command[1] or pwm[us], and "
+        "force[N] or T[kgf] (see `thrusters`)",
+    )
+
+
+def pull_test_of(args: argparse.Namespace) -> PullTest | None:
+    """Return the pull test of ``--pull-test``; None without the option."""
+    if args.pull_test is None:
+        return None
+    from gcs_autotune.thrusters import read_pull_test
+
+    return read_pull_test(args.pull_test)
+
+
 @contextmanager
 def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
     """Open *uri* first, before the slow imports, and yield the connection.
@@ -398,8 +423,27 @@ def _connection(args: argparse.Namespace, uri: str, signing: SigningKey | None) 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str = "") -> Path:
     """Return ``--out``, or a new folder below ``runs/`` named after the time, the vehicle and *what* was done (its
-    axis)."""
-    if args.out is not None:
-        return Path(args.out)
+    axis). It is kept in *args*, for :func:`what_remains`.
+    """
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")
-    return fresh(Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{what or args.axis}")
+    name = f"{now:%Y%m%d-%H%M%S}-{label}-{what or args.axis}"
+    directory = Path(args.out) if args.out is not None else fresh(Path("runs") / name)
+    args.directory, args.uri = directory, uri
+    return directory
+
+
+def what_remains(args: argparse.Namespace) -> Iterator[str]:
+    """Yield what a run that ended early has left on disk, and the command that continues a plan.
+
+    A tune states itself which of its records it can use again.
+    """
+    from gcs_autotune.workflow import PLAN_FILE
+
+    directory: Path | None = getattr(args, "directory", None)
+    if directory is None or not any(directory.glob("trials/*.csv")):
+        return
+    page = directory / "report.html"
+    yield f"Report: {page}" if page.exists() else f"Recorded in {directory}"
+    if (directory / PLAN_FILE).exists():
+        words = ["gcs-autotune", "fly", "--connect", args.uri, "--resume", str(directory)]
+        yield f"To continue: {shlex.join(words)}"

@@ -16,16 +16,20 @@ from gcs_autotune.cli.command import (
     add_fetch_log,
     add_loudness,
     add_output,
+    add_pull_test,
     add_remote,
     check_axis_limits,
+    check_files,
     check_output,
     connected,
     envelope_from,
+    pull_test_of,
     run_directory,
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import put_out
+from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection
@@ -45,12 +49,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_remote(parser)
     parser.add_argument("--json", action="store_true", help="print the fit as JSON on standard output")
     add_experiment(parser)
+    add_pull_test(parser)
     add_envelope(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
     check_axis_limits(args, ("relay-hysteresis",))
     check_output(args)
+    check_files(args.pull_test)
+    if args.pull_test is not None and not axis_kind(args.axis).excitation.by_throttle:
+        raise UsageError(f"--pull-test is for `experiment surge`, not for {args.axis}. Remove it")
     with connected(args, uri_of(args, DEFAULT_CONNECTION)) as connection:
         return _experiment(args, connection)
 
@@ -78,6 +86,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         patience=args.patience,
         fetch_log=args.fetch_log,
         envelope=envelope_from(args),
+        pull_test=pull_test_of(args),
     )
     with attending(args) as (operator, observer):
         fit = experiment(settings, operator, observer, now.isoformat(timespec="seconds"))

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number, check_files
-from gcs_autotune.cli.writing import put_out
+from gcs_autotune.cli.writing import put_out, write_page
 
 __all__ = ["COMMAND"]
 
@@ -26,6 +26,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "length", "L")
     add_number(parser, "speed", "V", limit="trial-speed")
     add_number(parser, "scale", "S")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the figures and diagrams as a page")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
 
 
@@ -38,7 +39,9 @@ def _run(args: argparse.Namespace) -> int:
     ship = Particulars(_known(args.length), _known(args.speed), args.scale)
     trials = [trial for path in args.runs for trial in load_runs(path)]
     sheets = [sheet for trial in trials for sheet in ship_figures(trial, ship, args.manoeuvre)]
-    put_out(sheets_document(sheets), as_json=args.json)
+    document = sheets_document(sheets)
+    lines = [] if args.page is None else [write_page(document, args.page)]
+    put_out(document, *lines, as_json=args.json)
     return 0
 
 

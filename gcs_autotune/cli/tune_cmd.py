@@ -19,6 +19,7 @@ from gcs_autotune.cli.command import (
     add_loudness,
     add_number,
     add_output,
+    add_pull_test,
     add_remote,
     check_axis_limits,
     check_files,
@@ -26,6 +27,7 @@ from gcs_autotune.cli.command import (
     check_output,
     connected,
     envelope_from,
+    pull_test_of,
     run_directory,
 )
 from gcs_autotune.cli.remote import attending
@@ -46,11 +48,7 @@ RESTORED = 8
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=sorted({*AXES, *TUNABLES}), help="the loop to tune")
-    add_connection(
-        parser,
-        otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth, sitl:bluerov2-sway for "
-        "position",
-    )
+    add_connection(parser, otherwise="sitl:charlie, sitl:videoray for depth, sitl:bluerov2-sway for position")
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
@@ -69,7 +67,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(step, "step")
     add_number(step, "step-duration", "S")
     add_number(step, "leg-length", "M")
+    step.add_argument(
+        "--untuned",
+        action="store_true",
+        help="tune line: fly although speed or heading have ArduRover's own gains. Better: tune them first",
+    )
     add_experiment(parser)
+    add_pull_test(parser)
     design = parser.add_argument_group("design")
     design.add_argument(
         "--model",
@@ -97,7 +101,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    args.what, args.axis = args.axis, tunable(args.axis).axis
     _check(args)
     args.connect = args.connect or args.configured_link or None
     example = tunable(args.what).example or AXES[args.axis].example
@@ -107,13 +110,15 @@ def _run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
+    if not hasattr(args, "what"):
+        args.what, args.axis = args.axis, tunable(args.axis).axis
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    what = getattr(args, "what", args.axis)
-    useless = [name for name in tunable(what).useless if getattr(args, name) is not None]
+    own = _own_parser()
+    useless = [name for name in tunable(args.what).useless if getattr(args, name) != own.get_default(name)]
     if useless:
-        names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
-        raise UsageError(f"{names} has no use for `tune {what}`. Remove it")
+        names = " and ".join(f"--{name.replace('_', '-')}" for name in useless)
+        raise UsageError(f"`tune {args.what}` does not use {names}. Remove what it does not use")
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
@@ -121,7 +126,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains tests existing gains and --model designs new gains. Use one of the two")
     check_model_file(args.model)
-    check_files(args.gains, args.resume)
+    check_files(args.gains, args.resume, args.pull_test)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
@@ -166,6 +171,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         relay_output=args.relay_output,
         relay_hysteresis=inside(args.relay_hysteresis),
         leg_length=args.leg_length,
+        untuned=args.untuned,
         throttle=args.throttle,
         speed=args.speed,
         model=args.function,
@@ -186,19 +192,36 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         beyond_ranges=args.beyond_ranges,
         gains=_gains(args),
         proving=_proving(args),
+        pull_test=pull_test_of(args),
     )
 
 
-DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
-    *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
+DROPPED = {"axis", "what", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
+    *(
+        "settling_time",
+        "configured_link",
+        "omega_0",
+        "relay_hysteresis",
+        "relays",
+        "delay",
+        "structure",
+        "gains",
+        "pull_test",
+    )
 }
 """Names of the options that have no effect when supplied gains are proved."""
 
 
-def _proving(args: argparse.Namespace) -> str:
-    """Return the command that proves the gains of a file under the present options."""
+def _own_parser() -> argparse.ArgumentParser:
+    """Return a parser with the defaults of this program, without those of a settings file."""
     parser = argparse.ArgumentParser(add_help=False)
     _add_arguments(parser)
+    return parser
+
+
+def _proving(args: argparse.Namespace) -> str:
+    """Return the command that proves the gains of a file under the present options."""
+    parser = _own_parser()
     words = ["gcs-autotune", "tune", args.axis]
     for name, value in vars(args).items():
         if name not in DROPPED and value != parser.get_default(name) and value not in (None, False):

@@ -21,13 +21,21 @@ from gcs_autotune.design.authority import (
     Missing,
     authority_of,
 )
-from gcs_autotune.design.autopilot_limits import ParameterLimit, limits_for
+from gcs_autotune.design.autopilot_limits import ParameterLimit, limits_for, rudder_trim
 from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
-from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, line_changes
+from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, too_short
 from gcs_autotune.design.margins import crossings
+from gcs_autotune.design.motor_law import (
+    Linearity,
+    MotorLaw,
+    fit_motor_law,
+    is_more_linear,
+    linearity,
+    motor_changes,
+)
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
 from gcs_autotune.design.plant import in_fractions
@@ -48,7 +56,7 @@ from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Pro
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.track_metrics import TrackMetrics, follows_better, track_metrics
-from gcs_autotune.design.verdict import Verdict, is_better, is_followed, scatter_of
+from gcs_autotune.design.verdict import Verdict, is_better, is_followed, is_no_worse, scatter_of
 
 __all__ = [
     "LAWS",
@@ -72,10 +80,13 @@ __all__ = [
     "HullTurn",
     "Hunting",
     "Law",
+    "Linearity",
     "LoopAnalysis",
     "LoopResponse",
     "Margins",
     "Missing",
+    "MotorLaw",
+    "OnLeg",
     "OpenLoop",
     "ParameterLimit",
     "PositionDesign",
@@ -96,27 +107,35 @@ __all__ = [
     "authority_of",
     "combine",
     "crossings",
+    "current_on",
     "design",
     "design_from",
     "design_position",
+    "fit_motor_law",
     "follows_better",
     "holding",
     "holds_better",
     "in_fractions",
     "is_better",
     "is_followed",
+    "is_more_linear",
+    "is_no_worse",
     "limits_for",
     "line_changes",
+    "linearity",
     "loiter_change",
+    "motor_changes",
     "over_windows",
     "position_metrics",
     "provisional",
     "pulse_of",
     "reduce",
+    "rudder_trim",
     "scatter_of",
     "shortfall_of",
     "step_metrics",
     "throttle_of",
+    "too_short",
     "track_metrics",
     "turn_rate_step",
 ]

@@ -13,15 +13,12 @@ from dataclasses import dataclass
 from gcs_autotune.design.authority import ASTERN, CURVE, DEAD_ZONE, RESERVE, SIDES, Authority, FlownModel
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.laws.rover_steering import GRAVITY
+from gcs_autotune.design.motor_law import MOST_ASYMMETRY, MOST_FLOOR, law_of_effects
 
-__all__ = ["ParameterLimit", "limits_for"]
+__all__ = ["ParameterLimit", "limits_for", "rudder_trim"]
 
 LEAST_LATERAL = 0.1
 """Smallest lateral acceleration that the firmware uses for ATC_TURN_MAX_G [g] (AR_AttitudeControl)."""
-MOST_DEAD = 20.0
-"""Largest documented MOT_THR_MIN [percent]."""
-MOST_ASYMMETRY = 10.0
-"""Largest documented MOT_THST_ASYM."""
 SIGNIFICANT = 2.0
 """Standard errors by which an actuator's number must differ from that of an ideal one."""
 LEAST_CURVE, LEAST_BAND, LEAST_RATIO, LEAST_TRIM = 0.05, 0.01, 0.05, 0.005
@@ -122,14 +119,16 @@ def _motors(authority: Authority) -> Iterator[Row]:
     if surge is None:
         return
     dead, _ = _number(surge, DEAD_ZONE, "width", 0.0, LEAST_BAND)
-    if not math.isnan(dead):
-        percent = 100.0 * dead / _full(surge, DEAD_ZONE)
-        limit = f", limited to {MOST_DEAD:g}" if percent > MOST_DEAD else ""
-        yield "MOT_THR_MIN", round(min(percent, MOST_DEAD), 1), "%", f"half-width of the thrusters' dead zone{limit}"
     curve, std = _number(surge, CURVE, "share", 0.0, LEAST_CURVE)
+    width = 0.0 if math.isnan(dead) else dead / _full(surge, DEAD_ZONE)
+    law = law_of_effects(width, 0.0 if math.isnan(curve) else curve)
+    if width > 0.0:
+        limit = f", limited to {100.0 * MOST_FLOOR:g}" if law.floor > MOST_FLOOR else ""
+        rule = f"thrust of a linear thruster at the edge of the dead zone{limit}"
+        yield "MOT_THR_MIN", round(100.0 * law.stored.floor), "%", rule
     if not math.isnan(curve):
         rule = f"quadratic part of the thrust curve, {curve:.2f} ± {std:.2f}"
-        yield "MOT_THST_EXPO", round(min(max(curve, -1.0), 1.0), 2), "", rule
+        yield "MOT_THST_EXPO", law.stored.expo, "", rule
     ratio, std = _number(surge, ASTERN, "ratio", 1.0, LEAST_RATIO)
     if craft.skid and ratio < 1.0:
         rule = f"thrust ahead over thrust astern, which is {ratio:.2f} ± {std:.2f} of it"
@@ -154,17 +153,29 @@ def _full(model: FlownModel, slug: str) -> float:
 def _trim(authority: Authority) -> Iterator[Row]:
     """Yield SERVOn_TRIM of a rudder that must be held over to go straight."""
     craft = authority.models
-    servo = next((n for n in range(1, 17) if craft.settings.get(f"SERVO{n}_FUNCTION") == RUDDER), None)
-    if servo is None or not craft.yaw or craft.coupled:
+    if not craft.yaw or craft.coupled:
         return
     model = craft.yaw[-1]
     held = model.straight
     std = abs(held / model.model.base["N_0"]) * model.std("N_0") if held else 0.0
-    names = [f"SERVO{servo}_{end}" for end in ("MIN", "TRIM", "MAX")]
-    if abs(held) < max(SIGNIFICANT * std, LEAST_TRIM) or not all(name in craft.settings for name in names):
+    found = rudder_trim(craft.settings, held)
+    if found is None or abs(held) < max(SIGNIFICANT * std, LEAST_TRIM):
         return
-    low, trim, high = (craft.settings[name] for name in names)
-    turned = -held if craft.settings.get(f"SERVO{servo}_REVERSED", 0.0) > 0.0 else held
-    pulse = trim + turned * (high - trim if turned > 0.0 else trim - low)
-    rule = f"the rudder holds {100.0 * held:+.1f} % to go straight. Wind has the same effect: fly both courses first"
-    yield names[1], round(pulse), "us", rule
+    rule = (
+        f"the rudder holds {100.0 * held:+.1f} % to go straight. Wind has the same effect: `tune actuators` checks it"
+    )
+    yield found[0], found[1], "us", rule
+
+
+def rudder_trim(settings: Mapping[str, float], held: float) -> tuple[str, int] | None:
+    """Return SERVOn_TRIM of the rudder and the pulse [us] of its output *held* [fraction].
+
+    None if the vehicle has no rudder, or its output's limits are unknown.
+    """
+    servo = next((n for n in range(1, 17) if settings.get(f"SERVO{n}_FUNCTION") == RUDDER), None)
+    names = [f"SERVO{servo}_{end}" for end in ("MIN", "TRIM", "MAX")]
+    if servo is None or not all(name in settings for name in names):
+        return None
+    low, trim, high = (settings[name] for name in names)
+    turned = -held if settings.get(f"SERVO{servo}_REVERSED", 0.0) > 0.0 else held
+    return names[1], round(trim + turned * (high - trim if turned > 0.0 else trim - low))

@@ -8,13 +8,17 @@ needs ``theta / r + LAGS T``. The corner is rounded only if the target passes th
 
 from __future__ import annotations
 
+import cmath
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from gcs_autotune.design.laws.rover_speed import CRUISE, throttle_of
 from gcs_autotune.design.result import Change
 
-__all__ = ["LINE_PARAMETERS", "HullTurn", "line_changes"]
+__all__ = ["LINE_PARAMETERS", "HullTurn", "OnLeg", "current_on", "line_changes", "too_short"]
 
 CORNER = math.radians(90.0)
 """The corner that a boat rounds without leaving the route by more than it must. Project choice: the most common one."""
@@ -28,6 +32,12 @@ VELOCITY_GAIN = 1.5
 """PSC_VEL_P [1/s]. Found by a search on four simulated hulls; from 1.4 to 3 the distance from the route is flat."""
 LAG_PRODUCT, POSITION_GAIN = 0.4, (0.1, 0.5)
 """PSC_POS_P times the lag, and its limits [1/s]. ``T s^2 + s + P`` has a damping of 0.8 where P T is 0.4."""
+ATTAINABLE, NEARLY_FULL = 0.9, 0.9
+"""WP_SPEED relative to the speed on the slowest leg, if that leg was driven with nearly full throttle [fraction of
+full] and was slower than WP_SPEED by as much: some thrust is left for steering. Project choice."""
+FEED_FORWARD = 0.1
+"""Error of the throttle by the cruise pair [fraction of full] above which the pair is set anew. Project choice."""
+GRAVITY = 9.80665
 DIGITS = 2
 
 LINE_PARAMETERS: Mapping[str, tuple[float, float, str]] = {
@@ -36,8 +46,45 @@ LINE_PARAMETERS: Mapping[str, tuple[float, float, str]] = {
     "WP_PIVOT_ANGLE": (0.0, 360.0, "heading error above which the boat pivots"),
     "PSC_POS_P": (0.1, 2.0, "speed per distance from the moving target"),
     "PSC_VEL_P": (0.1, 6.0, "acceleration per speed error"),
+    "WP_SPEED": (0.0, 100.0, "speed of a mission"),
+    "CRUISE_SPEED": (0.0, 100.0, "cruise speed, reached at CRUISE_THROTTLE"),
+    "CRUISE_THROTTLE": (0.0, 100.0, "cruise throttle, which gives CRUISE_SPEED"),
+    "ATC_STR_RAT_MAX": (0.0, 1000.0, "limit of the turn rate"),
+    "ATC_STR_ACC_MAX": (0.0, 1000.0, "limit of the turn acceleration"),
+    "ATC_TURN_MAX_G": (0.1, 10.0, "limit of the lateral acceleration"),
 }
 """Parameter -> documented range and meaning. That of PSC_POS_P begins at 0.5, above ArduPilot's own default of 0.2."""
+
+
+@dataclass(frozen=True, slots=True)
+class OnLeg:
+    """How the boat drove the third quarter of one leg, as means.
+
+    ``psi``: heading [rad]. ``velocity``: over ground [m/s, north + i east]. ``output``: ahead, as measured [fraction of
+    full].
+    """
+
+    psi: float
+    velocity: complex
+    output: float
+
+    @property
+    def speed(self) -> float:
+        """Speed over ground [m/s]."""
+        return abs(self.velocity)
+
+
+def current_on(legs: Sequence[OnLeg]) -> complex:
+    """Return the current [m/s, north + i east] that explains by how much the boat was set sideways on the *legs*.
+
+    It is the least-squares solution of ``n . velocity = n . current``, n the direction to starboard, for a boat that
+    does not move sideways through the water. Legs of one direction only give the part of the current across them.
+    """
+    across = [1j * cmath.exp(1j * leg.psi) for leg in legs]
+    A = np.array([(n.real, n.imag) for n in across])
+    b = np.array([(n.conjugate() * leg.velocity).real for n, leg in zip(across, legs, strict=True)])
+    north, east = np.linalg.lstsq(A, b, rcond=None)[0]
+    return complex(north, east)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +93,7 @@ class HullTurn:
 
     ``rate``: greatest turn rate [rad/s]. ``lag``: its time constant with the delay [s].
     ``pivots``: whether the autopilot turns it on the spot at sharp corners. ``pivots_wide``: whether it moves away
-    meanwhile, by half the radius of a turn under way or more.
+    meanwhile, by half the radius of a turn under way or more. ``legs``: how it drove straight legs; none if unknown.
     """
 
     speed: float
@@ -54,6 +101,17 @@ class HullTurn:
     lag: float
     pivots: bool = False
     pivots_wide: bool = False
+    legs: Sequence[OnLeg] = ()
+
+    @property
+    def rounds(self) -> bool:
+        """Whether it shall round corners under way."""
+        return not self.pivots or self.pivots_wide
+
+    @property
+    def corner(self) -> float:
+        """Duration of a corner of 90 degrees [s]."""
+        return CORNER / (SHARE * self.rate) + LAGS * self.lag
 
     @property
     def radius(self) -> float:
@@ -70,12 +128,79 @@ def line_changes(hull: HullTurn, present: Mapping[str, float]) -> list[Change]:
     ]
 
 
+def too_short(hull: HullTurn, leg: float) -> str:
+    """Return why corners of 90 degrees do not fit on legs of length *leg* [m]; empty if they do.
+
+    A corner begins ``V t/2`` before the waypoint and ends as far behind it, t its duration.
+    """
+    needs = hull.speed * hull.corner
+    if needs <= leg or not hull.rounds:
+        return ""
+    return (
+        f"the corner is tighter than the boat turns: 90 deg take {hull.corner:.0f} s and {0.5 * needs:.0f} m of each "
+        f"leg (smallest radius {hull.radius:.0f} m), and the legs are {leg:.0f} m. Use --leg-length "
+        f"{math.ceil(needs)} or more, or a lower WP_SPEED"
+    )
+
+
 def _chosen(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple[str, float, str]]:
     """Yield (parameter, value, reason)."""
-    if not hull.pivots or hull.pivots_wide:
+    speed = _attainable(hull)
+    if speed < hull.speed:
+        slowest = min(leg.speed for leg in hull.legs)
+        yield (
+            "WP_SPEED",
+            speed,
+            f"with nearly full throttle the boat drove its slowest leg at {slowest:.2f} m/s; the rest is for steering",
+        )
+        hull = replace(hull, speed=speed)
+    yield from _cruise(hull, present)
+    yield from _turn_limits(hull, present)
+    if hull.rounds:
         yield from _for_corners(hull)
     yield "PSC_VEL_P", VELOCITY_GAIN, "a gain that suits slow and quick hulls"
     yield "PSC_POS_P", _position_gain(hull), f"{LAG_PRODUCT:g} over the lag of {hull.lag:.1f} s"
+
+
+def _attainable(hull: HullTurn) -> float:
+    """Return the working speed, or a lower one if the boat did not reach it on one of the legs."""
+    if not hull.legs:
+        return hull.speed
+    slowest = min(hull.legs, key=lambda leg: leg.speed)
+    if slowest.output < NEARLY_FULL or slowest.speed > ATTAINABLE * hull.speed:
+        return hull.speed
+    return _rounded(ATTAINABLE * slowest.speed)
+
+
+def _cruise(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple[str, float, str]]:
+    """Set the cruise pair anew if its throttle is wrong at the speed of the legs."""
+    if not hull.legs or not all(present.get(name, 0.0) > 0.0 for name in (*CRUISE, "WP_SPEED")):
+        return
+    made = float(np.mean([leg.speed for leg in hull.legs]))
+    throttle = throttle_of(float(np.mean([leg.output for leg in hull.legs])), present)
+    speed, percent = (present[name] for name in CRUISE)
+    by_pair = percent / 100.0 * made / speed
+    if not 0.0 < throttle < NEARLY_FULL or abs(by_pair - throttle) < FEED_FORWARD:
+        return
+    why = f"the boat drove {made:.2f} m/s with {throttle:.0%} of throttle, where the pair gives {by_pair:.0%}"
+    yield "CRUISE_SPEED", _rounded(made), why
+    yield "CRUISE_THROTTLE", float(round(100.0 * throttle)), why
+
+
+def _turn_limits(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple[str, float, str]]:
+    """Raise the limits that are below what the hull can do; a limit of 0 is off.
+
+    Higher ones stay: a limit at what the hull can turn also limits corrections on a leg.
+    """
+    rate, lateral = math.degrees(hull.rate), hull.speed * hull.rate / GRAVITY
+    does = {
+        "ATC_STR_RAT_MAX": (rate, f"the hull turns with {rate:.0f} deg/s"),
+        "ATC_STR_ACC_MAX": (rate / hull.lag, f"the hull reaches {rate:.0f} deg/s with a lag of {hull.lag:.1f} s"),
+        "ATC_TURN_MAX_G": (lateral, f"{hull.speed:.1f} m/s at {rate:.0f} deg/s are {lateral:.2f} g"),
+    }
+    for name, (needed, why) in does.items():
+        if 0.0 < present.get(name, 0.0) < needed:
+            yield name, _rounded(needed), f"{why}, more than the present limit"
 
 
 def _position_gain(hull: HullTurn) -> float:
@@ -84,7 +209,7 @@ def _position_gain(hull: HullTurn) -> float:
 
 
 def _for_corners(hull: HullTurn) -> Iterator[tuple[str, float, str]]:
-    needs = CORNER / (SHARE * hull.rate) + LAGS * hull.lag
+    needs = hull.corner
     braking = _rounded(hull.speed / needs)
     yield (
         "WP_ACCEL",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.design.result import StepMetrics
 
-__all__ = ["Verdict", "is_better", "is_followed", "scatter_of"]
+__all__ = ["Verdict", "is_better", "is_followed", "is_no_worse", "scatter_of"]
 
 ITAE_RATIO = 0.95
 """Largest ratio of the new to the old ITAE. Project choice: the new ITAE must be at least 5 % lower."""
@@ -38,6 +38,10 @@ NO_WORSE, CLEARLY = 1.05, 0.8
 """Limits of an exception for two modes with the same gains.
 
 Project choice. With an ITAE at most 5 % higher, gains are still better if the other mode's ITAE is 20 % lower.
+"""
+NOT_WORSE, ALIKE = 1.1, 0.03
+"""Limits of a change that has another aim: the ratio of the new to the old ITAE, and the difference of overshoot,
+oscillation or steady error [fraction of the step]. Project choice: speed steps with the same gains differ as much.
 """
 TIMES = 3.0
 """Largest difference of two measurements with the same gains, in standard deviations of one half.
@@ -98,6 +102,25 @@ def is_better(
         _limit("steady error", after.steady_error, STEADY_ERROR, before.steady_error, off),
         _travel(before, after),
         _settles(before, after),
+    ]
+    return Verdict(all(good for good, _ in lines), tuple(text for _, text in lines))
+
+
+def is_no_worse(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, float]) -> Verdict:
+    """Return whether a step is followed no worse after a change that has another aim; arguments as for
+    :func:`is_better`.
+    """
+    old, new = before.itae, after.itae
+    good = math.isfinite(new) and not new > NOT_WORSE * old
+    names = ("oscillation", "overshoot", "steady_error")
+    swing, over, off = (max(TIMES * scatter.get(name, 0.0), ALIKE) for name in names)
+    tail = "" if good else f", more than {NOT_WORSE - 1.0:.0%} higher"
+    lines = [
+        (good, f"tracking error (ITAE) {old:.3g} -> {new:.3g} s^2{tail}"),
+        _limit("overshoot", after.overshoot, OVERSHOOT, before.overshoot, over),
+        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
+        _limit("steady error", after.steady_error, STEADY_ERROR, before.steady_error, off),
+        _travel(before, after),
     ]
     return Verdict(all(good for good, _ in lines), tuple(text for _, text in lines))
 

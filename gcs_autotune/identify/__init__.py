@@ -28,7 +28,7 @@ from __future__ import annotations
 from gcs_autotune.identify.api import fit, fit_axis, form_of, scaled_form
 from gcs_autotune.identify.axis.form import Structure, structure_of
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.doubt import Doubt, Grade
 from gcs_autotune.identify.doubts import reversed_input
 from gcs_autotune.identify.free_run import Validation, validate
 from gcs_autotune.identify.method import Method
@@ -63,6 +63,7 @@ __all__ = [
     "Decision",
     "Doubt",
     "Fit",
+    "Grade",
     "IsoEstimate",
     "LimitCycle",
     "Method",

@@ -545,7 +545,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "one-sided-input",
         Findings,
         _one_sided,
-        "the input never changes sign, so constant force and drag are poorly separated",
+        "constant force and drag are poorly separated, because the input never changes sign",
         "{manoeuvre}",
         of_the_runs=True,
     ),
@@ -600,7 +600,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "negative-drag",
         Findings,
         _negative_drag,
-        "{names} is destabilising, so the model diverges without input",
+        "the model diverges without input, because {names} is destabilising",
         "check that input and output belong together and are synchronous. Check for current or a course-unstable hull",
     ),
     DoubtRow("poor-fit", Findings, _poor_axis, POOR_CAUSE, POOR_CURE),
@@ -623,7 +623,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "not-excited",
         Solution,
         _not_excited,
-        "nothing in these runs depends on {names}, so the values are meaningless",
+        "the values of {names} are meaningless, because nothing in these runs depends on them",
         "fly a manoeuvre that moves these degrees of freedom, measure the parameters, or omit them from the form",
     ),
     DoubtRow(
@@ -638,8 +638,8 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "residuals-not-white",
         Solution,
         _coloured,
-        "the residuals are correlated ({colour:.2f}), so a term is missing from the model. The standard errors were "
-        "increased",
+        "the error bars were widened, because the residuals are correlated ({colour:.2f}): a term is missing from the "
+        "model",
         "inspect the residuals. Check for wind, waves, current, a slow actuator, another axis or a missing term",
     ),
     DoubtRow(
@@ -675,8 +675,8 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "second-drag-undecided",
         Choice,
         _second_drag,
-        "the runs neither prove nor exclude {other} damping in addition to {own} damping. It would change {own} "
-        "damping by {change:+.0f} %, so the standard errors were increased",
+        "the error bars of damping were widened, because the runs neither prove nor exclude {other} damping in "
+        "addition to {own} damping. It would change {own} damping by {change:+.0f} %",
         "{more}. A wider range of speeds separates the two",
     ),
     DoubtRow(
@@ -698,7 +698,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "inertia-unresolved",
         Choice,
         _inertia_unresolved,
-        "the craft responds faster than it is sampled. The runs determine only the ratio of input to steady velocity",
+        "only the ratio of input to steady velocity is known, because the craft responds faster than it is sampled",
         "request a higher message rate",
     ),
     DoubtRow(

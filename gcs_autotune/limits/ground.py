@@ -48,6 +48,16 @@ LINKED = (
         mistakes=(MS,),
     ),
     Limit(
+        "silence",
+        "time without contact to this program after which a script on the autopilot ends",
+        "s",
+        0.0,
+        600.0,
+        "0: it flies on, whatever happens to the link; below 3 s, a few lost heartbeats end it",
+        10.0,
+        mistakes=(MS,),
+    ),
+    Limit(
         "listen",
         "listening time per port",
         "s",
@@ -129,6 +139,7 @@ DESK = (
         mistakes=(MS,),
     ),
     Limit("jobs", "processes to use; 0: all cores", "", 0, 1024, "0 uses all cores", 1, whole=True),
+    Limit("workers", "processes of a study; 0: one per core", "", 0, 1024, "0 uses all cores", 0, whole=True),
     Limit(
         "length",
         "ship length, for figures in ship lengths and for IMO limits",

@@ -12,6 +12,8 @@ an ROV away from the surface. The table :data:`MANOEUVRES` contains all of them.
 
 from __future__ import annotations
 
+from gcs_autotune.manoeuvres.aboard import ABOARD_ENDINGS, MOST_CORNERS, AboardEnding, AboardScript, headroom
+from gcs_autotune.manoeuvres.aboard import PLAN as ABOARD_PLAN
 from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
@@ -35,12 +37,15 @@ from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
 from gcs_autotune.manoeuvres.step_position import PushPosition, StepPosition
 from gcs_autotune.manoeuvres.table import MANOEUVRES
-from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
+from gcs_autotune.manoeuvres.throttle_steps import BOTH_WAYS, LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
 from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 from gcs_autotune.manoeuvres.zig_zag import ZigZag, ZigZagSettings
 
 __all__ = [
+    "ABOARD_ENDINGS",
+    "ABOARD_PLAN",
+    "BOTH_WAYS",
     "DEEP",
     "DISARMED_ITSELF",
     "DOF_OF",
@@ -50,9 +55,12 @@ __all__ = [
     "LEAST_REVERSALS",
     "LEVELS",
     "MANOEUVRES",
+    "MOST_CORNERS",
     "NEARLY",
     "SPEED_TIME",
     "TO_COME_ABOUT",
+    "AboardEnding",
+    "AboardScript",
     "Area",
     "CalmCheck",
     "ComeBack",
@@ -103,6 +111,7 @@ __all__ = [
     "common_windows",
     "far_out",
     "fly_on",
+    "headroom",
     "how_far",
     "limited_orders",
     "preview",

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import Any, ClassVar
 
 from gcs_autotune.craft import Actuate, Observation
@@ -18,6 +19,12 @@ CORNERS = (math.radians(90.0), math.radians(150.0), math.radians(180.0))
 """Turns of the course between its legs [rad]: the required corners and the U-turn."""
 RUN_IN = 0.7
 """Length of the run-in to the first leg, as a fraction of a leg. Project choice: the boat is on the line at its end."""
+FULL = 0.8
+"""Mean output ahead [fraction of full] above which a waypoint is missed for lack of thrust. Project choice."""
+JUMP = 3.0
+"""Change of position [m] beyond what the speed explains: an EKF reset or a GPS fault. Project choice: noise is less."""
+START = 30.0
+"""Time that reaching a waypoint may take beyond its way [s]: to set out, and to turn around. Project choice."""
 CLEAR = 5.0
 """Distance from the boat to the run-in [m]. Project choice: ahead of it, so that it does not turn around."""
 
@@ -65,21 +72,25 @@ class ProofCourse:
 class FlyMission(Manoeuvre):
     """Fly the stored mission, whose item 1 is the first of *waypoints*, until the last one but one is reached.
 
-    The sticks stay neutral. Marks ``waypoint`` give the moment at which the autopilot turned to each ``item``.
+    The sticks stay neutral. Marks ``waypoint`` give the moment at which the autopilot turned to each ``item``. The
+    flight is aborted if a waypoint takes too long or the position jumps.
 
     Parameters
     ----------
-    patience : longest duration [s].
+    slowest : speed [m/s] at which a waypoint counts as not reached, after another ``START`` seconds.
     """
 
     kind, purpose, in_manual = "mission", "proof", False
     in_mission: ClassVar[bool] = True
 
-    def __init__(self, waypoints: Sequence[tuple[float, float]], patience: float, name: str = "") -> None:
+    def __init__(self, waypoints: Sequence[tuple[float, float]], slowest: float, name: str = "") -> None:
         super().__init__(name)
         self._waypoints = tuple(waypoints)
-        self._patience = patience
+        self._slowest = slowest
         self._item = 0
+        self._last: Observation
+        self._since: Observation
+        self._outputs: list[float] = []
 
     @property
     def asked(self) -> Mapping[str, Any]:
@@ -89,19 +100,54 @@ class FlyMission(Manoeuvre):
     def commands(self, now: Observation) -> Commands:
         """Yield neutral sticks until the last leg ends."""
         start, last = now.t, len(self._waypoints)
+        self._last = self._since = now
         while True:
-            if not math.isfinite(now.x + now.y):
-                self._end("aborted", "the vehicle reports no position. Check its GPS")
+            fault = self._fault(now)
             self._take(now)
-            if self._item >= last:
+            if fault:
+                self._end("aborted", fault)
+            elif self._item >= last:
                 self._end("completed", f"{last - 1} waypoints in {now.t - start:.0f} s")
-            elif now.t - start > self._patience:
-                self._end(
-                    "aborted",
-                    f"waypoint {max(self._item, 1)} of {last - 1} was not reached within {self._patience:.0f} s of the "
-                    "start. The boat does not follow a mission: tune speed and heading first",
-                )
             now = yield Actuate()
+
+    def _fault(self, now: Observation) -> str:
+        """Return why the flight must end; empty if it need not."""
+        if not math.isfinite(now.x + now.y):
+            return "the vehicle reports no position. Check its GPS"
+        last, self._last = self._last, now
+        return self._jump(last, now) or self._late(now)
+
+    def _jump(self, last: Observation, now: Observation) -> str:
+        jump = math.hypot(now.x - last.x, now.y - last.y)
+        speeds = [seen.speed for seen in (last, now) if math.isfinite(seen.speed)]
+        if jump <= JUMP + 2.0 * max(speeds, default=0.0) * (now.t - last.t):
+            return ""
+        return (
+            f"the position jumped by {jump:.1f} m within {now.t - last.t:.1f} s; up to {JUMP:g} m are accepted. Check "
+            "GPS and EKF, then start again"
+        )
+
+    def _late(self, now: Observation) -> str:
+        """Return why the next waypoint takes too long, with what the boat made of its thrust."""
+        self._outputs.append(abs(now.output.get("X", math.nan)))
+        since, k = self._since, max(self._item, 1)
+        to = self._waypoints[k - 1]
+        way, spent = math.dist((since.x, since.y), to), now.t - since.t
+        patience = START + way / self._slowest
+        if spent <= patience:
+            return ""
+        made = (way - math.dist((now.x, now.y), to)) / spent
+        known = [value for value in self._outputs if math.isfinite(value)]
+        output = fmean(known) if known else 0.0
+        why = (
+            "The current or the wind is stronger than the boat. Wait for less"
+            if output > FULL
+            else "The boat does not follow a mission. Tune speed and heading first"
+        )
+        return (
+            f"waypoint {k} of {len(self._waypoints) - 1} was not reached within {patience:.0f} s: the boat made "
+            f"{made:.2f} m/s towards it with {100.0 * output:.0f} % of full output. {why}"
+        )
 
     def where_room_ends(self, where: str) -> Outcome | None:
         """End there: the record is of no use."""
@@ -116,4 +162,5 @@ class FlyMission(Manoeuvre):
         item = int(now.waypoint) if math.isfinite(now.waypoint) else 0
         if item > self._item and (self._item > 0 or item == 1):
             self._item = item
+            self._since, self._outputs = now, []
             self._mark(now.t, "waypoint", {"item": float(item)})

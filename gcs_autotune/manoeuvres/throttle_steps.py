@@ -24,13 +24,18 @@ from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HeadingHold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 
-__all__ = ["LEVELS", "ThrottleSteps", "ThrottleStepsSettings"]
+__all__ = ["BOTH_WAYS", "LEVELS", "ThrottleSteps", "ThrottleStepsSettings"]
 
 LEVELS: tuple[tuple[float, ...], ...] = ((0.45, 1.35, 0.0, 1.0), (0.0, 1.35, 0.7, 1.0))
 """Throttle levels of the two runs, relative to the working throttle, at which each run starts and ends.
 
 Coasting separates drag from inertia. A high and a low level separate the thrust curve from the drag curve. The order
 differs between the runs. Project choice.
+"""
+BOTH_WAYS: tuple[float, ...] = (1.0, -0.5, 0.5, -1.0, 0.75, -0.75, 0.25, -0.25, 0.12, 0.0, 0.5, 0.0)
+"""Throttle levels as fractions of full throttle, of a run that shows the thrust ahead and astern.
+
+A level astern brakes the boat. The lowest ones show a dead zone, and coasting shows the drag. Project choice.
 """
 
 STEADY_WINDOW = 3.0
@@ -48,6 +53,10 @@ corresponds to three time constants, i.e. 95 % of the change. Project choice.
 """
 COASTED = 0.35
 """Fraction of the working speed at which coasting ends, so that the rudder regains effect."""
+BACKED, SLOWED = 0.4, 0.1
+"""Speed astern at which a level astern ends, and speed ahead below which it may end, as fractions of the working speed.
+Project choice.
+"""
 FEW = 5
 """Number of readings averaged for the initial speed of a level. Project choice."""
 TELLING = 2
@@ -63,9 +72,10 @@ class ThrottleStepsSettings:
     """Settings of throttle steps.
 
     ``throttle``: working throttle (normalised).
-    ``levels``: throttle levels relative to the working throttle; ``most``: the largest throttle.
+    ``levels``: throttle levels relative to the working throttle, negative ones astern; ``most``: the largest throttle.
     ``least_time``, ``most_time`` [s]: shortest and longest duration of a level.
     ``least_speed`` [m/s]: lowest usable speed.
+    ``most_speed`` [m/s]: a level ahead ends at this speed.
     ``until_answered``: a level ends once its response is complete, steady or not.
     """
 
@@ -75,6 +85,7 @@ class ThrottleStepsSettings:
     least_time: float = 4.0
     most_time: float = 12.0
     least_speed: float = 0.2
+    most_speed: float = math.inf
     until_answered: bool = False
 
 
@@ -143,7 +154,7 @@ class ThrottleSteps(Manoeuvre):
             self._take(observation)
         elif not self._approach.done and observation.t - self._first(observation) > self._settings.most_time:
             self._end("aborted", "the vehicle reports no speed. Check that it has a position fix")
-        return Actuate(X=self._level, N=self._heading_hold.steer(observation) if self._level else 0.0)
+        return Actuate(X=self._level, N=self._heading_hold.steer(observation) if self._level > 0.0 else 0.0)
 
     def _first(self, observation: Observation) -> float:
         if math.isnan(self._since):
@@ -163,9 +174,8 @@ class ThrottleSteps(Manoeuvre):
             return
         elapsed, s = t - self._since, self._settings
         steady = elapsed >= s.least_time and self._is_steady()
-        coasted = self._level == 0.0 and u <= COASTED * self._approach.speed
         answered = s.until_answered and elapsed >= s.least_time and self._has_answered()
-        if steady or answered or coasted or elapsed >= s.most_time:
+        if steady or answered or self._is_spent(u, elapsed) or elapsed >= s.most_time:
             self._step(t, steady=steady)
 
     def _begin(self, t: float) -> None:
@@ -204,6 +214,15 @@ class ThrottleSteps(Manoeuvre):
         self._seen.clear()
         self._of_level.clear()
         self._mark(t, "level", {"X": self._level})
+
+    def _is_spent(self, u: float, elapsed: float) -> bool:
+        """Return whether the speed *u* [m/s] ends the level: too fast, coasted out, stopped or going astern."""
+        s, speed = self._settings, self._approach.speed
+        if self._level > 0.0:
+            return u >= s.most_speed
+        if self._level == 0.0:
+            return u <= COASTED * speed
+        return u <= -BACKED * speed or (elapsed >= s.least_time and u <= SLOWED * speed)
 
     def _has_answered(self) -> bool:
         quarter = len(self._of_level) // 4

@@ -8,7 +8,18 @@ from typing import Any
 
 from gcs_autotune.identify import CONTRADICTION
 from gcs_autotune.identify.plan import Agreement, PlanResult
-from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, bullets
+from gcs_autotune.report.toolkit.document import (
+    IN_RESULT,
+    Document,
+    Note,
+    Part,
+    Remark,
+    Section,
+    Table,
+    bullets,
+    cautions,
+)
+from gcs_autotune.report.toolkit.ship_diagrams import ship_diagram
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
     contradictions_in,
@@ -18,6 +29,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_seconds,
     format_value,
     pretty_unit,
+    remarks,
     to_people,
 )
 from gcs_autotune.rounding import EXACT
@@ -53,7 +65,7 @@ def log_document(told: Mapping[str, Any]) -> Document:
     return Document(
         title=heading,
         contradictions=contradictions,
-        doubts=doubts or None,
+        doubts=cautions(doubts) or None,
         doubted="log",
         sections=(
             Section("log", heading, tuple(_log(told)), facts=IN_RESULT),
@@ -137,10 +149,10 @@ def plan_document(result: PlanResult) -> Document:
     """Return the report of an identification plan: steps with validation, agreement, parameters, final validation and
     doubts.
     """
-    step_doubts = (f"{s.step.name}: {doubt_sentence(d)}" for s in result.steps for d in s.fit.doubts)
+    step_doubts = (Remark(f"{s.step.name}: {doubt_sentence(d)}", d.grade) for s in result.steps for d in s.fit.doubts)
     return Document(
         title=f"Plan {result.plan.name}: {result.plan.title}",
-        doubts=(*doubt_sentences(result.doubts), *step_doubts),
+        doubts=(*remarks(result.doubts), *step_doubts),
         sections=tuple(_plan_sections(result)),
         facts=result.to_dict(),
     )
@@ -219,7 +231,13 @@ def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mappi
     """
     verdict = f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
     about = tuple(bullets(doubt_sentences(sheet.doubts))) if doubts else ()
-    parts = (sheet_table(sheet), Note(verdict), Section(f"{slug}-doubts", "Doubts about the figures", about))
+    diagram = ship_diagram(sheet, slug)
+    parts = (
+        *(() if diagram is None else (diagram,)),
+        sheet_table(sheet),
+        Note(verdict),
+        Section(f"{slug}-doubts", "Doubts about the figures", about),
+    )
     return Section(slug, f"{sheet.run}: {sheet.title}", parts, facts=facts)
 
 
@@ -276,7 +294,7 @@ def thruster_document(fit: ThrusterFit) -> Document:
     quality = Note(f"{way} {zone} Standard deviation of one reading: {scatter} N. Fit: {fit.fit_percent:.1f} %.")
     return Document(
         title=heading,
-        doubts=doubt_sentences(fit.doubts),
+        doubts=remarks(fit.doubts),
         sections=(
             Section("map", heading, (_thruster_parameters(fit), quality), facts=IN_RESULT),
             Section("structure", "Choice of structure", (_candidates(fit),), facts=IN_RESULT),
@@ -297,7 +315,7 @@ def propeller_document(fit: PropellerFit) -> Document:
     )
     return Document(
         title=heading,
-        doubts=doubt_sentences(fit.doubts),
+        doubts=remarks(fit.doubts),
         sections=(Section("propeller", heading, parts, facts=IN_RESULT),),
         facts=fit.to_dict(),
     )

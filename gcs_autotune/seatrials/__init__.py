@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from gcs_autotune.identify.open_loop import Reading
 from gcs_autotune.seatrials.closed_loop import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED
-from gcs_autotune.seatrials.criteria import Figure, Particulars, Sheet
+from gcs_autotune.seatrials.criteria import Figure, Particulars, Shape, Sheet
 from gcs_autotune.seatrials.figures import MANOEUVRES, ship_figures
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "Figure",
     "Particulars",
     "Reading",
+    "Shape",
     "Sheet",
     "ship_figures",
 ]

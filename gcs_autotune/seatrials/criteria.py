@@ -10,6 +10,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.open_loop import Reading
@@ -18,6 +21,7 @@ __all__ = [
     "Criterion",
     "Figure",
     "Particulars",
+    "Shape",
     "Sheet",
     "first_overshoot_limit",
     "helm_text",
@@ -28,6 +32,8 @@ __all__ = [
     "second_overshoot_limit",
 ]
 
+Array = NDArray[np.float64]
+
 ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH = 4.5, 5.0, 2.5, 15.0
 """Largest allowed values in ship lengths. Source: MSC.137(76), 5.3.1, 5.3.2 and, for a stop with full astern, 5.3.4."""
 
@@ -35,6 +41,23 @@ FIRST_OVERSHOOT_20 = math.radians(25.0)
 """Largest allowed first overshoot of a 20/20 zig-zag [rad]. Source: MSC.137(76), 5.3.3.3."""
 
 Verdict = Literal["meets", "fails", "open"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """The classic diagram of a manoeuvre as numbers: curves and marked points, in SI units.
+
+    - ``kind``: ``time`` (a signal and the helm over time), ``track`` (positions ahead over positions abeam of the
+      approach, from the execute) or ``curve`` (yaw rate over helm).
+    - ``lines``: name, abscissae (n,) and ordinates (n,). A ``time`` shape has the heading change first, then the helm.
+    - ``points``: label, abscissa and ordinate.
+    - ``helm_unit``: unit of the helm: ``rad`` or ``1``.
+    """
+
+    kind: Literal["time", "track", "curve"]
+    lines: tuple[tuple[str, Array, Array], ...]
+    points: tuple[tuple[str, float, float], ...] = ()
+    helm_unit: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +172,8 @@ class Particulars:
 class Sheet:
     """The figures of one manoeuvre in one run.
 
-    ``verdict``: conclusion about the craft as text, empty if there is none.
+    ``verdict``: conclusion about the craft as text, empty if there is none. ``shape``: the manoeuvre's diagram, if it
+    has one.
     """
 
     run: str
@@ -158,6 +182,7 @@ class Sheet:
     figures: tuple[Figure, ...]
     verdict: str
     doubts: tuple[Doubt, ...]
+    shape: Shape | None = None
 
     def to_dict(self) -> dict[str, object]:
         """Return the sheet as data for JSON."""

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify import CONTRADICTION, Doubt
@@ -16,6 +18,7 @@ from gcs_autotune.seatrials.criteria import (
     ADVANCE,
     TACTICAL_DIAMETER,
     Particulars,
+    Shape,
     Sheet,
     helm_text,
     in_lengths,
@@ -26,7 +29,7 @@ from gcs_autotune.seatrials.criteria import (
 from gcs_autotune.seatrials.free_decay import free_decay_sheet
 from gcs_autotune.seatrials.spiral import Spiral, read_pull_out, read_reverse_spiral, read_spiral
 from gcs_autotune.seatrials.stopping import stopping_sheet
-from gcs_autotune.seatrials.turning_circle import read_turning_circle
+from gcs_autotune.seatrials.turning_circle import TurningCircle, read_turning_circle
 from gcs_autotune.seatrials.zigzag import zigzag_sheet
 from gcs_autotune.trial import Trial
 
@@ -120,7 +123,20 @@ def _turning_sheet(run: Trial, ship: Particulars) -> Sheet:
         ),
     )
     side = "starboard" if c.starboard else "port"
-    return Sheet(log.name, "turning-circle", f"turning circle to {side}", figures, "", c.doubts)
+    return Sheet(log.name, "turning-circle", f"turning circle to {side}", figures, "", c.doubts, _circle(c))
+
+
+def _circle(c: TurningCircle) -> Shape:
+    """Return the track from the execute, with the points of 90 and 180 degrees."""
+    ahead, abeam = c.track
+    points = []
+    if math.isfinite(c.advance.value) and math.isfinite(c.transfer.value):
+        points.append((f"90°: advance {c.advance.value:.3g} m", c.transfer.value, c.advance.value))
+    if math.isfinite(c.tactical_diameter.value):
+        nearest = int(np.argmin(np.abs(abeam - c.tactical_diameter.value) - 1e-9 * ahead))
+        label = f"180°: tactical diameter {c.tactical_diameter.value:.3g} m"
+        points.append((label, c.tactical_diameter.value, float(ahead[nearest])))
+    return Shape("track", (("track", abeam, ahead),), tuple(points))
 
 
 def _spiral_sheet(run: Trial, ship: Particulars) -> Sheet:
@@ -162,7 +178,25 @@ def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
         ),
     )
     kind = "spiral" if s.kind == "direct" else "reverse-spiral"
-    return Sheet(log.name, kind, f"{s.kind} spiral", figures, _STABILITY[s.verdict], s.doubts)
+    return Sheet(
+        log.name, kind, f"{s.kind} spiral", figures, _STABILITY[s.verdict], s.doubts, _curve(s, log.steering.unit)
+    )
+
+
+def _curve(s: Spiral, unit: str) -> Shape:
+    """Return the yaw rate over the helm, one line per direction in which the helm was changed."""
+    lines = []
+    for way, name in _CURVES.items():
+        chosen = [p for p in s.points if p.way == way]
+        if s.kind == "direct":
+            chosen.sort(key=lambda p: p.helm.value)
+        if chosen:
+            helm, rate = np.array([p.helm.value for p in chosen]), np.array([p.rate.value for p in chosen])
+            lines.append((name, helm, rate))
+    return Shape("curve", tuple(lines), (), unit)
+
+
+_CURVES: Mapping[float, str] = {0.0: "steady turn rate", 1.0: "helm raised", -1.0: "helm lowered"}
 
 
 def _zigzag_sheet(run: Trial, ship: Particulars) -> Sheet:

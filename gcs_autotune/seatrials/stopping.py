@@ -17,7 +17,7 @@ from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.open_loop import LocalFit, Reading, find_holds, local_fit
 from gcs_autotune.identify.signals import clean
-from gcs_autotune.seatrials.criteria import TRACK_REACH, Particulars, Sheet, in_lengths, judged, known
+from gcs_autotune.seatrials.criteria import TRACK_REACH, Particulars, Shape, Sheet, in_lengths, judged, known
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["stopping_sheet"]
@@ -89,8 +89,23 @@ def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
         judged("heading-change", "heading change to starboard", _turned(run, start, ended.value)),
     )
     how = f"{100.0 * astern:.0f} % {unit}" if astern and X.unit == "1" else f"{astern:.3g} {unit}"
+    shape, doubts = _shape(x, y, start, ended.value, course, ahead, aside), tuple({d.slug: d for d in notes}.values())
     title = f"stopping with {how}" if astern else "stopping without thrust (coasting)"
-    return Sheet(run.name, "stopping", title, figures, "", tuple({d.slug: d for d in notes}.values()))
+    return Sheet(run.name, "stopping", title, figures, "", doubts, shape)
+
+
+def _shape(
+    x: Channel, y: Channel, start: float, end: float, course: float, reach: Reading, deviation: Reading
+) -> Shape:
+    """Return the stopping track from the removal of thrust, with the point at which the craft had stopped."""
+    first, last = start - BEFORE, end if math.isfinite(end) else float(x.t[-1])
+    t = x.t[(x.t >= first) & (x.t <= last)]
+    north, east = (np.interp(t, c.t, c.values) - _position(c, start).coefficients[0] for c in (x, y))
+    ahead = north * math.cos(course) + east * math.sin(course)
+    abeam = east * math.cos(course) - north * math.sin(course)
+    stopped = math.isfinite(reach.value)
+    points = ((f"stopped, head reach {reach.value:.3g} m", deviation.value, reach.value),) if stopped else ()
+    return Shape("track", (("track", abeam, ahead),), points)
 
 
 def _channel(run: Trial, name: str) -> Channel:

@@ -140,6 +140,7 @@ class TurningCircle:
     - ``drift``: drift angle [rad], positive with the bow inside the turn.
     - ``rate`` [rad/s]: steady yaw rate.
     - ``current``: current that was removed.
+    - ``track``: positions through the water from the execute (n,) [m]: ahead, and abeam to the side of the turn.
     """
 
     run: str
@@ -159,6 +160,7 @@ class TurningCircle:
     drift: Reading
     rate: Reading
     current: Current
+    track: tuple[Array, Array]
     doubts: tuple[Doubt, ...]
 
 
@@ -204,6 +206,9 @@ def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCi
         spread = math.sqrt(std**2 + origin[2] ** 2 + (speed * when.std) ** 2 + lever**2 + drifted**2)
         return Reading(ahead if along else abeam, spread, "m")
 
+    flown = (water.t >= start - LAST) & (water.t <= end)
+    north, east = water.x[flown] - origin[0], water.y[flown] - origin[1]
+    c, s = math.cos(course.value), math.sin(course.value)
     at_90, at_180 = moment(0.5 * math.pi), moment(math.pi)
     steady = _steady(water, moment(max(SETTLED_TURN, turned - 2.0 * math.pi)).value, end, side)
     approach = _speed(water, before)
@@ -227,6 +232,7 @@ def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCi
         drift=steady["drift"],
         rate=steady["rate"],
         current=STILL if current is None else current,
+        track=(north * c + east * s, side * (east * c - north * s)),
         doubts=(*log.doubts, *_doubts(turned, current, Reading(loss, loss_std, "1"))),
     )
 

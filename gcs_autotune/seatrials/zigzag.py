@@ -35,6 +35,7 @@ from gcs_autotune.seatrials.criteria import (
     INITIAL_TURNING,
     Figure,
     Particulars,
+    Shape,
     Sheet,
     first_overshoot_limit,
     helm_text,
@@ -82,6 +83,7 @@ class ZigZagFigures:
     - ``approach`` [m/s]: speed before the first execute.
     - ``L`` [m]: length of the craft.
     - ``approach_psi`` [rad]: initial heading.
+    - ``peaks``: time [s] and heading [rad] of the extremes that ``overshoots`` lead to.
     """
 
     run: str
@@ -99,6 +101,7 @@ class ZigZagFigures:
     distance: Reading
     approach: float
     approach_psi: float
+    peaks: tuple[tuple[float, float], ...]
     doubts: tuple[Doubt, ...]
 
     @property
@@ -170,6 +173,7 @@ def read_zigzag(log: ShipLog) -> ZigZagFigures:
         distance=_distance(log, first.t, reversals[0].t) if from_approach else Reading(math.nan, math.nan, "m"),
         approach=log.speed(log.t[0], first.t) if from_approach else math.nan,
         approach_psi=psi_0,
+        peaks=tuple((p[0].value, p[1].value) for p in peaks if p is not None),
         doubts=(*log.doubts, *_doubts(log, changes, executes, from_approach)),
     )
 
@@ -357,7 +361,22 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
         *_nomoto_figures(run, ship, z, unit),
     )
     side = "" if not z.from_approach else f", first to {'starboard' if z.sense * z.executes[0].level > 0 else 'port'}"
-    return Sheet(log.name, "zig-zag", f"{_angles(run, z, unit)} zig-zag{side}", figures, "", z.doubts)
+    return Sheet(log.name, "zig-zag", f"{_angles(run, z, unit)} zig-zag{side}", figures, "", z.doubts, _shape(log, z))
+
+
+def _shape(log: ShipLog, z: ZigZagFigures) -> Shape:
+    """Return heading change and helm over time from the first execute, with the overshoot angles at the extremes."""
+    start = z.executes[0].t
+    helm = log.steering
+    lines = (
+        ("heading change", log.t - start, log.psi - z.approach_psi),
+        ("helm", helm.t - start, z.sense * helm.values),
+    )
+    points = tuple(
+        (f"{math.degrees(over.value):.1f}°", t - start, psi - z.approach_psi)
+        for over, (t, psi) in zip(z.overshoots, z.peaks, strict=True)
+    )
+    return Shape("time", lines, points, helm.unit)
 
 
 def _nominal(z: ZigZagFigures) -> str:

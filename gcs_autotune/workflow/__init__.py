@@ -1,8 +1,8 @@
 """Complete jobs from the link to the report, one for each command of the command line.
 
 * ``mission``: one job on one vehicle, declared before anything moves and then carried out step by step. ``tune``,
-  ``experiment`` and ``fly`` each declare one. They share ``settings``, ``connection``, ``preflight``, the ``runner`` of
-  manoeuvres, the ``record`` directory, ``resuming`` and a ``worker`` that computes in the ``background``.
+  ``experiment``, ``aboard`` and ``fly`` each declare one. They share ``settings``, ``connection``, ``preflight``, the
+  ``runner`` of manoeuvres, the ``record`` directory, ``resuming`` and a ``worker`` that computes in the ``background``.
 * Before anything moves: ``itinerary`` computes stages and times. ``tune_preview`` and ``flight_preview`` simulate the
   ``nominal_plant`` and compute the required space as an ``excursion``. ``announcement`` reports all of it.
 * ``tunable_loop`` defines the sequence of every tune. The autopilot's loops in ``autopilot_loop`` use
@@ -13,6 +13,8 @@
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.aboard import AboardSettings, fly_aboard
+from gcs_autotune.workflow.actuators import tune_actuators
 from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.comparison import COMPARED, compare, fits_in
 from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
@@ -24,7 +26,7 @@ from gcs_autotune.workflow.flight_preview import preview_of_model
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan
 from gcs_autotune.workflow.hold import HoldSettings, hold
-from gcs_autotune.workflow.line import LineSettings, tune_line
+from gcs_autotune.workflow.line import tune_line
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.own_loops import load_models
@@ -41,6 +43,7 @@ from gcs_autotune.workflow.tune import job_of, tune
 __all__ = [
     "COMPARED",
     "PLAN_FILE",
+    "AboardSettings",
     "CommonSettings",
     "Connection",
     "DeskSettings",
@@ -50,7 +53,6 @@ __all__ = [
     "FlightResult",
     "FlySettings",
     "HoldSettings",
-    "LineSettings",
     "Operator",
     "Precision",
     "StudySettings",
@@ -66,6 +68,7 @@ __all__ = [
     "first_run",
     "fits_in",
     "fly",
+    "fly_aboard",
     "fly_plan",
     "hold",
     "is_settled",
@@ -84,6 +87,7 @@ __all__ = [
     "save_parameters",
     "study",
     "tune",
+    "tune_actuators",
     "tune_line",
     "tune_position",
     "write_diagnosis",

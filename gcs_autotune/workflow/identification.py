@@ -21,6 +21,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiments import SWING_AHEAD, Relays, noise_in, throttle_steps_for
 from gcs_autotune.workflow.extra_relay import extra_relay, fly_extra
+from gcs_autotune.workflow.pull_map import curve_of
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.stop_rule import BY_ITSELF, KnownDesign, assess
 
@@ -189,8 +190,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     *early*: no throttle steps on the return run if the outward run is explained. The step flown on the return run then
     shows the current.
     """
-    s, log = context.settings, context.log
-    fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
+    log, fitted = context.log, _surge_fit(context)
     if turns_first:
         context.turn_around("throttle-1", SWING_AHEAD)
     out = throttle_steps_for(context.throttle, 0, "throttle-1", short=early)
@@ -209,13 +209,20 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     return Identified(fit, trials)
 
 
+def _surge_fit(context: TuneContext) -> Callable[..., AxisFit]:
+    """Return the function that fits surge, with the thrust curve of the pull test if there is one."""
+    s = context.settings
+    square = None if s.pull_test is None else curve_of(s.pull_test, context.craft.servos)
+    return partial(fit_surge, structure=s.structure, delay=delay_of(s), square=square)
+
+
 def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Identified:
     """Return the surge model of the outward run and the *step* of the return run, or fly throttle steps back too.
 
     The two are not sufficient if they show a current or do not determine the form of drag or thrust.
     """
-    log, s, first = context.log, context.settings, found.runs[0]
-    fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
+    log, first = context.log, found.runs[0]
+    fitted = _surge_fit(context)
     along = context.run_in_background(set_on_the_way_back, found.fit, first, step)
     if along is not None and along.is_none:
         log.say(

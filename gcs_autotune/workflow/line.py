@@ -18,14 +18,18 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.design import (
     LINE_PARAMETERS,
     HullTurn,
+    OnLeg,
     TrackMetrics,
+    current_on,
     follows_better,
     line_changes,
+    too_short,
     track_metrics,
 )
 from gcs_autotune.errors import AutotuneError, NotInformative, PreconditionFailed, WrongVehicle
 from gcs_autotune.frames import from_flat
 from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.limits import limit_of
 from gcs_autotune.link import (
     Journal,
     MavlinkCraft,
@@ -34,8 +38,8 @@ from gcs_autotune.link import (
     set_current,
     waypoint,
 )
-from gcs_autotune.manoeuvres import NEARLY, TO_COME_ABOUT, Envelope, FlyMission, ProofCourse
-from gcs_autotune.observer import Observer
+from gcs_autotune.manoeuvres import NEARLY, TO_COME_ABOUT, Envelope, FlyMission, ProofCourse, how_far
+from gcs_autotune.observer import Intention, Observer
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long
@@ -53,7 +57,7 @@ from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tun
 from gcs_autotune.workflow.tune import TuneJob, leave_report, read_back
 from gcs_autotune.workflow.tune_log import TuneLog
 
-__all__ = ["LineSettings", "tune_line"]
+__all__ = ["JOB", "tune_line"]
 
 SECONDS, LEAST_LEG, MOST_LEG = 25.0, 30.0, 120.0
 """Length of a leg at the working speed [s], and its limits [m]. Project choice: a slow boat is on its line by then."""
@@ -62,12 +66,18 @@ SWING = 8.0
 """How far a boat goes beyond a corner before the flight ends early [s at the working speed]. Project choice."""
 BEYOND = 20.0
 """Free water around the course [s at the working speed]. Project choice: Charlie goes 19 m beyond a corner."""
-LATE, LATEST = 1.4, 3.0
-"""Expected and longest duration of a flight, relative to its way at the working speed. Project choice."""
+LATE, SLOWEST = 1.4, 0.33
+"""Expected duration of a flight, relative to its way at the working speed; slowest speed to a waypoint, relative to the
+working speed. Project choice."""
+DRIFT = 0.8
+"""Largest drift at rest, relative to the working speed, against which a mission is flown. Project choice, as for
+``authority``."""
+SHORTEST = limit_of("leg-length").least
+"""Shortest possible leg [m]."""
 FULL = 0.9
 """Largest steering output that corners may need [fraction of full]."""
 NEEDED = ("PSC_POS_P", "PSC_VEL_P", "WP_RADIUS", "WP_SPEED")
-CONTEXT = ("CRUISE_SPEED", "CRUISE_THROTTLE", "WP_SPEED")
+CONTEXT = ("MOT_THR_MIN", "MOT_THST_EXPO")
 BEFORE, AFTER = "mission with present parameters", "mission with new parameters"
 """The stages."""
 UNTUNED: Mapping[str, Mapping[str, float]] = {
@@ -77,15 +87,7 @@ UNTUNED: Mapping[str, Mapping[str, float]] = {
 """Axis -> ArduRover's own gains. A boat that has all of them was not tuned."""
 
 
-@dataclass(frozen=True, slots=True)
-class LineSettings:
-    """One tune of the line: the settings that every tune has, and the length of a ``leg`` [m] (None: by its speed)."""
-
-    tune: TuneSettings
-    leg: float | None = None
-
-
-def tune_line(settings: LineSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
+def tune_line(settings: TuneSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
     """Tune the line and return its story; the run directory holds everything on every ending.
 
     Raises
@@ -97,9 +99,8 @@ def tune_line(settings: LineSettings, operator: Operator, observer: Observer, wh
     AutotuneError
         What ended it early. By then vehicle and mission are as before (or ``NotAsFound`` states what is not).
     """
-    tune = settings.tune
-    record, log = RunDirectory(tune.directory), TuneLog(tune, when, observer, "line")
-    visit = visiting(tune, operator, log, record, tune.axis, dofs=("yaw",))
+    record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer, "line")
+    visit = visiting(settings, operator, log, record, settings.axis, dofs=("yaw",))
     try:
         run_mission(visit, partial(_declare, settings), log)
     finally:
@@ -107,28 +108,33 @@ def tune_line(settings: LineSettings, operator: Operator, observer: Observer, wh
     return log.story()
 
 
-def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
+def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     """Return what this tune will do on the vehicle of *visit*; nothing moves yet."""
-    craft, log, tune = visit.craft, visit.log, settings.tune
+    craft, log = visit.craft, visit.log
     firmware = craft.firmware
     if not (firmware.needs_way and firmware.mission_mode):
         raise WrongVehicle(f"{firmware.name} has no mission of a boat to tune. `tune line` is for ArduRover boats")
     log.meet(craft)
-    present = _learn(craft)
+    present, untuned = _learn(craft)
+    if untuned and not settings.untuned:
+        raise PreconditionFailed(f"{untuned}. To fly all the same, add --untuned")
+    if untuned:
+        log.say(f"{untuned} (--untuned: flown all the same)")
     log.parameters_before = present
     craft.parameters.watch(present)
     log.say(f"present parameters saved to {visit.record.save_parameters('before', present)}")
     speed = present.get("WP_SPEED", 0.0) or present.get("CRUISE_SPEED", 0.0)
     if not speed > 0.0:
         raise PreconditionFailed("WP_SPEED and CRUISE_SPEED are both 0, so AUTO does not drive. Set WP_SPEED first")
-    envelope = replace(tune.envelope, cruise=speed, heading_excursion=math.inf)
+    envelope = replace(settings.envelope, cruise=speed, heading_excursion=math.inf)
     envelope = replace(envelope, area=area_of_flight(craft, envelope.area, log))
-    length = settings.leg or min(max(SECONDS * speed, LEAST_LEG), MOST_LEG)
+    length = settings.leg_length or min(max(SECONDS * speed, LEAST_LEG), MOST_LEG)
     now = craft.observe()
     course = ProofCourse(now.x, now.y, now.psi, length)
+    _check_drift(craft, speed, now)
     _check_space(course, speed, envelope, now)
     seconds = LATE * course.way / speed
-    legs = [Leg(BEFORE, seconds, kind="mission")] + [Leg(AFTER, seconds, kind="mission")] * (not tune.dry_run)
+    legs = [Leg(BEFORE, seconds, kind="mission")] + [Leg(AFTER, seconds, kind="mission")] * (not settings.dry_run)
     itinerary = Itinerary(legs)
 
     def keep(trial: Trial) -> None:
@@ -141,10 +147,10 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
             mission.set(_mission(course, craft, now))
             flown.append(mission)
             log.say("the proof mission is uploaded; the vehicle's own one is in the journal")
-            tune_loop(_Line(flights, tune, present), log, visit.agrees, journal, dry_run=tune.dry_run)
+            tune_loop(_Line(flights, settings, present), log, visit.agrees, journal, dry_run=settings.dry_run)
 
     def finish() -> None:
-        read_back(partial(_learn, craft), visit)
+        read_back(lambda: _learn(craft)[0], visit)
         for mission in flown:
             _set_item(craft, mission, log)
 
@@ -153,35 +159,34 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
     flights = _Flights(visit, runner, course, speed)
     names = ", ".join(name for name in LINE_PARAMETERS if name in present)
     changes = f"write some of {names}, after asking again, and restore the old values unless the new ones prove better"
+    ahead, back = course.reach + BEYOND * speed, BEYOND * speed
+    free = f"{ahead:.0f} m of free water ahead and to starboard, and {back:.0f} m to port and astern"
     return Mission(
         itinerary=itinerary,
         modes=(firmware.mission_mode, firmware.manual_mode, firmware.rest_mode),
         movements=(
             f"a mission with legs of {length:.0f} m and corners of 90, 150 and 180 deg, flown "
-            f"{'once' if tune.dry_run else 'twice'} at {speed:.1f} m/s. The mission replaces the vehicle's own one "
+            f"{'once' if settings.dry_run else 'twice'} at {speed:.1f} m/s. The mission replaces the vehicle's own one "
             "during the run"
         ),
         needs=(
-            f"need {course.reach + BEYOND * speed:.0f} m of free water ahead and to starboard, and "
-            f"{BEYOND * speed:.0f} m to port and astern. A smaller --leg-length needs less",
+            Intention(f"need {free}. A smaller --leg-length needs less", "Space", free),
             how_long(itinerary),
             battery(now, envelope, itinerary.seconds),
         ),
         fly=fly,
-        writes="write no parameter (dry run)" if tune.dry_run else changes,
+        writes="write no parameter (dry run)" if settings.dry_run else changes,
         finish=finish,
     )
 
 
-def _learn(craft: MavlinkCraft) -> dict[str, float]:
-    """Return the parameters that are changed or needed, as far as the vehicle has them.
+def _learn(craft: MavlinkCraft) -> tuple[dict[str, float], str]:
+    """Return the parameters that are changed or needed, as far as the vehicle has them, and why they are not tuned.
 
     Raises
     ------
     WrongVehicle
         It lacks those that every ArduRover of 4.2 and later has.
-    PreconditionFailed
-        Speed or heading are not tuned.
     """
     gains = [name for axis in UNTUNED.values() for name in axis]
     found = craft.parameters.read_existing([*LINE_PARAMETERS, *CONTEXT, *gains])
@@ -195,13 +200,27 @@ def _learn(craft: MavlinkCraft) -> dict[str, float]:
         for axis, own in UNTUNED.items()
         if all(math.isclose(found.get(name, math.nan), value, rel_tol=1e-3) for name, value in own.items())
     ]
+    told = ""
     if untuned:
         has = "; ".join(", ".join(f"{n} {found[n]:g}" for n in UNTUNED[axis]) for axis in untuned)
         commands = ", then ".join(f"`gcs-autotune tune {axis}`" for axis in untuned)
+        told = f"{' and '.join(untuned)} not tuned: the vehicle has ArduRover's own gains ({has}). Run {commands} first"
+    return {name: value for name, value in found.items() if name not in gains}, told
+
+
+def _check_drift(craft: MavlinkCraft, speed: float, now: Observation) -> None:
+    """Check that a boat at rest does not drift nearly as fast as AUTO drives.
+
+    Raises
+    ------
+    PreconditionFailed
+        It does.
+    """
+    if not craft.armed and now.speed > DRIFT * speed:
         raise PreconditionFailed(
-            f"{' and '.join(untuned)} not tuned: the vehicle has ArduRover's own gains ({has}). Run {commands} first"
+            f"the boat drifts at {now.speed:.1f} m/s at rest, and AUTO drives at {speed:.1f} m/s. A current or wind of "
+            f"up to {DRIFT * speed:.1f} m/s is accepted. Wait for less, or raise WP_SPEED if the boat is fast enough"
         )
-    return {name: value for name, value in found.items() if name not in gains}
 
 
 def _check_space(course: ProofCourse, speed: float, envelope: Envelope, now: Observation) -> None:
@@ -223,17 +242,40 @@ def _check_space(course: ProofCourse, speed: float, envelope: Envelope, now: Obs
             f"the mission goes up to {needs:.0f} m from the start, and --max-distance is {limit:.0f} m. Use {smaller}"
             f"--max-distance {math.ceil(needs)}"
         )
+    seconds = LATE * course.way / speed
+    if seconds > envelope.time:
+        raise PreconditionFailed(
+            f"one flight takes about {seconds:.0f} s, and --max-time is {envelope.time:.0f} s. Use a smaller "
+            f"--leg-length or --max-time {math.ceil(seconds)}"
+        )
+    out = _beyond(course, speed, envelope)
+    if envelope.area is not None and out > 0.0:
+        raise PreconditionFailed(
+            f"the course leaves {envelope.area.source} by {how_far(out)}. {_what_fits(course, speed, envelope)}"
+        )
+
+
+def _beyond(course: ProofCourse, speed: float, envelope: Envelope) -> float:
+    """Return how far [m] the course leaves the area, with the distance in which the boat turns around; 0 inside."""
+    if envelope.area is None:
+        return 0.0
     ahead = [place for leg in itertools.pairwise(course.waypoints) for place in _ends(*leg, TO_COME_ABOUT * speed)]
-    if LATE * course.way / speed > envelope.time:
-        raise PreconditionFailed(
-            f"one flight takes about {LATE * course.way / speed:.0f} s, and --max-time is {envelope.time:.0f} s. Use a "
-            "smaller --leg-length or a larger --max-time"
-        )
-    if envelope.area is not None and any(envelope.area.beyond(*place) > 0.0 for place in ahead):
-        raise PreconditionFailed(
-            f"the course does not fit into {envelope.area.source}. Turn the boat so that the free water is ahead "
-            "and to starboard, or use a smaller --leg-length"
-        )
+    return max(envelope.area.beyond(*place) for place in ahead)
+
+
+def _what_fits(course: ProofCourse, speed: float, envelope: Envelope) -> str:
+    """Return which heading, or else which length of the legs, fits into the area."""
+    turns = sorted((math.radians(10.0 * k) for k in range(-17, 19)), key=abs)
+    lengths = [
+        course.length,
+        *(0.1 * k * course.length for k in range(9, 0, -1) if k * course.length >= 10.0 * SHORTEST),
+    ]
+    for length, turn in itertools.product(lengths, turns):
+        tried = replace(course, length=length, psi=course.psi + turn)
+        if not _beyond(tried, speed, envelope):
+            shorter = f"with --leg-length {length:.0f} and " if length < course.length else "with "
+            return f"It fits {shorter}the bow at {math.degrees(tried.psi) % 360.0:.0f} deg"
+    return "No course fits here. Take the boat to more open water, or use a larger area"
 
 
 def _ends(begin: Place, end: Place, metres: float) -> tuple[Place, Place]:
@@ -286,12 +328,11 @@ class _Flights:
         """Fly it from its first item on."""
         self.visit.log.say(stage)
         set_current(self.visit.craft.session, 1)
-        patience = LATEST * self.course.way / self.speed
-        return self.runner.fly(FlyMission(self.course.waypoints, patience, name), stage)
+        return self.runner.fly(FlyMission(self.course.waypoints, SLOWEST * self.speed, name), stage)
 
 
-def _measured(trial: Trial) -> TrackMetrics:
-    """Return the metrics of a flight, from its record; the run-in does not count.
+def _route(trial: Trial) -> tuple[list[complex], list[float]]:
+    """Return the ends of the legs [m, north + i east] and when the autopilot turned there [s]; the run-in is left out.
 
     Raises
     ------
@@ -307,9 +348,31 @@ def _measured(trial: Trial) -> TrackMetrics:
             f"{trial.name}: the vehicle did not report waypoint {missing[0]} as reached (MISSION_CURRENT). Use a "
             "better link"
         )
+    return [places[k - 1] for k in legs], [marks[k + 1] for k in legs]
+
+
+def _measured(trial: Trial) -> TrackMetrics:
+    """Return the metrics of a flight, from its record; errors as for :func:`_route`."""
     x, y = trial["x"], trial["y"]
-    track = x.values + 1j * np.interp(x.t, y.t, y.values)
-    return track_metrics(x.t, track, [places[k - 1] for k in legs], [marks[k + 1] for k in legs])
+    return track_metrics(x.t, x.values + 1j * np.interp(x.t, y.t, y.values), *_route(trial))
+
+
+def _on_legs(trial: Trial) -> tuple[OnLeg, ...]:
+    """Return how the boat drove the third quarter of each leg; errors as for :func:`_route`."""
+    x, found = trial["x"], []
+    place, psi, ahead = (
+        x.values + 1j * np.interp(x.t, trial["y"].t, trial["y"].values),
+        np.interp(x.t, trial["psi"].t, trial["psi"].values),
+        np.interp(x.t, trial["X"].t, trial["X"].values),
+    )
+    places, turned = _route(trial)
+    for k in range(1, len(places)):
+        along = ((place - places[k - 1]) / (places[k] - places[k - 1])).real
+        on = (x.t >= turned[k - 1]) & (x.t < turned[k]) & (along > 0.5) & (along < 0.75)
+        if np.count_nonzero(on) > 1:
+            velocity = (place[on][-1] - place[on][0]) / (x.t[on][-1] - x.t[on][0])
+            found.append(OnLeg(float(np.mean(psi[on])), complex(velocity), float(np.mean(ahead[on]))))
+    return tuple(found)
 
 
 class _Line:
@@ -326,7 +389,7 @@ class _Line:
 
     def read(self) -> Mapping[str, float]:
         """Return the parameters in place now."""
-        return _learn(self._craft)
+        return _learn(self._craft)[0]
 
     def lend(self, journal: Journal) -> GainLoan:
         """Return the transaction on the vehicle's parameters."""
@@ -350,8 +413,10 @@ class _Line:
             f"the hull turns with {math.degrees(hull.rate):.0f} deg/s at most at {hull.speed:.1f} m/s, in a radius of "
             f"{hull.radius:.1f} m, with a lag of {hull.lag:.1f} s"
         )
+        current = abs(current_on(hull.legs))
+        self._log.say(f"on the legs it was set by a current of {current:.2f} m/s")
         self._log.given_changes = tuple(line_changes(hull, self._present))
-        return Offer(self._log.given_changes)
+        return Offer(self._log.given_changes, too_short(hull, self._flights.course.length))
 
     def fly_baseline(self) -> None:
         """Nothing else is compared."""
@@ -387,12 +452,7 @@ class _Line:
         pivots = self._craft.skid and self._present.get("WP_PIVOT_ANGLE", 0.0) > 5.0
         before = self._log.track_before
         wide = pivots and before is not None and before.corners[-1] > 0.5 * speed / rate
-        return HullTurn(speed, rate, lag, pivots, wide)
+        return HullTurn(speed, rate, lag, pivots, wide, _on_legs(self._before))
 
 
-JOB = TuneJob(
-    lambda settings, operator, observer, when: tune_line(
-        LineSettings(settings, settings.leg_length), operator, observer, when
-    ),
-    lambda settings, visit: _declare(LineSettings(settings, settings.leg_length), visit),
-)
+JOB = TuneJob(tune_line, _declare)

@@ -38,7 +38,7 @@ from gcs_autotune.firmware import Gain, Names, read_named
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import Journal, MavlinkCraft
 from gcs_autotune.manoeuvres import Manoeuvre, PushPosition, StepPosition
-from gcs_autotune.observer import Observer
+from gcs_autotune.observer import Intention, Observer
 from gcs_autotune.report import TuneStory
 from gcs_autotune.sensor import noise_of
 from gcs_autotune.trial import Mark, Trial
@@ -147,6 +147,7 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     place = _Loiter(flights, tune, loop) if boat else _Position(flights, tune, loop)
     drifts = sum(leg.seconds for leg in relays) * drift
     metres = size + BOAT_ROOM if boat else math.sqrt(2.0) * size + ROV_ROOM + drifts
+    free = f"about {math.ceil(metres)} m of free water around the vehicle"
     movements = (
         f"{size:g} m ahead in {firmware.position_mode}, stay there, and back, {times}"
         if boat
@@ -159,7 +160,7 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         modes=tuple(mode for mode in (firmware.position_mode, firmware.push_mode, firmware.manual_mode) if mode),
         movements=movements,
         needs=(
-            f"need about {math.ceil(metres)} m of free water around the vehicle, which drifts at {drift:.2f} m/s now",
+            Intention(f"need {free}, which drifts at {drift:.2f} m/s now", "Space", free),
             how_long(itinerary),
             battery(craft.observe(), envelope, itinerary.seconds),
         ),

@@ -15,6 +15,7 @@ from gcs_autotune.link import Transport, open_link
 from gcs_autotune.manoeuvres import Envelope, StepSettings
 from gcs_autotune.mavlink import SigningKey
 from gcs_autotune.models import Form
+from gcs_autotune.thrusters import PullTest
 
 __all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "StudySettings", "SuppliedGains", "TuneSettings"]
 
@@ -136,6 +137,7 @@ class TuneSettings(CommonSettings):
     ----------
     axis : the loop, or the degree of freedom of an experiment.
     leg_length : length of a leg [m] of the mission that proves them; None: by the speed.
+    untuned : whether to fly that mission even if speed or heading have ArduRover's own gains.
     step, step_duration : size of the step that proves gains [rad, m, m/s or rad/s], and duration [s] of each half.
     relay_output, relay_hysteresis : amplitude of the relays [fraction of full output] and their hysteresis [rad or m].
     model : family of the reference model. settling_time [s], omega_0 [rad/s] : speed of the reference model.
@@ -148,6 +150,7 @@ class TuneSettings(CommonSettings):
     gains : gains to prove instead of designing any. proving : the command that proves gains of a file under these
         settings, without the file name.
     beyond_ranges : whether gains may leave their documented ranges.
+    pull_test : pull test of one thruster, the source of the thrust curve.
 
     Raises
     ------
@@ -157,6 +160,7 @@ class TuneSettings(CommonSettings):
 
     axis: str
     leg_length: float | None = None
+    untuned: bool = False
     step: float | None = None
     step_duration: float | None = None
     relay_output: float | None = None
@@ -172,6 +176,7 @@ class TuneSettings(CommonSettings):
     gains: SuppliedGains | None = None
     proving: str = ""
     beyond_ranges: bool = False
+    pull_test: PullTest | None = None
 
     def __post_init__(self) -> None:
         """Check that the numbers are within their limits and that the stop rule exists."""

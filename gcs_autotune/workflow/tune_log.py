@@ -7,11 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_autotune.design import Change, PositionMetrics, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, Linearity, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import PushPosition, StepPosition
-from gcs_autotune.observer import Observer, Progress
+from gcs_autotune.observer import Intentions, Observer, Progress
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.itinerary import MissionLog
@@ -19,7 +18,7 @@ from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TuneLog"]
 
-POSITION_KINDS = (StepPosition.kind, PushPosition.kind)
+POSITION_KINDS = ("step-position", "push-position")
 """Manoeuvres of a tune of the position."""
 
 
@@ -45,6 +44,8 @@ class TuneLog(MissionLog):
         self.metrics_before: StepMetrics | None = None
         self.metrics_after: StepMetrics | None = None
         self.beside: tuple[StepMetrics, StepMetrics] | None = None
+        self.thrust_before: Linearity | None = None
+        self.thrust_after: Linearity | None = None
         self.track_before: TrackMetrics | None = None
         self.track_after: TrackMetrics | None = None
         self.position_before: PositionMetrics | None = None
@@ -77,9 +78,9 @@ class TuneLog(MissionLog):
             for name, granted in craft.rates.granted.items()
         }
 
-    def announce(self, intentions: tuple[str, ...]) -> None:
+    def announce(self, intentions: Intentions) -> None:
         """Store the announcement of what the tune will do, before anything moves, and forward it."""
-        self._announced = intentions
+        self._announced = intentions.texts
         super().announce(intentions)
 
     def parameter_types(self) -> tuple[dict[str, int], tuple[int, int]]:
@@ -141,6 +142,8 @@ class TuneLog(MissionLog):
             metrics_after=self.metrics_after,
             beside=self.beside,
             missions=tuple(t for t in self._trials if t.meta.get("manoeuvre") == "mission"),
+            thrust_before=self.thrust_before,
+            thrust_after=self.thrust_after,
             track_before=self.track_before,
             track_after=self.track_after,
             stays=tuple(t for t in self._trials if t.meta.get("manoeuvre") in POSITION_KINDS),

@@ -12,6 +12,8 @@ __all__ = ["RoverMotors"]
 
 _STEERING, _THROTTLE, _LEFT, _RIGHT = 26, 70, 73, 74
 """Values of SERVOn_FUNCTION for steering, throttle, and the left and right throttle of a skid-steered boat."""
+_MOST_FLOOR = 20.0
+"""Largest MOT_THR_MIN [%] that ArduRover uses (``sanity_check_parameters``)."""
 _ROUNDING = 1e-6
 """Tolerance for pulses, which are truncated to whole microseconds towards trim. It keeps 0.57 of 500 at 285."""
 
@@ -159,7 +161,7 @@ class RoverMotors:
         values = self._values
         if throttle == 0.0:
             return 0.0
-        floor, expo = values["MOT_THR_MIN"] / 100.0, values["MOT_THST_EXPO"]
+        floor, expo = clamp(values["MOT_THR_MIN"], 0.0, _MOST_FLOOR) / 100.0, values["MOT_THST_EXPO"]
         size = floor + abs(throttle) * (1.0 - floor)
         if expo != 0.0 and -1.0 <= expo <= 1.0:
             size = min(size, 1.0)

@@ -100,6 +100,23 @@ def test_the_nearest_spelling_is_told_of_a_name_there_is_not(typed, meant, capsy
     assert meant in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("typed", "why"),
+    [
+        ("tune line --settling-time 5", "does not use --settling-time. Remove"),
+        ("tune line --speed 1.2", "does not use --speed. Remove"),
+        ("tune line --throttle 0.5 --relays 2", "`tune line` does not use --relays and --throttle"),
+        ("tune line --function butterworth", "does not use --function"),
+        ("tune line --beyond-ranges", "does not use --beyond-ranges"),
+        ("tune heading --untuned", "`tune heading` does not use --untuned"),
+        ("tune heading --leg-length 30", "`tune heading` does not use --leg-length"),
+    ],
+)
+def test_an_option_that_the_loop_does_not_use_is_refused(typed, why, capsys):
+    assert main(typed.split()) == 2
+    assert why in " ".join(capsys.readouterr().err.split())
+
+
 class Broken(Connection):
     """A connection that cannot be had."""
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 
 from gcs_autotune.cli import main
+from gcs_autotune.logs import load_runs
+from gcs_autotune.seatrials import ship_figures
 
 
 @pytest.fixture
@@ -42,6 +45,21 @@ def test_figures_prints_json_without_nan(capsys, zigzag):
     values = {f["slug"]: f["value"] for f in sheet["figures"]}
     assert values["K"] == pytest.approx(0.25, rel=0.01)
     assert values["T"] == pytest.approx(4.0, rel=0.01)
+
+
+def test_a_page_has_the_diagram_with_the_overshoots_at_their_extremes(capsys, tmp_path, zigzag):
+    page = tmp_path / "zigzag.html"
+    assert main(["figures", str(zigzag), "--page", str(page)]) == 0
+    capsys.readouterr()
+    (sheet,) = ship_figures(load_runs(zigzag)[0])
+    text = page.read_text()
+    assert "Heading change and helm over the time" in text
+    assert len(sheet.shape.points) == sum("overshoot" in figure.slug for figure in sheet.figures)
+    _, t, psi = sheet.shape.lines[0]
+    for told, when, value in sheet.shape.points:
+        assert told in text
+        assert value == pytest.approx(float(np.interp(when, t, psi)), abs=math.radians(0.2))
+        assert abs(value) == pytest.approx(math.radians(20.0) + math.radians(float(told[:-1])), abs=math.radians(1.0))
 
 
 def test_figures_of_a_run_that_holds_none_exits_with_six_and_says_why(capsys, tmp_path):

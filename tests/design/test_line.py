@@ -8,7 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_autotune.design import HullTurn, TrackMetrics, follows_better, line_changes, track_metrics
+from gcs_autotune.design import (
+    HullTurn,
+    OnLeg,
+    TrackMetrics,
+    current_on,
+    follows_better,
+    line_changes,
+    too_short,
+    track_metrics,
+)
 
 SLOW = HullTurn(1.2, math.radians(10.0), 3.5)
 PRESENT = {"WP_ACCEL": 0.0, "WP_RADIUS": 2.0, "PSC_POS_P": 0.2, "PSC_VEL_P": 1.0, "WP_PIVOT_ANGLE": 60.0}
@@ -83,3 +92,50 @@ def test_a_flight_is_better_only_if_nothing_is_clearly_worse(
     verdict = follows_better(BEFORE, replace(BEFORE, **change))  # type: ignore[arg-type]
     assert verdict.better is better
     assert reason in " ".join(verdict.reasons)
+
+
+def limits_of(hull: HullTurn, **present: float) -> dict[str, float]:
+    return {c.parameter: c.new for c in line_changes(hull, {**PRESENT, **present})}
+
+
+def test_a_limit_below_what_the_hull_turns_is_raised_and_a_higher_one_stays() -> None:
+    quick = HullTurn(1.5, math.radians(60.0), 0.5)
+    low = limits_of(quick, ATC_STR_RAT_MAX=30.0, ATC_STR_ACC_MAX=40.0, ATC_TURN_MAX_G=0.1)
+    assert (low["ATC_STR_RAT_MAX"], low["ATC_STR_ACC_MAX"]) == (60.0, 120.0)
+    assert low["ATC_TURN_MAX_G"] == pytest.approx(1.5 * math.radians(60.0) / 9.81, rel=0.02)
+    high = limits_of(quick, ATC_STR_RAT_MAX=120.0, ATC_STR_ACC_MAX=0.0, ATC_TURN_MAX_G=0.6)
+    assert not {"ATC_STR_RAT_MAX", "ATC_STR_ACC_MAX", "ATC_TURN_MAX_G"} & set(high)
+
+
+def driven(*speeds: float, output: float = 0.5) -> HullTurn:
+    legs = [OnLeg(k * math.pi / 2.0, speed * 1j**k, output) for k, speed in enumerate(speeds)]
+    return replace(SLOW, legs=tuple(legs))
+
+
+def test_a_mission_speed_that_the_boat_did_not_reach_with_full_thrust_is_lowered() -> None:
+    slow = driven(1.2, 0.9, 1.2, output=0.98)
+    assert limits_of(slow, WP_SPEED=1.2)["WP_SPEED"] == pytest.approx(0.81)
+    assert limits_of(slow, WP_SPEED=1.2)["WP_ACCEL"] < limits_of(SLOW)["WP_ACCEL"]
+    assert "WP_SPEED" not in limits_of(driven(1.2, 0.9, 1.2), WP_SPEED=1.2)  # thrust was left: the gains are to blame
+    assert "WP_SPEED" not in limits_of(driven(1.2, 1.15, output=0.98), WP_SPEED=1.2)
+
+
+def test_a_cruise_pair_is_set_anew_only_where_its_throttle_is_wrong() -> None:
+    pair = {"WP_SPEED": 1.2, "CRUISE_SPEED": 1.0, "CRUISE_THROTTLE": 30.0}
+    new = limits_of(driven(1.2, 1.2, output=0.6), **pair)
+    assert (new["CRUISE_SPEED"], new["CRUISE_THROTTLE"]) == (1.2, 60.0)
+    assert "CRUISE_THROTTLE" not in limits_of(driven(1.2, 1.2, output=0.4), **pair)
+
+
+def test_the_current_is_what_sets_the_boat_sideways_on_its_legs() -> None:
+    current = 0.2 - 0.1j
+    legs = [OnLeg(psi, 1.2 * complex(math.cos(psi), math.sin(psi)) + current, 0.5) for psi in (0.3, 1.9, 4.5)]
+    assert abs(current_on(legs) - current) < 1e-9
+
+
+def test_corners_that_do_not_fit_on_a_leg_are_refused_with_the_leg_that_is_enough() -> None:
+    why = too_short(SLOW, 20.0)
+    enough = math.ceil(SLOW.speed * SLOW.corner)
+    assert f"the legs are 20 m. Use --leg-length {enough} or more" in why
+    assert too_short(SLOW, enough) == ""
+    assert too_short(replace(SLOW, pivots=True), 20.0) == ""  # it turns on the spot

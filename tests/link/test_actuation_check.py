@@ -115,6 +115,16 @@ def test_a_steering_that_follows_within_half_a_twitch_is_moved_twice_each_way_an
     assert streamer.sent == [0.05, -0.05, 0.05, -0.05, 0.0]
 
 
+def test_two_thrusters_whose_small_outputs_the_autopilot_enlarges_follow() -> None:
+    streamer = Streamer(follows=4.8)  # MOT_THR_MIN 20
+    check_outputs_follow(cast(Any, streamer), cast(Any, streamer), streamer.observe, "MANUAL", skid=True)
+    assert streamer.sent == [0.05, -0.05, 0.05, -0.05, 0.0]
+    for wrong in (-4.8, 0.4):
+        with pytest.raises(PreconditionFailed, match="does not follow"):
+            streamer = Streamer(follows=wrong)
+            check_outputs_follow(cast(Any, streamer), cast(Any, streamer), streamer.observe, "MANUAL", skid=True)
+
+
 @pytest.mark.parametrize("follows", [0.0, 0.49, 1.51, -1.0])
 def test_one_that_does_not_is_given_up_after_the_time_to_follow_with_what_is_seen(follows: float) -> None:
     streamer = Streamer(follows=follows)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import diagnosis_stories
 import pytest
 import report_stories
 from page_reader import Page
 
+import gcs_autotune
+from gcs_autotune.identify.doubt import DISTRUST, NOTES
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import (
     Document,
@@ -30,7 +33,7 @@ from gcs_autotune.report.diagnosis import document as diagnosis
 from gcs_autotune.report.flight import document as flight
 from gcs_autotune.report.flight import recheck
 from gcs_autotune.report.study import document as study
-from gcs_autotune.report.toolkit.document import IN_RESULT, Figure, Note, Section, Table, Verdict
+from gcs_autotune.report.toolkit.document import IN_RESULT, Figure, Note, Remark, Section, Table, Verdict
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.tune import document as tune
 
@@ -74,6 +77,24 @@ def shown(*parts, **about) -> Document:
     return Document("A report", (Section("one", "First", parts),), **about)
 
 
+def test_doubts_are_graded_with_the_gravest_first_and_only_it_is_red() -> None:
+    graves = Remark("The fit did not converge.", "distrust")
+    document = shown(Note("plain"), doubts=(Remark("One wide bar.", "note"), Remark("Short."), graves))
+    page = to_html(document)
+    for told in (render_text(document), Page(page).text):
+        said = " ".join(told.split())
+        places = [said.index(f"{w}: ") for w in ("Do not trust", "Caution", "Note")]
+        assert places == sorted(places)
+    assert page.count('class="doubt distrust"') == 1
+    assert page.count('class="doubt note"') == 1
+
+
+def test_every_doubt_that_has_a_grade_exists() -> None:
+    sources = "".join(path.read_text() for path in Path(gcs_autotune.__file__).parent.rglob("*.py"))
+    assert not DISTRUST & NOTES
+    assert [slug for slug in DISTRUST | NOTES if sources.count(f'"{slug}"') < 2] == []
+
+
 def test_a_part_with_nothing_in_it_is_left_out_everywhere() -> None:
     empty = shown(Note(""), Table(("head",), "l", ()), Section("two", "Second", (Note(""),)))
     assert "First" not in Page(to_html(empty)).text
@@ -102,7 +123,9 @@ def test_a_column_that_80_characters_have_no_space_for_is_on_the_page_only() -> 
 
 def test_the_verdict_ends_the_terminal_unless_a_lead_begins_it() -> None:
     document = shown(Note("words"), verdict=Verdict("It works.", "good"), contradictions=("x and y disagree.",))
-    assert render_text(document).split()[-2:] == ["It", "works."]
+    boxed = render_text(document).splitlines()[-3:]
+    assert boxed[0][0] + boxed[2][0] == "╭╰"
+    assert boxed[1].strip("│ ") == "It works."
     assert render_text(document).index("disagree") < render_text(document).index("words")
     assert "It works. x and y disagree." in Page(to_html(document)).text
     led = render_text(replace(document, lead="Your boat is fine."))

@@ -32,6 +32,7 @@ from gcs_autotune.report.toolkit.axis_fit import (
     model_words,
     remainder_sentence,
 )
+from gcs_autotune.report.toolkit.document import Remark
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, sentence
 from gcs_autotune.report.tune.tables import margins_table
@@ -106,8 +107,8 @@ def study(found: AxisFit, unseen: float) -> Study:
 def test_terminal_and_page_give_one_verdict_and_the_terminal_gives_it_last(found: AxisFit, unseen: float) -> None:
     told = study(found, unseen)
     verdict = verdict_of(told.fit, told.answer.unseen)
-    terminal = render_text(study_document(told), width=400).rstrip().splitlines()
-    assert terminal[-1 - len(verdict.sentences) :] == [verdict.text, *verdict.sentences]
+    _, _, boxed = render_text(study_document(told)).partition("╭")
+    assert " ".join(boxed.strip("╭╮╰╯─\n").replace("│", " ").split()) == " ".join([verdict.text, *verdict.sentences])
     assert verdict.text in to_html(study_document(told)).replace("\u00a0", " ")
 
 
@@ -301,7 +302,7 @@ def test_a_limit_cycle_whose_extremes_scatter_is_not_called_valid(scatter: float
 
 
 def test_doubts_about_figures_do_not_contradict_a_fit_without_doubts() -> None:
-    said = render_text(Document("", (), doubts=("The approach was not steady.",), doubted="figures"))
+    said = render_text(Document("", (), doubts=(Remark("The approach was not steady."),), doubted="figures"))
     assert said.strip().splitlines()[0] == "Doubts about the figures"
 
 

@@ -17,7 +17,7 @@ from gcs_autotune.mavlink import TextLog
 from gcs_autotune.observer import Progress
 from gcs_autotune.report import Document, StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.canvas import new_axes, pens, to_svg
-from gcs_autotune.report.toolkit.document import Note, Section, Table, Verdict
+from gcs_autotune.report.toolkit.document import Note, Remark, Section, Table, Verdict
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.untrusted_text import quoted, visible
 
@@ -77,7 +77,7 @@ def test_what_a_tune_says_and_shows_live_is_tame(terminal):
 def test_what_is_printed_at_the_end_is_tame(thing):
     verdict = Verdict(FORGED, "good", (FORGED,))
     section = Section("one", FORGED, (thing,))
-    shown = render_text(Document(FORGED, (section,), verdict, lead=FORGED, doubts=(FORGED,)), width=300)
+    shown = render_text(Document(FORGED, (section,), verdict, lead=FORGED, doubts=(Remark(FORGED),)), width=300)
     assert is_tame(shown)
     assert not any(line.strip().startswith("kept") for line in shown.splitlines())
     assert r"\x1b" in shown

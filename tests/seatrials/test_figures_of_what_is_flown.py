@@ -120,3 +120,21 @@ def test_a_stop_that_is_over_before_the_thrust_stands_at_a_level_has_its_figures
     (sheet,) = ship_figures(replace(short, channels={**short.channels, "u": replace(u, values=quick)}))
     assert value(sheet, "time-stop") == pytest.approx(0.9 * 1.4, abs=0.1)
     assert "astern" in sheet.title
+
+
+def test_the_diagrams_mark_what_the_tables_state() -> None:
+    circle = sheets("turning-circle")["turning-circle"]
+    assert circle.shape is not None
+    at_90, at_180 = circle.shape.points
+    assert at_90[1:] == (value(circle, "transfer"), value(circle, "advance"))
+    assert at_180[1] == value(circle, "tactical-diameter")
+    _, abeam, ahead = circle.shape.lines[0]
+    for _, x, y in circle.shape.points:
+        assert float(np.min(np.hypot(abeam - x, ahead - y))) < 0.02 * value(circle, "tactical-diameter")
+    stop = sheets("stopping")["stopping"]
+    assert stop.shape is not None
+    assert stop.shape.points[0][2] == value(stop, "head-reach")
+    spiral = sheets("spiral")["spiral"]
+    assert spiral.shape is not None
+    drawn = sum(len(rate) for _, _, rate in spiral.shape.lines)
+    assert drawn == sum(figure.slug.startswith("point-") for figure in spiral.figures)

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -122,7 +123,8 @@ def test_gains_without_the_step_they_need_or_of_another_axis_are_refused_by_name
 
 def test_the_command_repeats_what_the_user_asked_of_link_step_and_safety(capsys, tmp_path, monkeypatch):
     asked = {}
-    monkeypatch.setattr("gcs_autotune.workflow.tune", lambda settings, *_: asked.update(s=settings) or 1 / 0)
+    job = SimpleNamespace(run=lambda settings, *_: asked.update(s=settings) or 1 / 0)
+    monkeypatch.setattr("gcs_autotune.workflow.job_of", lambda name: job)
     words = ["--connect", "udpin:0.0.0.0:14550", "--max-distance", "40", "--step", "20", "--system-id", "7"]
     with pytest.raises(ZeroDivisionError):
         main(["tune", "heading", "--dry-run", "--yes", "--function", "butterworth", "--relays", "2", *words])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,14 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from gcs_autotune.errors import AutotuneError, GuardTripped, PreconditionFailed, WrongVehicle
+from gcs_autotune.errors import AutotuneError, GuardTripped, NotAchieved, PreconditionFailed, WrongVehicle
 from gcs_autotune.link import Journal
-from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.manoeuvres import Area, Envelope, Zone
 from gcs_autotune.observer import SilentObserver
-from gcs_autotune.workflow import LineSettings, Unattended, restore_run, tune_line
+from gcs_autotune.workflow import Unattended, restore_run, tune_line
 from sitl.autopilot.mission import Command, MissionItem
+from sitl.effects import parse_effect
+from sitl.place import HOME
 
 from .sitl_harness import WHEN, Ear, Later, Moored, SitlHarness
 
@@ -35,16 +38,18 @@ THEIRS = [
 ]
 
 
-def tuned(tmp_path: Path, meddling: Any = None, **parameters: float) -> SitlHarness:
+def tuned(tmp_path: Path, meddling: Any = None, effects: Any = (), **parameters: float) -> SitlHarness:
     """Return a tuned blueboat with a mission of its owner, whose second command is the current one."""
-    harness = SitlHarness(tmp_path, "blueboat", meddling, parameters={**BLUEBOAT, **parameters})
+    harness = SitlHarness(tmp_path, "blueboat", meddling, parameters={**BLUEBOAT, **parameters}, effects=effects)
     harness.vehicle.autopilot.mission.store(THEIRS)
     harness.vehicle.autopilot.set_mission_item(2)
     return harness
 
 
-def line(harness: SitlHarness, operator: Any = None, leg: float | None = 30.0, **changes: Any) -> Any:
-    settings = LineSettings(harness.settings(**changes), leg)
+def line(
+    harness: SitlHarness, operator: Any = None, leg: float | None = 30.0, *, untuned: bool = False, **changes: Any
+) -> Any:
+    settings = harness.settings(leg_length=leg, untuned=untuned, **changes)
     return tune_line(settings, operator or Unattended(), Ear(harness.said), WHEN)
 
 
@@ -155,3 +160,91 @@ def test_a_run_that_was_cut_off_is_restored_with_its_mission(tmp_path: Path) -> 
     restore_run(Moored(peer=Later(harness.server)), journal, Unattended(), SilentObserver())
     assert flown(harness) == theirs()
     assert Journal.read(journal).is_settled
+
+
+def test_an_untuned_boat_is_flown_when_that_is_ordered_and_the_report_states_it(tmp_path: Path) -> None:
+    harness = tuned(tmp_path, ATC_SPEED_P=0.2, ATC_SPEED_I=0.2)
+    assert line(harness, untuned=True, dry_run=True).ending == "dry-run"
+    assert "speed not tuned" in " ".join(harness.said)
+
+
+def assert_as_before(harness: SitlHarness) -> None:
+    harness.assert_untouched()
+    assert flown(harness) == theirs()
+    assert harness.vehicle.autopilot.mission.current == 2
+
+
+def test_a_current_nearly_as_fast_as_the_mission_is_refused_with_the_one_that_is_possible(tmp_path: Path) -> None:
+    harness = tuned(tmp_path, effects=[parse_effect("steady-current.V_x=1.3")])
+    with pytest.raises(PreconditionFailed, match=r"drifts at 1\.3 m/s .* up to 1\.2 m/s is accepted"):
+        line(harness)
+    assert_as_before(harness)
+
+
+def test_a_current_that_the_boat_cannot_make_way_against_ends_the_flight_with_its_speed(tmp_path: Path) -> None:
+    north = [parse_effect("steady-current.V_x=-2.6")]
+    harness = tuned(tmp_path, effects=north, WP_SPEED=3.5)
+    with pytest.raises(NotAchieved, match=r"made 0\.\d\d m/s towards it with \d\d % of full output. The current"):
+        line(harness)
+    assert_as_before(harness)
+
+
+def test_legs_too_short_for_the_corners_are_refused_with_the_length_that_is_enough(tmp_path: Path) -> None:
+    harness = tuned(tmp_path, WP_SPEED=3.0, WP_PIVOT_ANGLE=0.0)
+    story = line(harness, leg=10.0)
+    assert story.ending == "unchanged"
+    assert "the legs are 10 m. Use --leg-length" in story.reason
+    assert_as_before(harness)
+
+
+def area_around(*corners: tuple[float, float]) -> Envelope:
+    """Return an envelope with a polygon, its corners north and east of the vehicle [m]."""
+    degrees = tuple(
+        (HOME[0] + n / 111320.0, HOME[1] + e / 111320.0 / math.cos(math.radians(HOME[0]))) for n, e in corners
+    )
+    return Envelope(area=Area((Zone(degrees),), "--area"))
+
+
+@pytest.mark.parametrize(
+    ("south", "north", "east", "leg", "fits"),
+    [
+        (-150.0, 150.0, 25.0, 30.0, r"leaves --area by \d+ m. It fits with the bow at \d+ deg"),
+        (-50.0, 50.0, 50.0, 60.0, r"It fits with --leg-length \d+ and the bow at \d+ deg"),
+        (-9.0, 9.0, 9.0, 30.0, "No course fits here"),
+    ],
+)
+def test_a_course_through_the_fence_is_refused_with_the_heading_or_the_leg_that_fits(
+    south: float, north: float, east: float, leg: float, fits: str, tmp_path: Path
+) -> None:
+    harness = tuned(tmp_path)
+    area = area_around((south, -north), (north, -north), (north, east), (south, east))
+    with pytest.raises(PreconditionFailed, match=fits):
+        line(harness, leg=leg, envelope=area)
+    assert_as_before(harness)
+
+
+def test_a_mission_that_the_vehicle_would_not_take_back_is_not_replaced(tmp_path: Path) -> None:
+    harness = tuned(tmp_path)
+    odd = [*THEIRS, MissionItem(Command.WAYPOINT, 77, (0.0, 0.0, 0.0, 0.0), 451002000, 151002000)]
+    harness.vehicle.autopilot.mission.store(odd)
+    harness.vehicle.autopilot.set_mission_item(2)
+    with pytest.raises(PreconditionFailed, match=r"own mission \(3 items\) could not be restored .*UNSUPPORTED_FRAME"):
+        line(harness)
+    harness.assert_untouched()
+    assert flown(harness) == [(i.command, i.latitude, i.longitude) for i in odd[1:]]
+
+
+def test_a_position_that_jumps_ends_the_flight_and_the_mission_is_restored(tmp_path: Path) -> None:
+    class Jump(Ordering):
+        def __call__(self, t: float, message: Any) -> Iterable[Any]:
+            if self.harness.vehicle.autopilot.mode.number == 10 and self._since < 0.0:
+                self._since = t
+            if 0.0 <= self._since < t - self._seconds and message.get_type() == "LOCAL_POSITION_NED":
+                message.x += 12.0
+            return (message,)
+
+    jump = Jump(10, 20.0)
+    harness = jump.harness = tuned(tmp_path, jump)
+    with pytest.raises(NotAchieved, match=r"position jumped by 1[12]\.\d m"):
+        line(harness)
+    assert_as_before(harness)

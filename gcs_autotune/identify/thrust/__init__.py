@@ -5,6 +5,7 @@ They may be weak for small commands, inactive near neutral, or weaker in one dir
 =================  =================================================================================
 thrust_curve       an ROV's thrusters, from oscillations of two sizes and a step
 surge              a boat's throttle, inertia and drag, from throttle steps
+levels             a boat's thrust at each throttle level, ahead and astern
 asymmetric_thrust  doubt about thrust that is weaker in one direction
 =================  =================================================================================
 """
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.thrust.asymmetric_thrust import with_doubt_of_thrust
+from gcs_autotune.identify.thrust.levels import LevelForces, level_forces
 from gcs_autotune.identify.thrust.surge import CURVE, fit_surge, set_on_the_way_back, square_of
 from gcs_autotune.identify.thrust.thrust_curve import (
     DEAD_ZONE,
@@ -28,10 +30,12 @@ __all__ = [
     "CURVE",
     "DEAD_ZONE",
     "QUADRATIC",
+    "LevelForces",
     "effect_number",
     "fit_surge",
     "fit_thrust_curve",
     "fit_with_actuator",
+    "level_forces",
     "pays",
     "set_on_the_way_back",
     "square_of",

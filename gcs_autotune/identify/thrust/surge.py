@@ -128,10 +128,12 @@ def fit_surge(
     structure: Structure | None = None,
     delay: Literal["auto"] | float = "auto",
     along: AlongTrack | None = None,
+    square: tuple[float, float] | None = None,
 ) -> AxisFit:
     """Identify surge from runs with ``u``, and with ``X`` as a fraction of full throttle.
 
     along : current from another source, used if the runs do not show it themselves.
+    square : quadratic fraction of the thrust and its standard error, if known from a pull test; None: identified.
 
     Returns
     -------
@@ -146,12 +148,17 @@ def fit_surge(
     """
     along = along_track(trials) or along
     if along is None or not along.matters:
-        return _fit(trials, structure, delay)
-    found = _fit([through_water(t, along) for t in trials], structure, delay)
+        return _fit(trials, structure, delay, square)
+    found = _fit([through_water(t, along) for t in trials], structure, delay, square)
     return replace(found, doubts=(*found.doubts, doubt_of(along)))
 
 
-def _fit(trials: Sequence[Trial], structure: Structure | None, delay: Literal["auto"] | float) -> AxisFit:
+def _fit(
+    trials: Sequence[Trial],
+    structure: Structure | None,
+    delay: Literal["auto"] | float,
+    known: tuple[float, float] | None = None,
+) -> AxisFit:
     first = fit_axis(list(trials), dof="surge", structure=structure, delay=delay)
     lag = first.model.delay
 
@@ -159,12 +166,14 @@ def _fit(trials: Sequence[Trial], structure: Structure | None, delay: Literal["a
         runs = [bent(t, square) for t in trials]
         return _Point(square, fit_axis(runs, dof="surge", structure=drag, delay=lag))
 
-    points = _profile(lambda q: at(q, structure or "affine"))
-    best = min(points, key=lambda p: p.misfit)
-    std = _spread(points, best)
-    final = fit_axis([bent(t, best.square) for t in trials], dof="surge", structure=structure, delay=delay)
-    slope = _carried(final, lambda q: at(q, structure_of(final.structure)), best.square, std)
-    found = _with_square(final, best.square, std, slope)
+    if known is None:
+        points = _profile(lambda q: at(q, structure or "affine"))
+        best = min(points, key=lambda p: p.misfit)
+        known = best.square, _spread(points, best)
+    square, std = known
+    final = fit_axis([bent(t, square) for t in trials], dof="surge", structure=structure, delay=delay)
+    slope = _carried(final, lambda q: at(q, structure_of(final.structure)), square, std)
+    found = _with_square(final, square, std, slope)
     largest = max(float(np.max(np.abs(t["X"].values))) for t in trials)  # not the thrust that it was bent to
     return replace(found, extra={**found.extra, "largest": {"X": largest}})
 

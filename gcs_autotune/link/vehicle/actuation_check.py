@@ -125,11 +125,12 @@ def check_overrides_taken(
 
 
 def check_outputs_follow(
-    streamer: SetpointStreamer, telemetry: Telemetry, observe: Callable[[], object], mode: str
+    streamer: SetpointStreamer, telemetry: Telemetry, observe: Callable[[], object], mode: str, *, skid: bool = False
 ) -> None:
     """Move the steering by 5 % to each side, without thrust, and verify that SERVO_OUTPUT_RAW follows.
 
     observe : waits for the next control tick. Commands are sent on ticks, so that the loop is timed as in later use.
+    skid : whether two thrusters steer. MOT_THR_MIN, MOT_THST_EXPO and MOT_THST_ASYM enlarge their small outputs.
 
     Raises
     ------
@@ -139,10 +140,16 @@ def check_outputs_follow(
     for level in _LEVELS:
         streamer.command(Actuate(N=level))
         deadline = Deadline.after(streamer.clock, FOLLOW_TIMEOUT)
-        while not abs(telemetry.outputs.get("N", math.nan) - level) < 0.5 * TWITCH:
+        while not _follows(telemetry.outputs.get("N", math.nan), level, skid=skid):
             if deadline.expired:
                 raise _deaf_outputs(level, streamer, telemetry, mode)
             observe()
+
+
+def _follows(output: float, level: float, *, skid: bool) -> bool:
+    if skid and output * level > 0.0:
+        return abs(output) > 0.5 * abs(level)
+    return abs(output - level) < 0.5 * TWITCH
 
 
 def _deaf_outputs(level: float, streamer: SetpointStreamer, telemetry: Telemetry, mode: str) -> PreconditionFailed:

@@ -277,6 +277,25 @@ def _ids(session: Session) -> tuple[int, int]:
     return session.vehicle.system, session.vehicle.component
 
 
+def _check_taken_back(session: Session, own: StoredMission) -> None:
+    """Upload the vehicle's *own* mission to it, unchanged.
+
+    Raises
+    ------
+    PreconditionFailed
+        The vehicle does not take it, so it could not be restored after a run.
+    NoReply, LinkLost, OperatorStopped
+        The vehicle does not answer, or the operator stopped it.
+    """
+    try:
+        write_mission(session, own)
+    except PreconditionFailed as error:
+        raise PreconditionFailed(
+            f"the vehicle's own mission ({len(own.items) - 1} items) could not be restored after the run: {error}. "
+            "Save it with a ground station and clear it, then start again"
+        ) from error
+
+
 class MissionLoan:
     """A mission of ours on the vehicle for a while; its own one is in the journal, and restored on every ending.
 
@@ -295,13 +314,18 @@ class MissionLoan:
     def set(self, mission: StoredMission) -> None:
         """Store the vehicle's mission in the journal and upload *mission*.
 
+        First the vehicle's own mission is uploaded to it unchanged: what it does not take back is not replaced.
+
         Raises
         ------
         PreconditionFailed, NoReply, LinkLost, OperatorStopped
             As :func:`write_mission`.
         """
         if self._before is None:
-            self._before = read_mission(self._session)
+            before = read_mission(self._session)
+            if not before.is_empty:
+                _check_taken_back(self._session, before)
+            self._before = before
         self._journal.record(
             "mission_writing",
             items=[item.to_dict() for item in self._before.items],

@@ -110,12 +110,13 @@ class Telemetry:
     outputs, output_t : measured force fractions and their stamp. output_ticks : number of output messages received.
     output_since : estimated time of their last change [s].
     fix : last latitude and longitude [deg], None before any.
+    servos : relation between servo outputs and forces.
     """
 
     def __init__(
         self, session: Session, servos: ServoMap, recorder: Recorder, *, loop_period: float = 0.0, rate_lag: float = 0.0
     ) -> None:
-        self._servos = servos
+        self.servos = servos
         self._loop_period = loop_period
         self._rate_lag = rate_lag
         self._recorder = recorder
@@ -204,7 +205,7 @@ class Telemetry:
             m.servo7_raw,
             m.servo8_raw,
         )
-        forces = self._servos.forces(pwms)
+        forces = self.servos.forces(pwms)
         self.watchdog.note_outputs(t, forces)
         self._record_outputs(t, forces)
         self.outputs, self.output_t = forces, t

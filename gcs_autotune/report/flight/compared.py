@@ -24,6 +24,7 @@ from gcs_autotune.report.toolkit.document import (
     Table,
     Verdict,
     bullets,
+    cautions,
 )
 from gcs_autotune.report.toolkit.figures import COLOURS
 from gcs_autotune.report.toolkit.wording import (
@@ -130,7 +131,7 @@ def comparison_document(found: Comparison, when: str = "") -> Document:
         title=f"Comparison of {len(found.runs)} runs",
         when=when,
         verdict=Verdict(found.told, "bad" if found.changed else "neutral"),
-        doubts=found.doubts or None,
+        doubts=cautions(found.doubts) or None,
         doubted="comparison",
         sections=tuple(_sections(found)),
         facts=_facts(found),

@@ -27,14 +27,15 @@ from gcs_autotune.report.toolkit.document import (
     Section,
     Table,
     Verdict,
+    cautions,
     notes,
 )
 from gcs_autotune.report.toolkit.figures import draw_fit, draw_inputs, draw_track, finite, thin
 from gcs_autotune.report.toolkit.wording import (
-    doubt_sentences,
     format_moment,
     format_percent,
     format_seconds,
+    remarks,
     to_people,
 )
 from gcs_autotune.seatrials import Sheet
@@ -113,9 +114,9 @@ def flight_document(story: FlightStory) -> Document:
     oscillates = any(figure.slug == "oscillation" for sheet in story.sheets for figure in sheet.figures)
     ended = (f"{steps[-1].known}: {steps[-1].ended}.",) if steps else ()
     doubts = (
-        *story.remarks,
-        *(text for sheet in story.sheets for text in doubt_sentences(sheet.doubts)),
-        *(text for model in story.models for text in doubt_sentences(model.fit.doubts)),
+        *cautions(story.remarks),
+        *(text for sheet in story.sheets for text in remarks(sheet.doubts)),
+        *(text for model in story.models for text in remarks(model.fit.doubts)),
     )
     return Document(
         title=story.title,
@@ -209,9 +210,10 @@ def _record(story: FlightStory) -> Iterator[Section]:
     parts = (
         *(f for name, run in story.flown[:MOST_SIGNALS] for f in _signals(run, "" if story.is_single else name)),
         *(f for model in story.models for f in _fits(model, {t.name: t for t in runs.values()})),
-        _track(named if story.predicted is None else {**named, "predicted": story.predicted}),
+        _track(named, () if story.predicted is None else [_onto(story.predicted, story.flown[0][1])]),
     )
-    yield Section("record", "Record", parts, facts=IN_RESULT)
+    has_diagram = any(sheet.shape is not None for sheet in story.sheets)
+    yield Section("record", "Record", parts, facts=IN_RESULT, folded=has_diagram)
 
 
 SECTIONS = (_runs, _course, _sheets, _models, _record)
@@ -256,9 +258,39 @@ def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> Iterator[Figure]:
             yield Figure(f"fit-{model.fit.dof}-{i}", caption, draw)
 
 
-def _track(runs: Mapping[str, Trial]) -> Figure:
-    caption = "Track from its start, north up. The predicted track starts with heading north."
-    return Figure("track", caption, partial(draw_track, {n: _from_origin(trial) for n, trial in runs.items()}))
+def _track(runs: Mapping[str, Trial], predicted: Sequence[Trial] = ()) -> Figure:
+    """Return the tracks of *runs* from their starts, and those *predicted* as they are."""
+    caption = "Track from its start, north up."
+    if predicted:
+        caption += " The predicted track is turned and shifted onto the flown one."
+    shown = {n: _from_origin(trial) for n, trial in runs.items()}
+    shown.update(("predicted", trial) for trial in predicted)
+    return Figure("track", caption, partial(draw_track, shown))
+
+
+def _onto(predicted: Trial, flown: Trial) -> Trial:
+    """Return the predicted run turned and shifted onto the flown one, to the same heading and position at the first
+    execute, or else at the start.
+    """
+    if any(name not in run or len(run[name]) < 2 for run in (predicted, flown) for name in ("psi", "x", "y")):
+        return predicted
+    target, own = _pose(_from_origin(flown)), _pose(predicted)
+    turn = target[2] - own[2]
+    x, y = predicted["x"], predicted["y"]
+    c, s = math.cos(turn), math.sin(turn)
+    moved = {}
+    for name, to, along, across in (("x", target[0], c, -s), ("y", target[1], s, c)):
+        t = predicted[name].t
+        north, east = np.interp(t, x.t, x.values) - own[0], np.interp(t, y.t, y.values) - own[1]
+        moved[name] = replace(predicted[name], values=to + along * north + across * east)
+    return replace(predicted, channels={**predicted.channels, **moved})
+
+
+def _pose(run: Trial) -> tuple[float, float, float]:
+    """Return north, east [m] and heading [rad] at the first execute, or else at the start."""
+    t = next((m.t for m in run.marks if m.kind == "execute"), run.start)
+    north, east = (float(np.interp(t, run[n].t, run[n].values)) for n in "xy")
+    return north, east, float(np.interp(t, run["psi"].t, np.unwrap(run["psi"].values)))
 
 
 def _from_origin(trial: Trial) -> Trial:

@@ -13,14 +13,14 @@ import numpy as np
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.identify import Doubt
 from gcs_autotune.report.toolkit.canvas import AFTER, WANTED, legend, new_axes
-from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, Section, Table, Tone, Verdict
+from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, Section, Table, Tone, Verdict, cautions
 from gcs_autotune.report.toolkit.figures import finite, thin
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
-    doubt_sentences,
     format_moment,
     format_number,
     format_value,
+    remarks,
     to_people,
 )
 from gcs_autotune.sname import SIGNALS
@@ -96,7 +96,7 @@ def recheck_document(check: LoopCheck, heading: str = "", when: str = "", run: T
         title=heading,
         when=format_moment(when),
         verdict=Verdict(check.text, check.tone, check.notes),
-        doubts=(*doubt_sentences(check.doubts), *check.remarks) or None,
+        doubts=(*remarks(check.doubts), *cautions(check.remarks)) or None,
         doubted="loop",
         sections=tuple(section for make in SECTIONS for section in make(check, run)),
         facts=check.to_dict(),

@@ -8,10 +8,12 @@ out, so a section can list optional parts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from gcs_autotune.identify import Grade
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -108,7 +110,7 @@ class Section:
     """A heading with its notes, tables, figures and nested sections, in order. A nested section has a smaller heading.
 
     slug : unique in the document; it is the page's anchor, and the key in JSON. detail : whether the terminal leaves it
-    out.
+    out. folded : whether the page shows only its title until the reader opens it.
     facts : its JSON form; None: its text under its slug; :data:`IN_RESULT`: nothing in addition.
     """
 
@@ -117,9 +119,27 @@ class Section:
     parts: tuple[Part, ...]
     detail: bool = False
     facts: Mapping[str, Any] | None = None
+    folded: bool = False
 
 
 Part = Note | Table | Figure | Section
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """A doubt and its remedy as text, with its grade."""
+
+    text: str
+    grade: Grade = "caution"
+
+
+GRADES: Mapping[Grade, str] = {"distrust": "Do not trust", "caution": "Caution", "note": "Note"}
+"""Grade of a doubt -> its word, the gravest first."""
+
+
+def cautions(texts: Iterable[str]) -> tuple[Remark, ...]:
+    """Return each of the sentences as a caution."""
+    return tuple(Remark(text) for text in texts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +152,7 @@ class Document:
     verdict : None for a list without a verdict.
     lead : the result in plain words, before the verdict, with *lead_figures*.
     contradictions : inconsistencies in the data, shown first.
-    doubts : sentences with their remedies; None if doubts do not apply. doubted : subject of the doubts.
+    doubts : doubts with their remedies; None if doubts do not apply. doubted : subject of the doubts.
     facts : the JSON form without the sections.
     """
 
@@ -146,9 +166,20 @@ class Document:
     lead_figures: tuple[Figure, ...] = ()
     key_figures: tuple[KeyFigure, ...] = ()
     contradictions: tuple[str, ...] = ()
-    doubts: tuple[str, ...] | None = None
+    doubts: tuple[Remark, ...] | None = None
     doubted: str = "fit"
     facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the page begins with the doubts: one of them is grave, or the result is not good."""
+        is_good = self.verdict is not None and self.verdict.tone == "good"
+        return bool(self.doubts) and (not is_good or any(doubt.grade == "distrust" for doubt in self.doubts or ()))
+
+    @property
+    def graded(self) -> tuple[tuple[str, Remark], ...]:
+        """The doubts with the words of their grades, the gravest first."""
+        return tuple((word, d) for grade, word in GRADES.items() for d in self.doubts or () if d.grade == grade)
 
 
 def is_empty(part: Part) -> bool:
@@ -158,6 +189,16 @@ def is_empty(part: Part) -> bool:
     if isinstance(part, Table):
         return not part.rows
     return isinstance(part, Section) and all(map(is_empty, part.parts))
+
+
+Made = TypeVar("Made")
+Maker = Callable[[Made], Iterator[Section]]
+
+
+def sections_of(front: Iterable[Maker[Made]], folded: Iterable[Maker[Made]], of: Made) -> tuple[Section, ...]:
+    """Return the sections that *front* makes of the subject *of*, then those of *folded*, folded on the page."""
+    rest = (replace(section, folded=True) for make in folded for section in make(of))
+    return (*(section for make in front for section in make(of)), *rest)
 
 
 def notes(texts: tuple[str, ...]) -> Iterator[Note]:

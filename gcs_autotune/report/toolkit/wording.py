@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 from gcs_autotune.identify import CONTRADICTION, AxisFit, Doubt
+from gcs_autotune.report.toolkit.document import Remark
 from gcs_autotune.rounding import UNKNOWN, format_number, format_value, rounded, rounded_to
 from gcs_autotune.sname import SIGNALS
 
@@ -31,6 +32,7 @@ __all__ = [
     "format_value",
     "listed",
     "pretty_unit",
+    "remarks",
     "rounded_to",
     "sentence",
     "to_people",
@@ -189,6 +191,11 @@ def doubt_sentence(doubt: Doubt) -> str:
 def doubt_sentences(doubts: Iterable[Doubt]) -> tuple[str, ...]:
     """Return each doubt and its remedy as text."""
     return tuple(doubt_sentence(doubt) for doubt in doubts)
+
+
+def remarks(doubts: Iterable[Doubt]) -> tuple[Remark, ...]:
+    """Return each doubt and its remedy as text, with its grade."""
+    return tuple(Remark(doubt_sentence(doubt), doubt.grade) for doubt in doubts)
 
 
 def sentence(text: str) -> str:

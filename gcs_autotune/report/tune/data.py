@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gcs_autotune.design import PositionMetrics, StepMetrics, TrackMetrics
+from gcs_autotune.design import Linearity, PositionMetrics, StepMetrics, TrackMetrics
 from gcs_autotune.report.tune.story import TuneStory
 
 __all__ = ["SCHEMA", "summarise"]
@@ -31,9 +31,12 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "turn_rates": None
         if story.beside is None
         else dict(zip(("before", "after"), map(_metrics, story.beside), strict=True)),
+        "thrust": None
+        if story.thrust_before is None
+        else {"before": story.thrust_before.to_dict(), "after": _told(story.thrust_after)},
         "track": None
         if story.track_before is None
-        else {"before": story.track_before.to_dict(), "after": _track(story.track_after)},
+        else {"before": story.track_before.to_dict(), "after": _told(story.track_after)},
         "position": None
         if story.position_before is None
         else {"before": _position(story.position_before), "after": _position(story.position_after)},
@@ -48,7 +51,7 @@ def summarise(story: TuneStory) -> dict[str, Any]:
     }
 
 
-def _track(metrics: TrackMetrics | None) -> dict[str, object] | None:
+def _told(metrics: TrackMetrics | Linearity | None) -> dict[str, object] | None:
     return None if metrics is None else metrics.to_dict()
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gcs_autotune.axes import AXES, OTHER_NAMES
-from gcs_autotune.design import Change, PositionMetrics, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, Linearity, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
@@ -52,6 +52,7 @@ class TuneStory:
     rates : message name -> (requested, measured rate) [Hz].
     beside : the turn-rate step flown with a heading step, with old and new gains.
     missions : the flights of a tune of the line.
+    thrust_before, thrust_after : how thrust followed the command in a tune of the actuators.
     track_before, track_after : how they followed their route, with old and new parameters.
     stays : the steps and pushes of a tune of the position.
     position_before, position_after : how the position was held, with old and new gains.
@@ -85,6 +86,8 @@ class TuneStory:
     metrics_after: StepMetrics | None = None
     beside: tuple[StepMetrics, StepMetrics] | None = None
     missions: tuple[Trial, ...] = ()
+    thrust_before: Linearity | None = None
+    thrust_after: Linearity | None = None
     track_before: TrackMetrics | None = None
     track_after: TrackMetrics | None = None
     stays: tuple[Trial, ...] = ()

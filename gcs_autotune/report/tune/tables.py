@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.design import Change, Margins, PositionMetrics, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, Linearity, Margins, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     MOST_FACTOR,
@@ -30,6 +30,7 @@ __all__ = [
     "position_table",
     "rates_table",
     "route_table",
+    "thrust_table",
     "vehicle_table",
 ]
 
@@ -156,6 +157,18 @@ def position_table(before: PositionMetrics, after: PositionMetrics | None) -> Ta
         for name, what, show in shown
     )
     return Table(("lower is better", "before", "after", "change"), "lrrr", rows)
+
+
+def thrust_table(before: Linearity, after: Linearity | None) -> Table:
+    """Return the thrust at each command, before and after."""
+    told = [before] if after is None else [before, after]
+    heads = ("command", "thrust") if after is None else ("command", "thrust before", "thrust after")
+    rows = [
+        (format_share(command), *(format_share(thrust) for thrust in thrusts))
+        for command, *thrusts in zip(before.commands, *(one.thrusts for one in told), strict=True)
+    ]
+    rows.append(("departure, rms", *(f"{100.0 * one.departure:.1f} %" for one in told)))
+    return Table(heads, "l" + "r" * len(told), tuple(rows))
 
 
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:

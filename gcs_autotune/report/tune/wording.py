@@ -49,6 +49,8 @@ _ENDINGS: Mapping[str, tuple[str, Tone]] = {
     "aborted": ("The {axis} tune was aborted.", "bad"),
 }
 """Ending -> headline, tone."""
+_NAMED: Mapping[str, str] = {"actuators": "actuator"}
+"""Axis -> its name before another noun, where it differs."""
 
 
 def verdict_of(story: TuneStory) -> Verdict:
@@ -74,7 +76,7 @@ def verdict_of(story: TuneStory) -> Verdict:
     sentences.append(parameters_sentence(story))
     if story.ending == "kept" and story.proposal is not None and not story.proposal.worst_margins.stable:
         tone = "bad"
-    return Verdict(text.replace("{axis}", story.axis), tone, tuple(s for s in sentences if s))
+    return Verdict(text.replace("{axis}", _NAMED.get(story.axis, story.axis)), tone, tuple(s for s in sentences if s))
 
 
 def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
@@ -194,7 +196,8 @@ def parameters_sentence(story: TuneStory) -> str:
             f"All parameters written during the run have their original values again, verified by reading back.{also}"
         )
     if story.ending == "kept" or story.kept:
-        return f"Changed on the vehicle, verified by reading back: {names}.{also}"
+        values = (f"{n} {format_number(changed[n][0])} -> {format_number(changed[n][1])}" for n in written)
+        return f"Changed on the vehicle, verified by reading back: {', '.join(values)}.{also}"
     return f"NOT RESTORED: {names}. Run `{undo_command(story)}`.{also}"
 
 

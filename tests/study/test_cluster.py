@@ -1,0 +1,113 @@
+"""A study on Dask: processes that are killed, workers that do not fit, a scheduler that goes away."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.errors import CannotOpenLink, LinkLost, UsageError
+from gcs_autotune.executor import DaskExecutor, Executor
+from gcs_autotune.study import Started, cluster_of, given_up, load_plan, open_study, run_study, unsuited
+from tests.study.test_run import ROWS, TEN, rows
+from tests.study.toys import ran, study_file, tried
+
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with cluster_of(2) as client:
+            yield client
+
+
+def on(client: Any, **options: Any) -> Any:
+    def executor(started: Started) -> Executor:
+        usual = {"lost": partial(given_up, started), "unsuited": partial(unsuited, started)}
+        return DaskExecutor(client, in_order=False, **{**usual, **options})
+
+    return executor
+
+
+def test_two_workers_give_the_rows_of_one_process(client: Any, tmp_path: Path) -> None:
+    path = study_file(tmp_path, "odd_fails", TEN)
+    ran(path, tmp_path / "serial")
+    ran(path, tmp_path / "dask", on(client))
+    assert rows(tmp_path / "dask") == rows(tmp_path / "serial")
+
+
+def test_a_case_that_kills_its_worker_is_given_up_after_three_tries(client: Any, tmp_path: Path) -> None:
+    ran(study_file(tmp_path, "kills_at_three", TEN), tmp_path / "out", on(client))
+    table = open_study(tmp_path / "out")
+    assert table["status"].tolist() == ["done"] * 3 + ["given up"] + ["done"] * 6
+    assert table["reason"][3] == "its worker was killed 3 times"
+    assert tried(tmp_path).count("3") == 3
+
+
+def _square(x: int) -> int:
+    return x * x
+
+
+def test_results_are_in_the_order_of_the_tasks(client: Any) -> None:
+    told: list[tuple[int, int]] = []
+    found = list(DaskExecutor(client).map(_square, range(20), lambda done, total: told.append((done, total))))
+    assert found == [x * x for x in range(20)]
+    assert told == [(k, 20) for k in range(1, 21)]
+
+
+def _odd_address(started: Started) -> str:
+    from distributed import get_worker
+
+    return "wrong version 1, but the study needs 2" if get_worker().name == 0 else ""
+
+
+def test_a_worker_that_does_not_fit_is_reported_and_the_others_do_its_cases(client: Any, tmp_path: Path) -> None:
+    told: list[str] = []
+
+    def executor(started: Started) -> Executor:
+        return on(client, unsuited=partial(_odd_address, started), reports=told.append)(started)
+
+    client.wait_for_workers(2)
+    ran(study_file(tmp_path, "add", TEN), tmp_path / "out", executor)
+    assert len(open_study(tmp_path / "out")) == 10
+    assert len(told) == 1
+    assert "is not used: wrong version 1, but the study needs 2" in told[0]
+
+
+def _wrong(started: Started) -> str:
+    return "version 1, but the study needs version 2"
+
+
+def test_a_study_without_a_fitting_worker_ends_with_both_versions(client: Any, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="every worker is refused: version 1, but the study needs version 2"):
+        ran(study_file(tmp_path, "add", TEN), tmp_path / "out", lambda s: on(client, unsuited=partial(_wrong, s))(s))
+
+
+def test_a_scheduler_that_does_not_answer_is_named() -> None:
+    with pytest.raises(CannotOpenLink, match="no Dask scheduler answers at nowhere"), cluster_of(1, "nowhere:1"):
+        pass
+
+
+def test_a_scheduler_that_goes_away_ends_the_study_and_loses_no_row(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "add", TEN)
+    with cluster_of(1) as client:
+
+        class Leaving(DaskExecutor):
+            def map(self, function: Any, tasks: Any, progress: Any = None) -> Iterator[Any]:
+                for k, row in enumerate(super().map(function, tasks, progress)):
+                    yield row
+                    if k == 3:
+                        client.cluster.close()
+
+        with pytest.raises(LinkLost, match="Repeat the command"):
+            run_study(load_plan(path), tmp_path / "out", lambda started: Leaving(client, in_order=False))
+    stored = open_study(tmp_path / "out", arrow=True).select(ROWS).to_pylist()
+    assert len(stored) >= 4
+    ran(path, tmp_path / "out")
+    assert len(open_study(tmp_path / "out")) == 10

@@ -1,0 +1,155 @@
+"""Cases that run commands of the program on a simulated vehicle, and the command line of `study`."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.cli import main, make_parser
+from gcs_autotune.errors import BadFile, UsageError
+from gcs_autotune.study import check_plan, load_plan, open_study
+from gcs_autotune.study import jobs as jobs_module
+from gcs_autotune.study.jobs import JOBS, Killed, commands_of, results_of
+from tests.study.test_run import Stopping, rows
+from tests.study.toys import ran
+
+ROOT = Path(__file__).parents[2]
+FLIGHT = """
+title = "surge steps"
+do = "identify"
+[fixed]
+vehicle.like = "videoray"
+fly.manoeuvre = "steps"
+fly.duration = 4
+fly.force = "X"
+identify.dof = "surge"
+identify.no-check = true
+[vary]
+vehicle.surge.alpha.times = [1.0, 1.5]
+"""
+
+
+def parse(line: list[str]) -> None:
+    make_parser(only=line[0]).parse_args(line)
+
+
+def plan_of(tmp_path: Path, text: str):
+    (tmp_path / "study.toml").write_text(text)
+    return load_plan(tmp_path / "study.toml")
+
+
+def test_a_case_of_two_commands_is_flown_and_then_identified(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, FLIGHT)
+    fly, identify = commands_of(plan.do, plan[1].given, tmp_path, tmp_path)
+    assert fly[:3] == ["fly", "steps", "--connect"]
+    assert fly[3] == f"sitl:{tmp_path}/vehicle.toml"
+    assert "--force=X" in fly
+    assert identify[:2] == ["identify", str(tmp_path / "run")]
+    assert "--no-check" in identify
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("identify.dof = 'surge'", "identify.duf: unrecognized arguments: --duf"),
+        ("fly.duration = 4", "fly.duration = -4"),
+    ],
+)
+def test_unknown_options_are_refused_before_anything_flies(text: str, why: str, tmp_path: Path) -> None:
+    wrong = {
+        "identify.dof = 'surge'": FLIGHT.replace("dof =", "duf ="),
+        "fly.duration = 4": FLIGHT.replace("= 4", "= -4"),
+    }
+    with pytest.raises(BadFile, match=r"study\.toml"):
+        check_plan(plan_of(tmp_path, wrong[text]), parse)
+
+
+def test_options_that_the_study_sets_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match=r"fly\.seed: a study sets this option itself"):
+        check_plan(plan_of(tmp_path, FLIGHT.replace("fly.duration", "fly.seed")), parse)
+
+
+def test_a_varied_value_outside_its_limits_is_named(tmp_path: Path) -> None:
+    text = FLIGHT.replace("fly.duration = 4\n", "") + "fly.duration = [4, -1]\n"
+    with pytest.raises(BadFile, match=r"study\.toml: vary\.fly\.duration: -1: "):
+        check_plan(plan_of(tmp_path, text), parse)
+
+
+def test_what_to_fly_must_be_stated(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match=r"fly\.manoeuvre is missing"):
+        check_plan(plan_of(tmp_path, FLIGHT.replace('fly.manoeuvre = "steps"\n', "")), parse)
+
+
+def test_a_command_ended_by_a_signal_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs_module, "_CHILD", "import os\nos.kill(os.getpid(), 9)")
+    plan = plan_of(tmp_path, FLIGHT)
+    with pytest.raises(Killed, match="fly was ended by signal 9"):
+        results_of(plan.do, plan[0].given, tmp_path, tmp_path)
+    ran(tmp_path / "study.toml", tmp_path / "out")
+    table = open_study(tmp_path / "out")
+    assert table["status"].tolist() == ["given up"] * 2
+    assert table["tries"].tolist() == [3, 3]
+    assert table["reason"][0] == "fly was ended by signal 9, 3 times"
+
+
+def test_a_failing_command_is_a_row_with_its_message(tmp_path: Path) -> None:
+    ran_file = tmp_path / "study.toml"
+    ran_file.write_text(FLIGHT.replace('"videoray"', '"videora"').replace("[vary]\n", "").replace("[1.0, 1.5]", "1.0"))
+    ran(ran_file, tmp_path / "out")
+    (reason,) = open_study(tmp_path / "out")["reason"]
+    assert "vehicle.like: the file of 'videora' cannot be read" in reason
+
+
+@pytest.mark.slow
+def test_flown_cases_are_identified_and_give_the_same_rows_again(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(FLIGHT)
+    ran(tmp_path / "study.toml", tmp_path / "one")
+    with pytest.raises(KeyboardInterrupt):
+        ran(tmp_path / "study.toml", tmp_path / "two", lambda started: Stopping(1))
+    assert rows(tmp_path / "one")[:1] == rows(tmp_path / "two")
+    table = open_study(tmp_path / "one")
+    assert set(table["status"]) == {"done"}, table["reason"].tolist()
+    alpha = next(name for name in table.columns if re.search(r"alpha_u.value$|alpha_u.0$", name))
+    assert table[alpha][1] / table[alpha][0] == pytest.approx(1.5, rel=0.05)
+
+
+def blocks(language: str) -> list[str]:
+    text = (ROOT / "docs" / "study.md").read_text()
+    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+
+
+def test_the_example_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    function, reading = blocks("python")[:2]
+    (tmp_path / "damping.py").write_text(function)
+    (tmp_path / "damping.toml").write_text(next(b for b in blocks("toml") if "damping:overshoot" in b))
+    ran(tmp_path / "damping.toml", tmp_path / "damping")
+    monkeypatch.chdir(tmp_path)
+    scope: dict[str, object] = {}
+    exec(reading, scope)
+    table = scope["table"]
+    assert len(table) == 9  # type: ignore[arg-type]
+    assert table["small"].tolist() == [z > 0.5912 for z in table["argument.zeta"]]  # type: ignore[index]
+
+
+def test_the_first_study_of_the_page_is_accepted(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, next(b for b in blocks("toml") if "relay-output" in b and "title" in b))
+    check_plan(plan, parse)
+    assert len(plan) == 24
+
+
+def test_the_command_names_the_extra_where_dask_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan_of(tmp_path, 'title = "t"\ndo = "math:sqrt"\n')
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["study", "run", str(tmp_path / "study.toml")]) == 2
+    assert "pip install 'gcs-autotune[study]'" in capsys.readouterr().err
+
+
+def test_every_job_can_be_asked_for() -> None:
+    assert set(JOBS) == {"tune", "fly", "identify", "diagnose"}
+    with pytest.raises(UsageError):
+        list(commands_of("tune", {"seed": 1}, Path(), Path()))

@@ -1,0 +1,191 @@
+"""A study runs once, whatever interrupts it."""
+
+from __future__ import annotations
+
+import errno
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError
+from gcs_autotune.executor import ProcessExecutor
+from gcs_autotune.study import Started, Store, check_plan, load_plan, open_study, run_study, store, unsuited
+from gcs_autotune.study.store import parquet
+from tests.study.toys import FUNCTIONS, ran, serial, study_file, tried
+
+TEN = "vary.argument.x = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]"
+ROWS = ["case", "point", "index", "status", "given", "numbers", "texts", "reason"]
+
+
+def rows(folder: Path) -> list[dict[str, object]]:
+    return open_study(folder, arrow=True).select(ROWS).to_pylist()
+
+
+def test_every_case_is_a_row_with_its_values_and_results(tmp_path: Path) -> None:
+    ran(study_file(tmp_path, "add", "fixed.argument.y = 10\n" + TEN), tmp_path / "out")
+    table = open_study(tmp_path / "out")
+    assert table["sum"].tolist() == [10.0 + x for x in range(10)]
+    assert table["even"].tolist() == [1.0, 0.0] * 5
+    assert table["word"][3] == "x3"
+    assert set(table["status"]) == {"done"}
+    assert table["argument.y"].tolist() == [10] * 10
+
+
+def test_rows_do_not_depend_on_the_number_of_processes(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "odd_fails", TEN)
+    ran(path, tmp_path / "one")
+    ran(path, tmp_path / "three", lambda started: ProcessExecutor(3))
+    assert rows(tmp_path / "one") == rows(tmp_path / "three")
+
+
+def test_a_failing_case_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    ran(study_file(tmp_path, "odd_fails", TEN), tmp_path / "out")
+    table = open_study(tmp_path / "out")
+    assert table["status"].tolist() == ["done", "failed"] * 5
+    assert table["reason"][3] == "ValueError: 3 is odd"
+
+
+class Stopping:
+    """Runs the first cases only, as if the program were killed."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+
+    def map(self, function, tasks, progress=None):
+        for k, task in enumerate(tasks):
+            if k == self._most:
+                raise KeyboardInterrupt
+            yield function(task)
+
+
+def test_a_stopped_study_continues_with_the_missing_cases(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "counted", TEN)
+    with pytest.raises(KeyboardInterrupt):
+        ran(path, tmp_path / "out", lambda started: Stopping(4))
+    assert open_study(tmp_path / "out")["argument.x"].tolist() == [0, 1, 2, 3]
+    ran(path, tmp_path / "out")
+    assert tried(tmp_path) == [str(x) for x in range(10)]
+    assert len(open_study(tmp_path / "out")) == 10
+
+
+def test_a_study_with_more_repeats_does_the_new_cases_only(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "counted", TEN)
+    ran(path, tmp_path / "out")
+    path.write_text(path.read_text().replace("vary", "repeats = 2\nvary", 1))
+    ran(path, tmp_path / "out")
+    assert len(tried(tmp_path)) == 20
+    assert open_study(tmp_path / "out")["seed"].tolist() == [1] * 10 + [2] * 10
+
+
+def test_a_part_cut_short_is_named_and_its_cases_are_repeated(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "counted", TEN)
+    ran(path, tmp_path / "out")
+    (part,) = Store(tmp_path / "out").parts()
+    part.write_bytes(part.read_bytes()[:200])
+    with pytest.raises(BadFile, match=f"{part.name} cannot be read: it is cut short"):
+        open_study(tmp_path / "out")
+    told: list[str] = []
+    run_study(load_plan(path), tmp_path / "out", serial, reports=told.append)
+    assert len(told) == 1
+    assert str(part) in told[0]
+    assert len(open_study(tmp_path / "out")) == 10
+    assert len(tried(tmp_path)) == 20
+
+
+def test_the_folder_of_another_study_is_refused_with_the_entry_that_differs(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "add", TEN)
+    ran(path, tmp_path / "out")
+    path.write_text(path.read_text().replace("[0, 1,", "[0, 1, 77,"))
+    with pytest.raises(BadFile, match=r"another study: .*study.toml differs from it in vary.argument.x"):
+        ran(path, tmp_path / "out")
+
+
+def test_results_of_another_version_are_refused_with_both(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "add", TEN)
+    plan = ran(path, tmp_path / "out")
+    own = Started.of(plan).build
+    text = (tmp_path / "out" / "study.json").read_text()
+    (tmp_path / "out" / "study.json").write_text(text.replace(own.version, "0.0.9+00000000"))
+    with pytest.raises(BadFile, match=r"0\.0\.9") as refused:
+        ran(path, tmp_path / "out")
+    assert own.version in str(refused.value)
+
+
+def test_a_worker_with_other_code_or_kernels_is_unsuited_and_both_are_shown(tmp_path: Path) -> None:
+    started = Started.of(load_plan(study_file(tmp_path, "add", TEN)))
+    assert unsuited(started) == ""
+    for other in (replace(started.build, version="0.0.9"), replace(started.build, kernels="numba 0.1")):
+        why = unsuited(replace(started, build=other))
+        assert str(other) in why
+        assert str(started.build) in why
+
+
+def test_a_changed_function_is_other_code(tmp_path: Path) -> None:
+    one, other = (
+        Started.of(load_plan(study_file(tmp_path, "add", TEN, functions)))
+        for functions in (FUNCTIONS, FUNCTIONS + "#\n")
+    )
+    assert one.build.function != other.build.function
+
+
+def test_a_full_disk_is_named_and_stored_rows_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = study_file(tmp_path, "counted", TEN)
+    monkeypatch.setattr(store, "ROWS", 4)
+    write, written = parquet().write_table, []
+
+    def filling(table, where):
+        written.append(where)
+        if len(written) > 1:
+            Path(where).write_bytes(b"half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(table, where)
+
+    monkeypatch.setattr(parquet(), "write_table", filling)
+    with pytest.raises(BadFile, match=r"part-000001\.parquet: No space left on device"):
+        ran(path, tmp_path / "out")
+    monkeypatch.undo()
+    assert open_study(tmp_path / "out")["argument.x"].tolist() == [0, 1, 2, 3]
+    assert not list((tmp_path / "out").rglob("*.tmp"))
+    ran(path, tmp_path / "out")
+    assert len(open_study(tmp_path / "out")) == 10
+
+
+def test_rows_written_twice_count_once(tmp_path: Path) -> None:
+    ran(study_file(tmp_path, "add", TEN), tmp_path / "out")
+    (part,) = Store(tmp_path / "out").parts()
+    part.with_name("part-000001.parquet").write_bytes(part.read_bytes())
+    assert len(open_study(tmp_path / "out")) == 10
+
+
+def test_many_small_parts_are_merged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "MOST_PARTS", 3)
+    monkeypatch.setattr(store, "SECONDS", 0.0)
+    ran(study_file(tmp_path, "add", TEN), tmp_path / "out")
+    assert len(Store(tmp_path / "out").parts()) == 1
+    assert open_study(tmp_path / "out")["argument.x"].tolist() == list(range(10))
+
+
+def test_two_runs_do_not_write_to_one_folder(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "add", TEN)
+    with Store(tmp_path / "out").writing(), pytest.raises(PreconditionFailed, match="is in use"):
+        ran(path, tmp_path / "out")
+
+
+def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match="contains no study"):
+        open_study(tmp_path)
+
+
+def test_a_function_that_does_not_import_is_named_with_file_and_key(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "missing", TEN)
+    with pytest.raises(BadFile, match=r"study.toml: do: 'toys_.*:missing' cannot be imported"):
+        check_plan(load_plan(path))
+    with pytest.raises(UsageError, match="cannot be imported"):  # as on a worker
+        ran(path, tmp_path / "out")
+
+
+def test_a_function_that_returns_no_results_fails_with_the_reason(tmp_path: Path) -> None:
+    path = study_file(tmp_path, "f", "vary.argument.x = [1]", "def f(seed, x):\n    return x\n")
+    ran(path, tmp_path / "out")
+    assert "returned a int" in open_study(tmp_path / "out")["reason"][0]
