@@ -61,7 +61,7 @@ RESTORED = 8
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=[*sorted({*AXES, *TUNABLES}), ALL], help="the loop to tune")
-    add_connection(parser, otherwise="sitl:charlie, or sitl:videoray for depth")
+    add_connection(parser, otherwise="sitl:charlie, sitl:videoray for depth, sitl:bluerov2-sway for position")
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
@@ -141,7 +141,8 @@ def check_style(args: argparse.Namespace) -> None:
 def _run(args: argparse.Namespace) -> int:
     _check(args)
     args.connect = args.connect or args.configured_link or None
-    with connected(args, args.connect or AXES[args.axis].example) as connection:
+    example = tunable(args.what).example or AXES[args.axis].example
+    with connected(args, args.connect or example) as connection:
         return _tune(args, connection)
 
 

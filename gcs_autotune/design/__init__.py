@@ -42,6 +42,16 @@ from gcs_autotune.design.motor_law import (
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
 from gcs_autotune.design.plant import in_fractions
+from gcs_autotune.design.position import (
+    LOITER_CONTEXT,
+    LOITER_GAINS,
+    POSITION_CONTEXT,
+    POSITION_GAINS,
+    PositionDesign,
+    design_position,
+    loiter_change,
+)
+from gcs_autotune.design.position_metrics import UNSTABLE, PositionMetrics, Stay, holds_better, position_metrics
 from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
@@ -54,11 +64,16 @@ from gcs_autotune.design.verdict import Verdict, is_better, is_calmer, is_follow
 __all__ = [
     "LAWS",
     "LINE_PARAMETERS",
+    "LOITER_CONTEXT",
+    "LOITER_GAINS",
     "OTHER_MODE",
+    "POSITION_CONTEXT",
+    "POSITION_GAINS",
     "SHORTER",
     "SPEED_GAINS",
     "STEERING_GAINS",
     "STYLES",
+    "UNSTABLE",
     "USED",
     "Actuator",
     "Authority",
@@ -81,6 +96,8 @@ __all__ = [
     "OnLeg",
     "OpenLoop",
     "ParameterLimit",
+    "PositionDesign",
+    "PositionMetrics",
     "Prediction",
     "Proposal",
     "ProvisionalGains",
@@ -88,6 +105,7 @@ __all__ = [
     "Remark",
     "Scenario",
     "Spec",
+    "Stay",
     "StepMetrics",
     "Style",
     "TrackMetrics",
@@ -100,9 +118,11 @@ __all__ = [
     "current_on",
     "design",
     "design_from",
+    "design_position",
     "fit_motor_law",
     "follows_better",
     "holding",
+    "holds_better",
     "in_fractions",
     "is_better",
     "is_calmer",
@@ -112,9 +132,11 @@ __all__ = [
     "limits_for",
     "line_changes",
     "linearity",
+    "loiter_change",
     "motor_changes",
     "over_windows",
     "pivots_wide",
+    "position_metrics",
     "provisional",
     "pulse_of",
     "reduce",

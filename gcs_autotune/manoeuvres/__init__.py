@@ -36,6 +36,7 @@ from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restor
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
+from gcs_autotune.manoeuvres.step_position import PushPosition, StepPosition
 from gcs_autotune.manoeuvres.table import MANOEUVRES
 from gcs_autotune.manoeuvres.throttle_steps import BOTH_WAYS, LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
@@ -89,6 +90,7 @@ __all__ = [
     "Preset",
     "Preview",
     "ProofCourse",
+    "PushPosition",
     "Relay",
     "RelaySettings",
     "Sequencer",
@@ -96,6 +98,7 @@ __all__ = [
     "SignCheckSettings",
     "Steering",
     "Step",
+    "StepPosition",
     "StepSettings",
     "StopCriterion",
     "ThrottleSteps",

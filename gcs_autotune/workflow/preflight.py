@@ -36,6 +36,7 @@ from gcs_autotune.workflow.flight_plan import FlySettings
 __all__ = [
     "CHECKED",
     "STAGE",
+    "await_position",
     "check_depth_is_reported",
     "check_signals",
     "check_signs",
@@ -324,6 +325,8 @@ _REPORT = "EKF_STATUS_REPORT"
 _POS_HORIZ_ABS = 1 << 4
 """Bits of ``flags`` for an absolute horizontal position: ESTIMATOR_POS_HORIZ_ABS, and the predicted one."""
 _PRED_POS_HORIZ_ABS = 1 << 9
+_POS_HORIZ_REL = 1 << 3
+"""Bit of ``flags`` for a position relative to the start, which is enough for an ROV with a DVL."""
 
 
 class _Estimator:
@@ -332,7 +335,7 @@ class _Estimator:
     def __init__(self, craft: MavlinkCraft) -> None:
         self.flags: int | None = None
         self._quiet_until = craft.clock.now() + _SILENT
-        self._clock = craft.clock
+        self._clock, self._needs_way = craft.clock, craft.firmware.needs_way
         self._stop = craft.session.listen(_REPORT, self._take)
         craft.rates.request({_REPORT: 2.0})
 
@@ -344,7 +347,8 @@ class _Estimator:
         """Whether the estimator has a position. True if the vehicle does not report a status."""
         if self.flags is None:
             return self._clock.now() >= self._quiet_until
-        return bool(self.flags & (_POS_HORIZ_ABS | _PRED_POS_HORIZ_ABS))
+        relative = 0 if self._needs_way else _POS_HORIZ_REL
+        return bool(self.flags & (_POS_HORIZ_ABS | _PRED_POS_HORIZ_ABS | relative))
 
     def close(self) -> None:
         self._stop()
@@ -363,7 +367,7 @@ def make_ready(craft: MavlinkCraft, observer: Observer) -> None:
     craft.send(Actuate())
     _await_checks(craft, observer)
     if craft.firmware.needs_position:
-        _await_position(craft, observer)
+        await_position(craft, observer, craft.firmware.hold_mode)
 
 
 def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
@@ -375,18 +379,26 @@ def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
         craft.observe()
 
 
-def _await_position(craft: MavlinkCraft, observer: Observer) -> None:
+def await_position(craft: MavlinkCraft, observer: Observer, mode: str) -> None:
+    """Wait until the vehicle's estimator has the horizontal position that *mode* needs.
+
+    Raises
+    ------
+    PreconditionFailed
+        It has none after a minute and a half.
+    """
     estimator, said = _Estimator(craft), False
+    source = "Check GPS (sky view, fix type)" if craft.firmware.floats else "Check the DVL or other position source"
     deadline = Deadline.after(craft.clock, _POSITION_PATIENCE)
     try:
         while not estimator.has_position:
             if estimator.flags is not None and not said:
-                observer.say(f"waiting for the vehicle's position estimate, which {craft.firmware.hold_mode} needs")
+                observer.say(f"waiting for the vehicle's position estimate, which {mode} needs")
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
-                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, which "
-                    f"{craft.firmware.hold_mode} needs. Check GPS (sky view, fix type) and compass, then try again"
+                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, which {mode} needs. "
+                    f"{source} and compass, then try again"
                 )
             craft.observe()
     finally:

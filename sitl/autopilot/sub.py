@@ -48,6 +48,7 @@ class Sub(Autopilot):
         self._turned_ms = -_STOPPING_MS
         self._target_ms = -_TARGET_LIFE_MS
         self._tilt_target: tuple[float, float] | None = None
+        self._goal: complex | None = None
 
     def _make_modes(self) -> Mapping[int, Mode]:
         kinds = (SubManualMode, StabilizeMode, AltHoldMode, PosHoldMode, SubGuidedMode)
@@ -110,7 +111,24 @@ class Sub(Autopilot):
     def go(self, place: complex, altitude: float) -> None:
         """Fly to *place* (north + i east) and *altitude* (up) [m] in GUIDED."""
         if self.mode.number == _GUIDED_MODE:
+            self._goal = None
             self.waypoint.go(self.depth.target, _CM * place, _CM * altitude)
+
+    def stay_at(self, place: complex, altitude: float, heading: float) -> None:
+        """Move to *place* (north + i east) and *altitude* (up) [m] in GUIDED, and hold *heading* [rad] there."""
+        if self.mode.number == _GUIDED_MODE:
+            if self._goal is None:
+                self.position.begin_shaping(_CM * self.estimate.place, _CM * self.estimate.velocity)
+                self.waypoint.stop()
+            self._goal = _CM * place
+            self.set_depth_target(altitude)
+            self.set_attitude_target(0.0, 0.0, heading)
+
+    def approach_goal(self) -> bool:
+        """Move the target of the position towards the place to stay at; return whether there is one."""
+        if self._goal is not None:
+            self.position.approach(self._goal)
+        return self._goal is not None
 
     def hold_place(self, *, anew: bool = False) -> tuple[float, float]:
         """Return the forward and lateral demand that hold the place, or where the craft comes to rest (*anew*)."""
@@ -121,6 +139,7 @@ class Sub(Autopilot):
 
     def start_position(self) -> None:
         """Hold from now on where the craft comes to rest."""
+        self._goal = None
         self.position.start(_CM * self.estimate.place, _CM * self.estimate.velocity)
         self.waypoint.stop()
 
@@ -312,7 +331,9 @@ class SubGuidedMode(_PositionMode):
         """Run the yaw, depth and position loops."""
         sub = self.sub
         sub.steer()
-        if sub.waypoint.active:
+        if sub.approach_goal():
+            sub.run_depth()
+        elif sub.waypoint.active:
             sub.advance_waypoint()
             sub.run_depth()
         else:

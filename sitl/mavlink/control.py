@@ -125,7 +125,10 @@ def handle_attitude_target(port: Port, message: Message) -> None:
 
 
 def handle_local_target(port: Port, message: Message) -> None:
-    """Take SET_POSITION_TARGET_LOCAL_NED in GUIDED: a place, on Rover also a velocity, yaw or yaw rate."""
+    """Take SET_POSITION_TARGET_LOCAL_NED in GUIDED: a place, on Rover also a velocity, yaw or yaw rate.
+
+    On Sub a place with a velocity of zero is held with the yaw; other velocities are not simulated.
+    """
     autopilot = port.vehicle.autopilot
     if message.coordinate_frame not in (*_BODY_FRAMES, mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED):
         return
@@ -137,9 +140,13 @@ def handle_local_target(port: Port, message: Message) -> None:
             place += estimate.place
     if isinstance(autopilot, Rover):
         _guide_rover(autopilot, message, place, estimate.yaw if in_body else 0.0)
-    elif isinstance(autopilot, Sub) and place is not None and _is_place_alone(message):
+    elif isinstance(autopilot, Sub) and place is not None and message.type_mask & _ACCELERATION_IGNORED:
         is_offset = message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED
-        autopilot.go(place, -message.z - (estimate.z if is_offset else 0.0))
+        altitude = -message.z - (estimate.z if is_offset else 0.0)
+        if message.type_mask & _VELOCITY_IGNORED:
+            autopilot.go(place, altitude)
+        elif not (message.vx or message.vy or message.vz):
+            autopilot.stay_at(place, altitude, estimate.yaw if message.type_mask & _YAW_IGNORED else message.yaw)
 
 
 def handle_global_target(port: Port, message: Message) -> None:
