@@ -130,10 +130,9 @@ def step_response(
         command = controller.update(step, eta, nu, k * TICK)
         rows.append((k * TICK, eta, nu, command))
         late.append(command)
-        force = late.pop(0) + model.delta + (push if k * TICK >= push_at else 0.0)
+        force = late.pop(0) + (push if k * TICK >= push_at else 0.0)
         for _ in range(inside):
-            drag = (model.beta + model.beta_quadratic * abs(nu)) * nu
-            nu += TICK / inside * (force - drag) / model.alpha
+            nu += TICK / inside * model.acceleration(nu, force)
             eta += TICK / inside * nu
         if not math.isfinite(eta) or abs(eta) > DIVERGED * abs(step):
             break

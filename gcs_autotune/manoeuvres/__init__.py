@@ -25,6 +25,7 @@ from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.keep_distance import KeepDistance
 from gcs_autotune.manoeuvres.keep_position import KeepPosition
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
+from gcs_autotune.manoeuvres.layered import FollowWall, Layered, OwnLoops, Trajectory, read_points, seen_from
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.own_loop import KeepSetPoint, UnderOwnLoop
@@ -71,16 +72,19 @@ __all__ = [
     "Envelope",
     "FlyMission",
     "FollowLine",
+    "FollowWall",
     "Guard",
     "KeepDistance",
     "KeepPosition",
     "KeepSetPoint",
+    "Layered",
     "Manoeuvre",
     "ManoeuvreKind",
     "NominalPlant",
     "OpenLoopProgramme",
     "Outcome",
     "Outlet",
+    "OwnLoops",
     "PlantState",
     "Preset",
     "Preview",
@@ -98,6 +102,7 @@ __all__ = [
     "ThrottleStepsSettings",
     "ThrustCheck",
     "ThrustCheckSettings",
+    "Trajectory",
     "TurnAbout",
     "TurnAboutSettings",
     "UnderOwnLoop",
@@ -113,7 +118,9 @@ __all__ = [
     "limited_orders",
     "preview",
     "read_area",
+    "read_points",
     "restore_on_exit",
+    "seen_from",
     "state_on",
     "windows_of",
 ]

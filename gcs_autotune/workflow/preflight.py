@@ -42,6 +42,7 @@ __all__ = [
     "check_throttle_is_free",
     "check_vehicle_suits",
     "checked_dof",
+    "checked_dofs",
     "crooked",
     "cure_of",
     "make_ready",
@@ -77,6 +78,19 @@ _MANUAL_SCALES = 1
 _CAP = "MOT_THR_MAX"
 _ROUNDING = 0.005
 """Excess of a throttle over the cap that is ignored as rounding [fraction of full output]."""
+
+
+def checked_dofs(kind: ManoeuvreKind, craft: MavlinkCraft) -> list[str]:
+    """Return the degrees of freedom whose actuators are checked before a manoeuvre of this *kind*.
+
+    For a layered manoeuvre these are all that its loops drive, except thrust towards a wall: its relay is its check.
+    """
+    if not kind.layered:
+        return [dof] if (dof := checked_dof(kind)) else []
+    forces = sorted(kind.drives - ({"X"} if kind.needs or craft.firmware.needs_way else set()))
+    sideways = "X" in kind.drives and "Y" not in forces and "Y" in craft.firmware.channels
+    forces += ["Y"] if sideways and craft.servos.driving("Y") else []
+    return [CHECKED[force] for force in forces]
 
 
 def checked_dof(kind: ManoeuvreKind) -> str:
@@ -384,6 +398,10 @@ def _reasons(craft: MavlinkCraft) -> str:
     return f" (its message: {quoted(list(said)[-3:])})" if said else ""
 
 
+_AXES_OF: Mapping[str, str] = {"Y": "sideways", "Z": "up and down", "t": "in both directions"}
+"""First letter of what a manoeuvre needs -> in words."""
+
+
 def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     """Check that the vehicle has the actuators that a manoeuvre needs, and a rudder if a rudder angle is set.
 
@@ -399,13 +417,24 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     if not kind.suits(firmware):
         other = "thrust in both directions" if kind.stays else "headway to steer"
         wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or other
-        fits = ", ".join(k.name for k in MANOEUVRES.values() if k.make is not None and k.suits(firmware))
+        fits = ", ".join(
+            k.name
+            for k in MANOEUVRES.values()
+            if k.make is not None and k.suits(firmware) and k.layered == kind.layered
+        )
+        if kind.layered:
+            raise WrongVehicle(
+                f"{kind.name} needs thrust {_AXES_OF[wanted[:1]]}, which this vehicle ({firmware.name}) lacks"
+                f"{'' if craft.servos.skid else f': it steers only above {LEAST_SPEED:g} m/s'}. It can fly: {fits}"
+            )
         raise WrongVehicle(
             f"this vehicle ({firmware.name}) cannot fly {kind.name}, which needs {wanted}. It can fly: {fits}"
         )
     idle = [force for force in sorted(kind.drives) if not craft.servos.driving(force)]
     if idle:
-        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} needs")
+        can = [k.name for k in MANOEUVRES.values() if k.layered and all(map(craft.servos.driving, k.drives))]
+        fits = f". It can fly: {', '.join(can)}" if kind.layered else ""
+        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} needs{fits}")
     if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
         raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering (normalised output)")
 
