@@ -195,7 +195,7 @@ def _run_under_ardupilot(args: argparse.Namespace) -> None:
 
 def _show_vehicles() -> None:
     for name in VEHICLES:
-        print(f"{name:12} {load_vehicle(name).title}")
+        print(f"{name:16} {load_vehicle(name).title}")
 
 
 def _check(path: Path) -> int:
