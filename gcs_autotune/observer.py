@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 __all__ = [
     "Fact",
+    "Intention",
     "Intentions",
     "LeftAs",
     "NewValue",
@@ -105,10 +106,30 @@ class Words:
 
 
 @dataclass(frozen=True, slots=True)
-class Intentions:
-    """The announcement before any question or motion, one entry per sentence without its "will"."""
+class Intention:
+    """One sentence of the announcement, without its "will".
 
-    texts: tuple[str, ...]
+    row : its row in the table that a terminal shows, with *brief* beside it; empty for a sentence without a row.
+    """
+
+    text: str
+    row: str = ""
+    brief: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Intentions:
+    """The announcement before any question or motion. It is also said, sentence by sentence.
+
+    ``texts``: one sentence per intention, without its "will".
+    """
+
+    each: tuple[Intention, ...]
+    texts: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Write the sentences out, for observers that pass the announcement on as data."""
+        object.__setattr__(self, "texts", tuple(intention.text for intention in self.each))
 
 
 @dataclass(frozen=True, slots=True)

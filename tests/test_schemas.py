@@ -152,9 +152,8 @@ def test_every_event_that_a_journal_is_given_holds_to_its_schema(tmp_path: Path)
     orders = set(re.findall(r'on_order\("(\w+)"', sources))
     recorded = set(re.findall(r'ournal\.record\(\s*"(\w+)"', sources)) | {"opened", "closed"} | orders
     journal = Journal(tmp_path / "journal.jsonl", mode="HOLD", armed=False, fingerprint={"A": 1.0})
-    for event in sorted(
-        recorded - {"opened", "closed", "resumed", "kept", "mission_writing", "mission_returned"} - orders
-    ):
+    others = {"opened", "closed", "resumed", "kept", "mission_writing", "mission_returned"}
+    for event in sorted(recorded - others - {"script_writing", "script_removed"} - orders):
         journal.record(event, name="ATC_STR_RAT_P", value=0.2)
     journal.record("ordering", mode="GUIDED", boot=12.5)
     journal.record("ordered", mode="GUIDED")
@@ -163,6 +162,8 @@ def test_every_event_that_a_journal_is_given_holds_to_its_schema(tmp_path: Path)
     journal.record("kept", values={"ATC_STR_RAT_P": 0.2})
     journal.record("mission_writing", items=[{"command": 16, "x": 1}], ours=[], current=1)
     journal.record("mission_returned")
+    journal.record("script_writing", path="APM/scripts/x.lua")
+    journal.record("script_removed", path="APM/scripts/x.lua")
     journal.close()
     Journal.resume(tmp_path / "journal.jsonl").close()
     lines = [json.loads(line) for line in (tmp_path / "journal.jsonl").read_text().splitlines()]

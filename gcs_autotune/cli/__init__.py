@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import NoReturn
 
 from gcs_autotune import __version__
-from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.command import Command, what_remains
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
 from gcs_autotune.cli.help import add_help
 from gcs_autotune.cli.tune_cmd import RESTORED, tune_settings
@@ -54,6 +54,7 @@ COMMANDS: Mapping[str, Verb] = {
     "experiment": Verb(
         "fly relay experiments and identify one degree of freedom; writes no parameter", "experiment_cmd"
     ),
+    "aboard": Verb("have the autopilot fly the experiments by a script, for slow links", "aboard_cmd"),
     "fly": Verb("fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model", "fly_cmd"),
     "hold": Verb("hold heading or depth with a controller of our own, in manual mode", "hold_cmd"),
     "authority": Verb("compute from models what a craft can do, and the limits ArduPilot should have", "authority_cmd"),
@@ -118,6 +119,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if getattr(args, "verbose", False):
             traceback.print_exc()
         sys.stderr.write(f"gcs-autotune: {visible(str(error))}\n")
+        sys.stderr.writelines(f"{visible(line)}\n" for line in (() if args is None else what_remains(args)))
         return exit_code(error)
     except KeyboardInterrupt:  # at the desk: what flies takes signals itself, and cleans up
         if getattr(args, "verbose", False):

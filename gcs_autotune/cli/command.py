@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -48,6 +49,7 @@ __all__ = [
     "run_directory",
     "uri_of",
     "watching",
+    "what_remains",
 ]
 
 
@@ -421,8 +423,27 @@ def _connection(args: argparse.Namespace, uri: str, signing: SigningKey | None) 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str = "") -> Path:
     """Return ``--out``, or a new folder below ``runs/`` named after the time, the vehicle and *what* was done (its
-    axis)."""
-    if args.out is not None:
-        return Path(args.out)
+    axis). It is kept in *args*, for :func:`what_remains`.
+    """
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")
-    return fresh(Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{what or args.axis}")
+    name = f"{now:%Y%m%d-%H%M%S}-{label}-{what or args.axis}"
+    directory = Path(args.out) if args.out is not None else fresh(Path("runs") / name)
+    args.directory, args.uri = directory, uri
+    return directory
+
+
+def what_remains(args: argparse.Namespace) -> Iterator[str]:
+    """Yield what a run that ended early has left on disk, and the command that continues a plan.
+
+    A tune states itself which of its records it can use again.
+    """
+    from gcs_autotune.workflow import PLAN_FILE
+
+    directory: Path | None = getattr(args, "directory", None)
+    if directory is None or not any(directory.glob("trials/*.csv")):
+        return
+    page = directory / "report.html"
+    yield f"Report: {page}" if page.exists() else f"Recorded in {directory}"
+    if (directory / PLAN_FILE).exists():
+        words = ["gcs-autotune", "fly", "--connect", args.uri, "--resume", str(directory)]
+        yield f"To continue: {shlex.join(words)}"

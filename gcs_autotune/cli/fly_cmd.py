@@ -204,15 +204,21 @@ def _list() -> int:
 
 
 def _precision(args: argparse.Namespace) -> Precision | None:
-    """Return the precision required by ``--until``. It is parsed before anything is opened."""
+    """Return the precision required by ``--until``. It is parsed before anything is opened.
+
+    Who limits the time of such a trial by ``--max-time`` means the whole trial, not each of its manoeuvres.
+    """
     if args.until is None:
         return None
     from gcs_autotune.workflow import precision_of
 
-    row = limit_of("total-time")
+    row, each = limit_of("total-time"), limit_of("max-time")
     minutes = row.default if args.total_time is None else args.total_time
     assert minutes is not None  # the table has a default
-    return precision_of(args.until, args.form, minutes * row.factor)
+    seconds = minutes * row.factor
+    if args.total_time is None and args.max_time != each.default:
+        seconds = min(seconds, args.max_time * each.factor)
+    return precision_of(args.until, args.form, seconds)
 
 
 def _plan(

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
+import time
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
+from gcs_autotune.cli.writing import fresh, on_replacing, put_out
 from gcs_autotune.untrusted_text import visible
+
+if TYPE_CHECKING:
+    from gcs_autotune.study import StudyProgress
 
 __all__ = ["COMMAND"]
 
@@ -24,6 +32,22 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_loudness(run)
     run.set_defaults(json=False)
+    watch = actions.add_parser("watch", help="show how far a study is, until it ends")
+    _add_folder(watch)
+    watch.add_argument("--once", action="store_true", help="show it once (always, if the output is not a terminal)")
+    report = actions.add_parser("report", help="show success rates, maps, distributions and the worst cases")
+    _add_folder(report)
+    report.add_argument("--against", type=Path, metavar="DIR", help="compare with an earlier study of the same file")
+    report.add_argument("--page", type=Path, metavar="FILE", help="file for the page (default DIR/report.html)")
+    report.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
+    replay = actions.add_parser("replay", help="repeat one case, keep its files and show its results")
+    _add_folder(replay)
+    replay.add_argument("case", metavar="CASE", help="first digits of the case's key, as `study report` shows them")
+    replay.add_argument("--out", type=Path, metavar="DIR", help="folder for the case's files (default DIR/replay-CASE)")
+
+
+def _add_folder(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="results folder of the study")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -66,7 +90,69 @@ def _study(args: argparse.Namespace) -> int:
     return 0
 
 
-_ACTIONS = {"run": _study}
+def _watch(args: argparse.Namespace) -> int:
+    from gcs_autotune.study import progress_of
+
+    terminal = sys.stdout.isatty() and not args.once
+    while True:
+        found = progress_of(args.folder)
+        sys.stdout.write(("\r\x1b[K" if terminal else "") + _line(found) + ("" if terminal else "\n"))
+        sys.stdout.flush()
+        if not terminal or not found.running:
+            break
+        time.sleep(_EVERY)
+    sys.stdout.write("\n" if terminal else "")
+    if found.running and found.dashboard:
+        sys.stdout.write(f"Dask's dashboard: {visible(found.dashboard)}\n")
+    return 0
+
+
+def _line(found: StudyProgress) -> str:
+    counts = f"{found.done} of {found.cases} done, {found.failed} failed, {found.given_up} given up"
+    if not found.left:
+        return f"{visible(found.title)}: {counts}"
+    if not found.running:
+        return f"{visible(found.title)}: {counts}; stopped. `study run` continues it"
+    left = timedelta(seconds=round(found.left)) if found.rate else "unknown"
+    return f"{visible(found.title)}: {counts}; {3600.0 * found.rate:.0f} an hour, time left {left}"
+
+
+def _report(args: argparse.Namespace) -> int:
+    from gcs_autotune.report import case_study_document, to_html
+    from gcs_autotune.study import case_study_of
+
+    document = case_study_document(case_study_of(args.folder, args.against))
+    page = args.page or (None if args.json else args.folder / "report.html")
+    lines = []
+    if page is not None:
+        lines = [f"Report: {page}{on_replacing(page) if args.page else ''}"]
+        page.write_text(to_html(document), encoding="utf-8")
+    put_out(document, *lines, as_json=args.json)
+    return 0
+
+
+def _replay(args: argparse.Namespace) -> int:
+    from gcs_autotune.study import Case, Started, Store, commands_of, plan_of, play
+
+    store = Store(args.folder)
+    plan = plan_of(store)
+    index, given = store.row(args.case)
+    folder = args.out or fresh(args.folder / f"replay-{args.case}")
+    folder.mkdir(parents=True, exist_ok=True)
+    case = Case(index, given)
+    for line in commands_of(plan.do, given, folder, plan.home):
+        sys.stdout.write(f"{shlex.join(['gcs-autotune', *line])}\n")
+    row = play(Started.of(plan), case, folder)
+    sys.stdout.write(f"{row.status}{': ' + visible(row.reason) if row.reason else ''}\n")
+    for name, value in {**row.numbers, **row.texts}.items():
+        sys.stdout.write(f"  {visible(f'{name}: {value}')}\n")
+    sys.stdout.write(f"Files: {folder}\n")
+    return 0 if row.status == "done" else 1
+
+
+_ACTIONS = {"run": _study, "watch": _watch, "report": _report, "replay": _replay}
+_EVERY = 2.0
+"""Time [s] between two looks at a study. Project choice."""
 
 COMMAND = Command(
     description="Run a study: many simulated tunes, flights, fits or diagnoses over ranges of numbers, on this "

@@ -48,6 +48,16 @@ LINKED = (
         mistakes=(MS,),
     ),
     Limit(
+        "silence",
+        "time without contact to this program after which a script on the autopilot ends",
+        "s",
+        0.0,
+        600.0,
+        "0: it flies on, whatever happens to the link; below 3 s, a few lost heartbeats end it",
+        10.0,
+        mistakes=(MS,),
+    ),
+    Limit(
         "listen",
         "listening time per port",
         "s",

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from gcs_autotune.logs.aboard_record import ENDS as ABOARD_ENDS
 from gcs_autotune.logs.aboard_record import ROWS as ABOARD_ROWS
+from gcs_autotune.logs.aboard_record import runs_aboard
 from gcs_autotune.logs.files import TRIALS_FOLDER, load_runs, record
 from gcs_autotune.logs.formats import FORMATS, format_of
 from gcs_autotune.logs.renaming import parse_columns, renamed
@@ -39,6 +40,7 @@ __all__ = [
     "parse_columns",
     "record",
     "renamed",
+    "runs_aboard",
     "runs_of",
     "survey",
     "write_runs",

@@ -31,18 +31,18 @@ Array = NDArray[np.float64]
 ENOUGH = 20
 """Smallest number of samples for which a source is used in preference to a later one. Project choice."""
 
-ATTITUDES = ("attitude", "ahrs2")
-"""Sources of ``phi theta psi`` in order of preference: the estimate that the autopilot uses, then its second
-estimate.
+ATTITUDES = ("attitude", "ahrs2", "aboard")
+"""Sources of ``phi theta psi`` in order of preference: the estimate that the autopilot uses, its second estimate, and
+the rows of a script of ours, which are left if the autopilot logs nothing else.
 """
-POSITIONS = ("local", "ekf", "global", "gps")
+POSITIONS = ("local", "ekf", "aboard", "global", "gps")
 """Sources of ``x y`` and of velocity over ground in order of preference.
 
 They are never mixed, because their origins differ.
 """
-DEPTHS = ("global", "local", "ekf", "control", "ahrs2", "pressure", "baro")
+DEPTHS = ("global", "local", "ekf", "aboard", "control", "ahrs2", "pressure", "baro")
 """Sources of ``z`` in order of preference."""
-RATES = ("attitude", "rate", "imu", "steering")
+RATES = ("attitude", "rate", "imu", "aboard", "steering")
 """Sources of ``p q r`` in order of preference. Sources with their own time stamps precede those without."""
 STILL = 0.01
 """Smallest change of depth per second (rms) [m] that determines the sign of a vertical speed. Project choice."""
@@ -67,7 +67,8 @@ def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, s
     for source in ATTITUDES:
         if _has(store, f"{source}.psi"):
             for name in ("phi", "theta", "psi"):
-                _put(pick, name, source, *store.series(f"{source}.{name}"))
+                if f"{source}.{name}" in store:
+                    _put(pick, name, source, *store.series(f"{source}.{name}"))
             break
     rates = [s for s in RATES if _has(store, f"{s}.r")]
     for source in sorted(rates, key=lambda s: s in store.dated_by_arrival)[:1]:
@@ -188,6 +189,7 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
         is_told = store.firmware is None or store.numbered("servo")
         why, cure = (str(error), _cure(store)) if is_told else NO_OUTPUTS
     sources = [
+        ("outputs of a script", _named(store, "aboard")),
         ("the pilot's sticks", _named(store, "stick")),
         ("the controllers' set-points", _named(store, "setpoint")),
     ]

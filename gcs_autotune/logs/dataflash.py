@@ -11,6 +11,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.logs.aboard_record import ENDS, ROWS, sources_of
 from gcs_autotune.logs.dataflash_format import HEAD, BinaryLog, Block, DataflashTextLog, TextBlock
 from gcs_autotune.logs.sample_store import UNKNOWN, Census, Note, Recording, SampleStore
 
@@ -90,6 +92,8 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     "BARO": _picked(baro__z=("Alt", -1.0)),
     "RCOU": _numbered("servo"),
     "RCIN": _numbered("rc"),
+    ROWS.name: partial(sources_of, ROWS),
+    ENDS.name: partial(sources_of, ENDS),
 }
 """Message -> function that returns its sources in the store, from arrays or single numbers."""
 

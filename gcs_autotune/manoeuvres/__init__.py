@@ -12,6 +12,8 @@ an ROV away from the surface. The table :data:`MANOEUVRES` contains all of them.
 
 from __future__ import annotations
 
+from gcs_autotune.manoeuvres.aboard import ABOARD_ENDINGS, MOST_CORNERS, AboardEnding, AboardScript, headroom
+from gcs_autotune.manoeuvres.aboard import PLAN as ABOARD_PLAN
 from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
@@ -41,6 +43,8 @@ from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 from gcs_autotune.manoeuvres.zig_zag import ZigZag, ZigZagSettings
 
 __all__ = [
+    "ABOARD_ENDINGS",
+    "ABOARD_PLAN",
     "BOTH_WAYS",
     "DEEP",
     "DISARMED_ITSELF",
@@ -51,9 +55,12 @@ __all__ = [
     "LEAST_REVERSALS",
     "LEVELS",
     "MANOEUVRES",
+    "MOST_CORNERS",
     "NEARLY",
     "SPEED_TIME",
     "TO_COME_ABOUT",
+    "AboardEnding",
+    "AboardScript",
     "Area",
     "CalmCheck",
     "ComeBack",
@@ -106,6 +113,7 @@ __all__ = [
     "common_windows",
     "far_out",
     "fly_on",
+    "headroom",
     "how_far",
     "limited_orders",
     "preview",

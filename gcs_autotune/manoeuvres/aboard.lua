@@ -3,6 +3,8 @@
 -- Outputs are held for S.hold ms at a time: if this script stops, the autopilot's own neutral outputs return.
 local LEAST, LONGEST, BLOCK, REPEAT = 3000, 30000, 1500, 3000
 local MOMENTUM, GONE, LEAST_REVERSALS = 5000, 1000, 3
+local QUICK, SLOW, PER_HALF = 40, 200, 25
+local FAR_OUT, TURN, HOMEWARD, TURNING = 0.4, 0.5, 0.35, 60000
 local HUGE = math.huge
 remove(S.path)
 local go = Parameter(S.go)
@@ -12,7 +14,7 @@ local began, phase_began, index, ph = 0, 0, 0, 0
 local m = { psi = 0 }
 local home, first, rest, has_fence, seen_at
 local F = {}
-local even = false
+local logged, every = 0, nil -- a slow craft needs fewer rows a second than a quick one
 
 local function say(text)
   gcs:send_text(6, 'aboard ' .. S.id .. ' ' .. text)
@@ -44,7 +46,8 @@ local function whole(v, scale)
 end
 
 local function log()
-  logger:write(S.log.name, S.log.labels, S.log.format, ph, whole(F.X or 0, 1e-4), whole(F.Z or 0, 1e-4),
+  local r = S.log.rows
+  logger:write(r[1], r[2], r[3], ph, whole(F.X or 0, 1e-4), whole(F.Z or 0, 1e-4),
     whole(F.N or 0, 1e-4), whole(m.psi_wrapped, 1e-4), whole(m.r, 1e-3), m.x or HUGE, m.y or HUGE, m.z or HUGE,
     whole(m.u, 1e-3), whole(m.v, 1e-3), whole(m.w, 1e-3))
 end
@@ -302,6 +305,7 @@ local function relay(now)
       end
     end
     R.first_half = R.first_half or now - R.last
+    every = every or clamp(R.first_half / PER_HALF, QUICK, SLOW)
     R.high, R.last, R.n, R.extreme = wanted, now, R.n + 1, e
     R.half = { sw = e, lo = e, hi = e }
     verdict = judge(now)
@@ -346,11 +350,26 @@ local function next_part(now)
     return finish('done')
   end
   stage = 'approach'
+  if S.needs_way and S.limits.distance and away() > FAR_OUT * S.limits.distance then
+    stage = 'turn'
+  end
   approach_begin(now)
 end
 
+-- turn a boat towards its start; return whether it heads there
+local function turn(now)
+  local off = math.atan(home.y - m.y, home.x - m.x) - m.psi
+  off = off - 2 * math.pi * math.floor(off / (2 * math.pi) + 0.5)
+  a.side = a.side or (off < 0 and -1 or 1)
+  drive({ X = S.throttle, N = a.side * math.min(TURN, S.most_output) }, S.hold)
+  first.psi = m.psi
+  return math.abs(off) < HOMEWARD or now - phase_began > TURNING
+end
+
 local function note(ending)
-  logger:write(S.log.ends, S.log.end_labels, S.log.end_format, ph, ending, R.C, R.xa, R.ref, R.noise, a.mean or 0)
+  log()
+  local e = S.log.ends
+  logger:write(e[1], e[2], e[3], ph, ending, R.C, R.xa, R.ref, R.noise, a.mean or 0)
 end
 
 local function start(now)
@@ -378,6 +397,13 @@ local function fly(now)
     end
     return finish(why)
   end
+  if stage == 'turn' then
+    if turn(now) then
+      stage = 'approach'
+      approach_begin(now)
+    end
+    return
+  end
   if stage == 'approach' then
     if approach(now) then
       stage, phase_began, ph = 'fly', now, ph + 1
@@ -398,9 +424,10 @@ local function fly(now)
   elseif verdict then
     note(2)
     finish(verdict)
-  elseif S.limits.distance and away() > 0.9 * S.limits.distance and R.n >= LEAST_REVERSALS then
-    note(1)
-    finish('space')
+  elseif S.limits.room and away() > S.limits.room and R.n >= LEAST_REVERSALS then
+    note(1) -- the record shows the response in both directions, and there is space to turn a boat
+    C1 = C1 or R.C
+    next_part(now)
   end
 end
 
@@ -423,9 +450,10 @@ local function update()
   end
   local switched = R.last
   fly(now)
-  even = not even
-  if stage ~= 'ended' and (even or R.last ~= switched) then
+  local gap = every or clamp((now - phase_began) / PER_HALF, QUICK, SLOW)
+  if stage == 'fly' and (now - logged >= gap or R.last ~= switched) then
     log()
+    logged = now
   end
   return update, S.period
 end

@@ -14,8 +14,7 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 from gcs_autotune.firmware import ServoMap
-from gcs_autotune.logs import ABOARD_ENDS, ABOARD_ROWS
-from gcs_autotune.manoeuvres.envelope import Envelope
+from gcs_autotune.manoeuvres.envelope import NEARLY, TO_COME_ABOUT, Envelope
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_DURING, HoldGains
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 
@@ -46,7 +45,6 @@ def _limit(option: str) -> str:
 
 ABOARD_ENDINGS: Mapping[str, AboardEnding] = {
     "done": AboardEnding("completed", "all parts were flown"),
-    "space": AboardEnding("stopped", "the space ended. The record so far is used"),
     "stopped": AboardEnding("aborted", "stopped by this tool"),
     "expired": AboardEnding("aborted", "the script waited in vain for its start", "Start again"),
     "disarmed": AboardEnding("aborted", "the vehicle was disarmed"),
@@ -102,6 +100,7 @@ class AboardScript:
     mode : number of the flight mode in which it flies. token : number that starts it, in the parameter ``go``.
     path : the script's own file on the vehicle.
     sticks : channels that end it when they move.
+    rows, ends : name, labels and format letters of the two messages that it logs.
     step : size of the step [rad or m]. step_time : its longest duration each way [s].
     silence : longest time without a heartbeat of the ground station [s]; 0: any.
     whole : longest duration of everything [s]. wait : longest time from loading to the start [s].
@@ -116,6 +115,8 @@ class AboardScript:
     go: str
     path: str
     sticks: tuple[int, ...]
+    rows: tuple[str, str, str]
+    ends: tuple[str, str, str]
     step: float
     step_time: float = 20.0
     silence: float = 10.0
@@ -168,25 +169,19 @@ class AboardScript:
             "before": None if before is None else _gains(before),
             "limits": self._limits(),
             "zones": self._zones(),
-            "log": {
-                "name": ABOARD_ROWS.name,
-                "labels": ABOARD_ROWS.labels,
-                "format": ABOARD_ROWS.letters,
-                "ends": ABOARD_ENDS.name,
-                "end_labels": ABOARD_ENDS.labels,
-                "end_format": ABOARD_ENDS.letters,
-            },
+            "log": {"rows": list(self.rows), "ends": list(self.ends)},
         }
 
     def _limits(self) -> dict[str, float | None]:
-        e = self.envelope
+        e, far = self.envelope, self.envelope.distance_limit
         return {
             "heading": e.heading_excursion,
             "depth_excursion": e.depth_excursion,
             "depth_max": e.depth_max,
             "depth_min": e.depth_min or None,
             "speed": e.speed_limit,
-            "distance": e.distance_limit,
+            "distance": far,
+            "room": min(NEARLY * far, far - min(TO_COME_ABOUT * e.cruise, 0.5 * far)),
             "turn_rate": e.turn_rate,
             "roll": e.roll,
             "pitch": e.pitch,

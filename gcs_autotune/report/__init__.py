@@ -8,6 +8,7 @@ toolkit    the document model, its three renderers, and common parts
 plots      figures of results, for pages and notebooks
 tune       the report of a tune, and its run directory
 study      the report of an identification or experiment
+cases      the report of a study of many cases
 flight     the report of a manoeuvre, and of its preview
 diagnosis  the report of what a simulation gets wrong
 designed   the report of gains designed at the desk
@@ -18,6 +19,17 @@ summaries  reports of the commands that write no page
 from __future__ import annotations
 
 from gcs_autotune.observer import SilentObserver
+from gcs_autotune.report.cases import (
+    BoundCheck,
+    CaseStudy,
+    Confusion,
+    Rate,
+    Spread,
+    StudyComparison,
+    SuccessMap,
+    WorstCase,
+    case_study_document,
+)
 from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document
 from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
@@ -66,8 +78,11 @@ from gcs_autotune.report.tune.wording import proof_command
 
 __all__ = [
     "MODEL_FILE",
+    "BoundCheck",
+    "CaseStudy",
     "ComparedRun",
     "Comparison",
+    "Confusion",
     "DesignedGains",
     "DesignedOwn",
     "DesignedRelay",
@@ -82,15 +97,21 @@ __all__ = [
     "LoopCheck",
     "LoopNumbers",
     "MethodOutcome",
+    "Rate",
     "RunRow",
     "SilentObserver",
+    "Spread",
     "StageBar",
     "Study",
+    "StudyComparison",
+    "SuccessMap",
     "TerminalObserver",
     "TrialSummary",
     "TuneStory",
+    "WorstCase",
     "authority_document",
     "beside_telemetry",
+    "case_study_document",
     "comparison_document",
     "correlation_plot",
     "designed_document",

@@ -11,7 +11,7 @@ from typing import Any
 from gcs_autotune.errors import UsageError
 from gcs_autotune_files import Refused, read
 
-__all__ = ["file_of_user", "link_of"]
+__all__ = ["NONE", "file_of_user", "link_of"]
 
 _FILE = ".toml"
 NONE = "none"

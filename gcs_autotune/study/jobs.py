@@ -58,21 +58,23 @@ _RESTORED = 8
 class Job:
     """What is done with a case by commands: their names in order, and what its report shows by default.
 
-    ``success``, ``measure``: names of results; ``answer``: the result compared with the effect that was simulated.
+    ``success``, ``measure``: names of results; ``truth``, ``answer``: the value and the result that are compared.
+    ``timed``: results that depend on the computer and are not stored.
     """
 
     steps: tuple[str, ...]
-    keep: tuple[str, ...] = ("*",)
     success: str = ""
     measure: str = ""
+    truth: str = ""
     answer: str = ""
+    timed: tuple[str, ...] = ()
 
 
 JOBS: Mapping[str, Job] = {
     "tune": Job(("tune",), success="kept", measure="metrics.after.itae"),
     "fly": Job(("fly",)),
     "identify": Job(("fly", "identify")),
-    "diagnose": Job(("fly", "diagnose"), answer="verdict"),
+    "diagnose": Job(("fly", "diagnose"), truth="effect", answer="causes.0", timed=("seconds",)),
 }
 """What a study can do with a case. To add a job, add a row, and its command to :data:`POSITIONAL`."""
 POSITIONAL: Mapping[str, str] = {"tune": "axis", "fly": "manoeuvre", "identify": "", "diagnose": ""}
@@ -102,7 +104,7 @@ def commands_of(do: str, given: Mapping[str, Any], folder: Path, home: Path) -> 
         An option is not for studies, or what to fly or tune is missing.
     """
     run = folder / "run"
-    for step in JOBS[do].steps:
+    for step in JOBS[do].steps if do in JOBS else ():
         options = {name.partition(".")[2]: value for name, value in given.items() if name.startswith(f"{step}.")}
         line, positional = [step], POSITIONAL[step]
         if positional:
@@ -160,10 +162,10 @@ def results_of(do: str, given: Mapping[str, Any], folder: Path, home: Path, keep
         found = {}
         for line in commands_of(do, given, folder, home):
             found = _answer_of(line)  # that of the last command is the result
-    patterns = keep or (JOBS[do].keep if do in JOBS else ("*",))
+    patterns, timed = keep or ("*",), JOBS[do].timed if do in JOBS else ()
     flat = {}
     for name, value in _flat("", plain_data(found), str(folder)):
-        if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns):
+        if name not in timed and any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns):
             flat[name] = value
         if len(flat) == _MOST_RESULTS:
             break

@@ -56,7 +56,7 @@ class ReportSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     ``map``: the two varied names of the success map.
     ``measure``: the number that ranks the cases. ``higher_is_better``: how.
     ``truth``, ``answer``: the varied name and the result that the confusion matrix compares.
-    ``ratio_to``: result name -> result name; the first is shown as a multiple of the second, such as a bound.
+    ``bound``: result that is an error -> result that is the Cramér-Rao bound of its standard deviation.
     """
 
     success: str | Goal = ""
@@ -65,7 +65,7 @@ class ReportSpec(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     higher_is_better: bool = False
     truth: str = ""
     answer: str = ""
-    ratio_to: dict[str, str] = {}
+    bound: dict[str, str] = {}
 
 
 class _Range(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename={"start": "from", "end": "to"}):

@@ -25,7 +25,7 @@ try:
 except ImportError:  # pragma: no cover - Windows
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["DAMAGED", "Row", "Store", "open_study", "parquet"]
+__all__ = ["DAMAGED", "DONE", "FAILED", "GIVEN_UP", "Row", "Store", "frame_of", "open_study", "parquet"]
 
 SCHEMA = "gcs-autotune study 1"
 HEAD, PLAN, LOCK, PARTS = "study.json", "study.toml", ".lock", "parts"
@@ -134,6 +134,37 @@ class Store:
             _write(self.plan_file, lambda path: path.write_text(plan, encoding="utf-8"))
             text = json_text({"schema": SCHEMA, **head})
             _write(self.folder / HEAD, lambda path: path.write_text(text, encoding="utf-8"))
+
+    @property
+    def is_being_written(self) -> bool:
+        """Whether a process holds the folder with :meth:`writing`. False where files cannot be locked."""
+        if fcntl is None or not (self.folder / LOCK).exists():
+            return False
+        with (self.folder / LOCK).open("a") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except OSError:
+                return True
+        return False
+
+    def row(self, case: str) -> tuple[int, dict[str, Any]]:
+        """Return position and values of the stored case whose key begins with *case*.
+
+        Raises
+        ------
+        UsageError
+            There is none, or more than one.
+        """
+        found = {
+            row["case"]: (row["index"], json.loads(row["given"]))
+            for table in self.tables(["case", "index", "given"], damaged=lambda path: None)
+            for row in table.to_pylist()
+            if row["case"].startswith(case)
+        }
+        if len(found) != 1:
+            many = "more than one case begins" if found else "no stored case begins"
+            raise UsageError(f"{self.folder}: {many} with {case}. `study report` shows the keys of the worst cases")
+        return next(iter(found.values()))
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:

@@ -59,6 +59,7 @@ class Archive:
             "title": visible(str(summary.get("title") or ("log" if logs else "run"))),
             "ending": visible(str(summary.get("ending", ""))),
             "reason": visible(str(summary.get("reason", ""))),
+            "change": _change(summary),
             "report": page_of(folder),
             "log": visible(logs[0]) if logs else "",
             "models": [p.relative_to(folder).as_posix() for p in sorted(_models(folder)) if _plain(p)],
@@ -123,6 +124,17 @@ class Archive:
             shutil.rmtree(folder, ignore_errors=True)
             raise
         return folder.name
+
+
+def _change(summary: Mapping[str, Any]) -> str:
+    """Return by how much the tracking error of a tune's step changed, such as ``-92 %``; empty without such a step."""
+    metrics = summary.get("metrics")
+    each = [metrics.get(name) for name in ("before", "after")] if isinstance(metrics, dict) else []
+    told = [one.get("itae") for one in each if isinstance(one, dict)]
+    errors = [float(error) for error in told if isinstance(error, (int, float)) and error > 0.0]
+    if len(errors) < 2:
+        return ""
+    return f"{100.0 * (errors[1] / errors[0] - 1.0):+.0f} %".replace("-", "\N{MINUS SIGN}")
 
 
 def _plain(path: Path) -> bool:

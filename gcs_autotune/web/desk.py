@@ -30,18 +30,29 @@ PIECE_WITHIN = 30.0
 """Time [s] within which the next piece of a dropped file must arrive. Project choice."""
 _TEXT = 40_000
 """Number of characters of the printed output that are kept. Project choice."""
-VERBS: Mapping[str, Callable[[Path, Path, str], list[str]]] = {
-    "list": lambda folder, file, dof: ["logs", "list", str(file)],
-    "identify": lambda folder, file, dof: [
+VERBS: Mapping[str, Callable[[Path, Path, str, Path], list[str]]] = {
+    "list": lambda folder, file, dof, other: ["logs", "list", str(file)],
+    "identify": lambda folder, file, dof, other: [
         "identify",
         str(file),
         f"--dof={dof}",
         f"--page={folder / f'identified-{dof}.html'}",
         f"--save={folder / f'model-{dof}.json'}",
     ],
-    "diagnose": lambda folder, file, dof: ["diagnose", str(file), f"--dof={dof}", f"--out={folder / 'diagnosis'}"],
+    "diagnose": lambda folder, file, dof, other: [
+        "diagnose",
+        str(file),
+        f"--dof={dof}",
+        f"--out={folder / 'diagnosis'}",
+    ],
+    "compare": lambda folder, file, dof, other: [
+        "compare",
+        str(file),
+        str(other),
+        f"--page={folder / 'comparison.html'}",
+    ],
 }
-"""Operation on a record -> our command line for it."""
+"""Operation on a record -> our command line for it, also with the record of another run."""
 REPORTS = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox"
 """Content security policy of the pages in the folder of runs: any style is allowed, but no script."""
 
@@ -55,20 +66,28 @@ class Desk:
         self._live = live
         self._task: asyncio.Task[None] | None = None
 
-    def start(self, name: str, verb: str, dof: str) -> None:
-        """Start a calculation in a separate process. Raises ``UsageError`` if this is not possible."""
+    def start(self, name: str, verb: str, dof: str, other: str = "") -> None:
+        """Start a calculation in a separate process. Raises ``UsageError`` if this is not possible.
+
+        other : name of the run to compare with.
+        """
         lookup(VERBS, verb, "work")
         if dof not in DOFS:
             raise UsageError(f"unknown degree of freedom. Use one of {', '.join(DOFS)}")
         if self._task is not None and not self._task.done():
             raise UsageError("another job is running. Wait until it ends")
         entry, folder = self._archive.entry(name), self._archive.path(name)
-        file = folder / entry["log"] if entry["log"] else folder
+        file = self._record(name)
         if verb == "list" and not entry["log"]:
             file = self._archive.path(name, "telemetry.tlog")
-        arguments = VERBS[verb](folder, file, dof)
+        arguments = VERBS[verb](folder, file, dof, self._record(other) if verb == "compare" else folder)
         self._tell(name, verb, "", running=True)
         self._task = asyncio.create_task(self._run(name, verb, arguments, folder))
+
+    def _record(self, name: str) -> Path:
+        """Return the dropped log of an entry, or else the run directory."""
+        log, folder = self._archive.entry(name)["log"], self._archive.path(name)
+        return folder / log if log else folder
 
     def _tell(self, name: str, verb: str, text: str, *, running: bool, code: int | None = None) -> None:
         told = {"name": name, "verb": verb, "running": running, "text": visible(text, keep="\n"), "code": code}
@@ -161,7 +180,7 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
     def work(told: Mapping[str, Any]) -> Response:
         if is_running():
             return JSONResponse({"error": "a run is in progress and has priority. Wait until it ends"}, 409)
-        desk.start(str(told["name"]), str(told["verb"]), str(told.get("dof", "yaw")))
+        desk.start(str(told["name"]), str(told["verb"]), str(told.get("dof", "yaw")), str(told.get("other", "")))
         return JSONResponse({"ok": True})
 
     looking: list[BaseRoute] = [Route("/runs", runs), Route("/runs/{name}", run)]

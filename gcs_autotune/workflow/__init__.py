@@ -1,8 +1,8 @@
 """Complete jobs from the link to the report, one for each command of the command line.
 
 * ``mission``: one job on one vehicle, declared before anything moves and then carried out step by step. ``tune``,
-  ``experiment`` and ``fly`` each declare one. They share ``settings``, ``connection``, ``preflight``, the ``runner`` of
-  manoeuvres, the ``record`` directory, ``resuming`` and a ``worker`` that computes in the ``background``.
+  ``experiment``, ``aboard`` and ``fly`` each declare one. They share ``settings``, ``connection``, ``preflight``, the
+  ``runner`` of manoeuvres, the ``record`` directory, ``resuming`` and a ``worker`` that computes in the ``background``.
 * Before anything moves: ``itinerary`` computes stages and times. ``tune_preview`` and ``flight_preview`` simulate the
   ``nominal_plant`` and compute the required space as an ``excursion``. ``announcement`` reports all of it.
 * ``tunable_loop`` defines the sequence of every tune. The autopilot's loops in ``autopilot_loop`` use
@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.aboard import AboardSettings, fly_aboard
 from gcs_autotune.workflow.actuators import tune_actuators
 from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.comparison import COMPARED, compare, fits_in
@@ -41,6 +42,7 @@ from gcs_autotune.workflow.tune import job_of, tune
 __all__ = [
     "COMPARED",
     "PLAN_FILE",
+    "AboardSettings",
     "CommonSettings",
     "Connection",
     "DeskSettings",
@@ -65,6 +67,7 @@ __all__ = [
     "first_run",
     "fits_in",
     "fly",
+    "fly_aboard",
     "fly_plan",
     "hold",
     "is_settled",

@@ -8,6 +8,7 @@ from dataclasses import replace
 from gcs_autotune.axes import excitation_of, position_axis
 from gcs_autotune.craft import Observation
 from gcs_autotune.manoeuvres import FAR_OUT, NEARLY, Envelope
+from gcs_autotune.observer import Intention
 from gcs_autotune.workflow.excursion import (
     LATE,
     Excursion,
@@ -19,11 +20,14 @@ from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
 __all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "room", "whole_of"]
 
+ROOM_AND_TIME = "Space, time"
+"""Row of the announcement that states both, for a run whose every stage was simulated."""
+
 ROV_ROOM, BELOW = 2.0, 1.5
 """Free water [m] required around an ROV that holds its position, and below its deepest target. Project choice."""
 
 
-def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole: Excursion) -> str:
+def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole: Excursion) -> Intention:
     """Return a sentence on the free water required.
 
     *speed* [m/s] is a boat's speed, or 0 for a craft that stays near its start.
@@ -39,11 +43,13 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
         turns = FAR_OUT * envelope.distance_limit
         between = f". Between stages it turns around if it is more than {turns:.0f} m away" if turns < metres else ""
         between = ". It turns around before each stage" if not settings.ends_early else between
-        return f"need up to {metres:.0f} m from the start{usually}{between}. A smaller --max-distance reduces this"
+        far = f"up to {metres:.0f} m from the start{usually}"
+        return Intention(f"need {far}{between}. A smaller --max-distance reduces this", "Space", far)
     below = ""
     if excitation_of(dof).below_surface:
         below = f", and {deepest(dof, settings, now):.0f} m of depth"
-    return f"need about {ROV_ROOM:g} m of free water around the vehicle{below}"
+    around = f"about {ROV_ROOM:g} m of free water around the vehicle{below}"
+    return Intention(f"need {around}", "Space", around)
 
 
 def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
@@ -54,7 +60,7 @@ def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
     return (max(now.z, WORKING_DEPTH) if math.isfinite(now.z) else WORKING_DEPTH) + step + BELOW
 
 
-def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
+def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> Intention:
     """Return a sentence on the space and time of a whole run, with its stages.
 
     *source* states where the numbers come from.
@@ -66,11 +72,14 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
     longest = exactly(LATE * excursion.seconds)
     if usual is None:
         told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
-        return f"need {far}{deep}, and up to {longest}: {told}" + (f"; predicted from {source}" if source else "")
+        brief = f"{far}{deep}, and up to {longest}"
+        return Intention(f"need {brief}: {told}" + f"; predicted from {source}" * bool(source), ROOM_AND_TIME, brief)
     near = f"about {min(usual.needs, metres):.0f} m from the start{deep}, and about" if moves else f"{far}, and about"
     most = f"up to {metres:.0f} m{ends} and " if moves else ""
     by = f" (predicted from {source})" if source else ""
-    return f"usually need {near} {exactly(LATE * usual.seconds)}{by}. A poorly damped loop needs {most}up to {longest}"
+    brief = f"{near} {exactly(LATE * usual.seconds)}"
+    most = f". A poorly damped loop needs {most}up to {longest}"
+    return Intention(f"usually need {brief}{by}{most}", ROOM_AND_TIME, f"usually {brief}{most}")
 
 
 def exactly(seconds: float) -> str:
@@ -80,7 +89,7 @@ def exactly(seconds: float) -> str:
     return " ".join(([f"{minutes} min"] if minutes else []) + ([f"{rest} s"] if rest or not minutes else []))
 
 
-def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
+def how_long(itinerary: Itinerary, most: float = 0.0) -> Intention:
     """Return a sentence on the duration of each stage in vehicle time.
 
     *most* [s] is the total if no stage ends early.
@@ -89,19 +98,16 @@ def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
     usual = _minutes(itinerary.seconds + beside)
     longest = _minutes(max(most, itinerary.seconds) + beside)
     up_to = "" if longest == usual else f", up to {longest} if it does not settle"
-    return (
-        f"take about {usual} of the vehicle's time{up_to}: {itinerary.told()}. These are estimates for similar "
-        "craft, updated after the first stage of each kind"
-    )
+    brief = f"about {usual} of the vehicle's time{up_to}"
+    rest = f": {itinerary.told()}. These are estimates for similar craft, updated after the first stage of each kind"
+    return Intention(f"take {brief}{rest}", "Time", brief)
 
 
-def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
+def battery(now: Observation, envelope: Envelope, seconds: float) -> Intention:
     """Return a sentence on the battery: the known state, the charge needed for the run, and the assumed consumption."""
     share = math.ceil(20.0 * seconds / 3600.0) * 5
-    draws = (
-        f"about {share} % of a battery that lasts an hour at this power (assumed: the vehicle does not report its "
-        "current)"
-    )
+    draws = f"about {share} % of a battery that lasts an hour at this power"
+    assumed = " (assumed: the vehicle does not report its current)"
     known = []
     if math.isfinite(now.battery_remaining):
         known.append(f"{100.0 * now.battery_remaining:.0f} % now, limit {100.0 * envelope.battery_remaining:.0f} %")
@@ -109,11 +115,12 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
         ends = f", limit {envelope.battery_voltage:g} V" if envelope.battery_voltage > 0.0 else ""
         known.append(f"{now.battery_voltage:.1f} V now{ends}")
     if not known:
-        return f"use {draws}. The vehicle does not report its battery, so the battery is not monitored"
-    return f"use {draws} ({', '.join(known)})"
+        rest = ". The vehicle does not report its battery, so the battery is not monitored"
+        return Intention(f"use {draws}{assumed}{rest}", "Battery", f"{draws}{rest}")
+    return Intention(f"use {draws}{assumed} ({', '.join(known)})", "Battery", f"about {share} % ({', '.join(known)})")
 
 
-def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[str, ...]:
+def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention, ...]:
     """Return a sentence on what happens after a lost link. It is empty if the first interruption ends the run.
 
     armed : whether the vehicle is armed already; it is then not armed again.
@@ -121,7 +128,7 @@ def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[str, ...]
     if settings.patience <= 0.0:
         return ()
     again = "" if armed else ", and arm the vehicle again, after asking, if it was disarmed"
-    return (f"continue if messages stop for up to {settings.patience:g} s (--patience){again}",)
+    return (Intention(f"continue if messages stop for up to {settings.patience:g} s (--patience){again}"),)
 
 
 def _minutes(seconds: float) -> str:

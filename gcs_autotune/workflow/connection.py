@@ -9,9 +9,9 @@ from contextlib import contextmanager, suppress
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
-from gcs_autotune.link import TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
+from gcs_autotune.link import NEEDED_RATES, TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
 from gcs_autotune.mavlink import Message
-from gcs_autotune.observer import Observer, Vitals, Words
+from gcs_autotune.observer import Intention, Observer, Vitals, Words
 from gcs_autotune.workflow.open_runs import refuse_open_runs
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
@@ -38,13 +38,30 @@ lock-stepped time there is no delay.
 """
 
 
-def arming(craft: MavlinkCraft) -> str:
+WATCHING: Mapping[str, float] = {
+    "ATTITUDE": 2.0,
+    "SERVO_OUTPUT_RAW": 2.0,
+    "LOCAL_POSITION_NED": 1.0,
+    "GLOBAL_POSITION_INT": 1.0,
+    "RC_CHANNELS": 1.0,
+    "SYS_STATUS": 0.5,
+}
+"""Message -> rate [Hz] for a craft that this program only watches while the autopilot flies the experiment: about 300
+bytes/s. Project choice.
+"""
+LEAST_WATCHING: Mapping[str, float] = {"ATTITUDE": 1.0, "SERVO_OUTPUT_RAW": 1.0}
+"""Message -> lowest rate [Hz] at which a craft can be watched."""
+
+
+def arming(craft: MavlinkCraft) -> Intention:
     """Return a warning of what happens at arming: steering thrusters produce thrust during their check."""
     armed = "leave the vehicle armed" if craft.armed else "arm the vehicle, and disarm it at the end"
+    brief = "no, the vehicle is armed already" if craft.armed else "yes, and disarms at the end"
     steers_by_thrust = craft.skid or not craft.firmware.needs_way
     twitched = "turning thrusters" if steers_by_thrust else "steering"
     without = "" if steers_by_thrust else ", without thrust,"
-    return f"{armed}; move the {twitched} by {100.0 * TWITCH:.0f} %{without} to check the response and its delay"
+    moved = f"; move the {twitched} by {100.0 * TWITCH:.0f} %{without} to check the response and its delay"
+    return Intention(f"{armed}{moved}", "Arms", brief)
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:
@@ -101,11 +118,18 @@ def _without_record_of_the_wrong_vehicle(record: RunDirectory | None) -> Iterato
 
 @contextmanager
 def connect_craft(
-    common: CommonSettings, operator: Operator, observer: Observer, record: RunDirectory, axis: str
+    common: CommonSettings,
+    operator: Operator,
+    observer: Observer,
+    record: RunDirectory,
+    axis: str,
+    *,
+    only_watches: bool = False,
 ) -> Iterator[MavlinkCraft]:
     """Connect and yield a craft that can be monitored and commanded, with telemetry at the requested rates.
 
-    If the link is too slow for all rates, the messages for *axis* have priority.
+    If the link is too slow for all rates, the messages for *axis* have priority. *only_watches*: request the few
+    messages of :data:`WATCHING`.
     """
     with connect(common.connection, operator, observer, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
@@ -113,10 +137,13 @@ def connect_craft(
         session.patience = common.patience
         craft = open_craft(
             session,
-            wanted_rates=telemetry_rates(control_rate),
-            first_rates=axis_kind(axis).rates or None,
-            spare_rates=SPARE,
+            wanted_rates=WATCHING if only_watches else telemetry_rates(control_rate),
+            needed_rates=LEAST_WATCHING if only_watches else NEEDED_RATES,
+            first_rates=None if only_watches else axis_kind(axis).rates or None,
+            spare_rates=None if only_watches else SPARE,
         )
+        if only_watches:
+            craft.only_watch()
         told = len(session.notes)
         session.listen("HEARTBEAT", lambda heartbeat: observer.note(_vitals(craft)))
         try:

@@ -4,6 +4,7 @@ is changed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -14,6 +15,7 @@ from gcs_autotune.identify import AxisFit, save_model
 from gcs_autotune.link import Journal
 from gcs_autotune.observer import Observer
 from gcs_autotune.report import study_document, to_html
+from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext, tune_runner
 from gcs_autotune.workflow.experiments import dive_for, speed_for
@@ -29,7 +31,7 @@ from gcs_autotune.workflow.study import study_of
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of
 
-__all__ = ["experiment", "learn"]
+__all__ = ["experiment", "learn", "leave_experiment"]
 
 
 def experiment(settings: TuneSettings, operator: Operator, observer: Observer, when: str = "") -> AxisFit:
@@ -53,11 +55,16 @@ def experiment(settings: TuneSettings, operator: Operator, observer: Observer, w
     (identified,) = found
     fit = log.fit or identified.fit
     onboard.identify([fit], when)
+    leave_experiment(record, fit, identified.runs, f"Experiment: {settings.axis}", when)
+    return fit
+
+
+def leave_experiment(record: RunDirectory, fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> None:
+    """Write the *fit* of *runs*, its model and its report to the run directory."""
     record.save_json("fit.json", fit.to_dict())
     save_model(fit, record.path / "model.json")
-    study = study_of(fit, [run.proper for run in identified.runs], f"Experiment: {settings.axis}", when)
+    study = study_of(fit, [run.proper for run in runs], title, when)
     (record.path / "report.html").write_text(to_html(study_document(study)), encoding="utf-8")
-    return fit
 
 
 def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneLog]) -> Mission:

@@ -162,28 +162,27 @@ class Relays:
         noise_std : noise [rad or m] of a vehicle that needs no approach. criterion : the rule that may end it before
             its periods agree.
         """
+        make = WallRelay if self.against_wall else Relay
+        return make(self.relay_settings(output, noise_std), self.name(number), criterion)
+
+    def relay_settings(self, output: float | None, noise_std: float | None = None) -> RelaySettings:
+        """Return the settings of a relay; arguments as for :meth:`relay`."""
         d, throttle = excitation_of(self.dof), self.throttle
-        along = d.by_throttle
-        wall = self.against_wall
-        make = WallRelay if wall else Relay
-        return make(
-            RelaySettings(
-                signal="d" if wall else d.signal,
-                force=d.names.force,
-                output=output,
-                hysteresis=WALL_HYSTERESIS if wall else self.settings.relay_hysteresis,
-                least_distance=LEAST_DISTANCE if wall else 0.0,
-                throttle=throttle,
-                reference_speed=(self.settings.speed or 0.0) if along else 0.0,
-                most_output=0.9 - abs(throttle) if along else 0.9,
-                first_output=min(0.3, 0.9 - abs(throttle)) if along else 0.3,
-                keep_still=self.keep_still,
-                least_hysteresis=d.least_hysteresis,
-                least_period=self.least_period,
-                noise_std=noise_std,
-            ),
-            self.name(number),
-            criterion,
+        along, wall = d.by_throttle, self.against_wall
+        return RelaySettings(
+            signal="d" if wall else d.signal,
+            force=d.names.force,
+            output=output,
+            hysteresis=WALL_HYSTERESIS if wall else self.settings.relay_hysteresis,
+            least_distance=LEAST_DISTANCE if wall else 0.0,
+            throttle=throttle,
+            reference_speed=(self.settings.speed or 0.0) if along else 0.0,
+            most_output=0.9 - abs(throttle) if along else 0.9,
+            first_output=min(0.3, 0.9 - abs(throttle)) if along else 0.3,
+            keep_still=self.keep_still,
+            least_hysteresis=d.least_hysteresis,
+            least_period=self.least_period,
+            noise_std=noise_std,
         )
 
 

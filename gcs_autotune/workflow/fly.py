@@ -17,7 +17,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import is_of_one_axis
 from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Dive, DiveSettings, FollowWall, Layered, Manoeuvre
-from gcs_autotune.observer import Observer, PredictedTrack
+from gcs_autotune.observer import Intention, Observer, PredictedTrack
 from gcs_autotune.workflow.announcement import battery, exactly, whole_of
 from gcs_autotune.workflow.background import run_in_background
 from gcs_autotune.workflow.excursion import LATE, Excursion, worst_of
@@ -134,7 +134,7 @@ class _Flight:
         """Report what this flight would do on the vehicle of *visit*."""
         mission = self._declared(visit, only_preview=True)
         for text in mission.needs:
-            visit.log.say(f"the flight would {text}")
+            visit.log.say(f"the flight would {text.text if isinstance(text, Intention) else text}")
 
     def _declared(self, visit: Visit[MissionLog], *, only_preview: bool) -> Mission:
         self._visit = visit
@@ -337,13 +337,15 @@ class _Flight:
         dofs = " and ".join(axis_kind(axis).dof for axis in axes)
         return f"relay oscillations in {dofs} to identify the craft, then " if axes else ""
 
-    def _needs(self, whole: Excursion) -> list[str]:
+    def _needs(self, whole: Excursion) -> list[Intention | str]:
         """Return a sentence on the space, time and depth that the *whole* excursion needs."""
         if not self._left:
             return []
         first, least = self._left[0], self._plan.min_depth
         plant = first.preview.craft
-        needs = [whole_of(whole, first.envelope, plant.source + " (worst case of several)" * plant.assumed)]
+        needs: list[Intention | str] = [
+            whole_of(whole, first.envelope, plant.source + " (worst case of several)" * plant.assumed)
+        ]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
     def _prepare(self) -> None:

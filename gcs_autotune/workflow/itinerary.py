@@ -297,10 +297,10 @@ class MissionLog:
         """Forward a note to the observer."""
         self._observer.note(fact)
 
-    def announce(self, intentions: tuple[str, ...]) -> None:
+    def announce(self, intentions: Intentions) -> None:
         """Announce what the mission will do, before anything moves."""
-        self.note(Intentions(intentions))
-        for text in intentions:
+        self.note(intentions)
+        for text in intentions.texts:
             self.say(f"will {text}")
 
     def abort(self, error: BaseException) -> None:

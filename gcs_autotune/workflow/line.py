@@ -39,7 +39,7 @@ from gcs_autotune.link import (
     waypoint,
 )
 from gcs_autotune.manoeuvres import NEARLY, TO_COME_ABOUT, Envelope, FlyMission, ProofCourse, how_far
-from gcs_autotune.observer import Observer
+from gcs_autotune.observer import Intention, Observer
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long
@@ -159,6 +159,8 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     flights = _Flights(visit, runner, course, speed)
     names = ", ".join(name for name in LINE_PARAMETERS if name in present)
     changes = f"write some of {names}, after asking again, and restore the old values unless the new ones prove better"
+    ahead, back = course.reach + BEYOND * speed, BEYOND * speed
+    free = f"{ahead:.0f} m of free water ahead and to starboard, and {back:.0f} m to port and astern"
     return Mission(
         itinerary=itinerary,
         modes=(firmware.mission_mode, firmware.manual_mode, firmware.rest_mode),
@@ -168,8 +170,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             "during the run"
         ),
         needs=(
-            f"need {course.reach + BEYOND * speed:.0f} m of free water ahead and to starboard, and "
-            f"{BEYOND * speed:.0f} m to port and astern. A smaller --leg-length needs less",
+            Intention(f"need {free}. A smaller --leg-length needs less", "Space", free),
             how_long(itinerary),
             battery(now, envelope, itinerary.seconds),
         ),

@@ -15,6 +15,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped, PreconditionFailed
 from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
 from gcs_autotune.manoeuvres import Envelope, restore_on_exit
+from gcs_autotune.observer import Intention, Intentions
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import after_a_silence
 from gcs_autotune.workflow.background import agreed, ask_now, beside
@@ -31,7 +32,7 @@ from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import CommonSettings
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["Mission", "Visit", "run_mission", "visiting"]
+__all__ = ["Mission", "Visit", "run_mission", "visiting", "watching"]
 
 Log = TypeVar("Log", bound=MissionLog)
 
@@ -85,7 +86,19 @@ def visiting(
         yield Visit(common, operator, log, record, craft, worker)
 
 
-def _nothing() -> None:
+@contextmanager
+def watching(
+    common: CommonSettings, operator: Operator, log: Log, record: RunDirectory, axis: str, dofs: tuple[str, ...]
+) -> Iterator[Visit[Log]]:
+    """Connect to the vehicle as :func:`visiting`, over a link that need not carry what a control loop needs."""
+    with (
+        jit_warmup(common.connection.uri, dofs, ()) as worker,
+        connect_craft(common, operator, log, record, axis, only_watches=True) as craft,
+    ):
+        yield Visit(common, operator, log, record, craft, worker)
+
+
+def _nothing(*_: object) -> None:
     """Do nothing: the default for the optional steps of a mission."""
 
 
@@ -102,6 +115,7 @@ class Mission:
     writes : sentence on what may be written.
     held : parameters (name -> value) that a run which resumes this one must find; None: it cannot be resumed.
     prepare : called once the operator has agreed, before anything is armed.
+    load : called with the open journal before arming. unload : undoes it, once mode and armed state are restored.
     finish : called on every ending once the vehicle is restored.
     way_on : sentence on how to continue after an error; empty if no trial can be reused.
     """
@@ -109,11 +123,13 @@ class Mission:
     itinerary: Itinerary
     modes: tuple[str, ...]
     movements: str
-    needs: tuple[str, ...]
+    needs: tuple[Intention | str, ...]
     fly: Callable[[Journal], None]
     writes: str = "write no parameter"
     held: Mapping[str, float] | None = None
     prepare: Callable[[], None] = _nothing
+    load: Callable[[Journal], None] = _nothing
+    unload: Callable[[], None] = _nothing
     finish: Callable[[], None] = _nothing
     way_on: Callable[[BaseException], str] = lambda error: ""
 
@@ -155,7 +171,7 @@ def _carry_out(mission: Mission, visit: Visit[Log]) -> None:
     _announce(mission, visit)
     mission.prepare()
     try:
-        with _armed(visit) as journal:
+        with _armed(mission, visit) as journal:
             mission.fly(journal)
     finally:
         mission.finish()
@@ -171,14 +187,18 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
     """
     craft, modes = visit.craft, mission.modes
     visit.log.itinerary = mission.itinerary
+    used, back = " and ".join(modes), craft.mode
+    in_modes = f"use mode{'s' * (len(modes) > 1)} {used}, and return to {back} at the end"
     visit.log.announce(
-        (
-            arming(craft),
-            f"use mode{'s' * (len(modes) > 1)} {' and '.join(modes)}, and return to {craft.mode} at the end",
-            f"move: {mission.movements}",
-            *mission.needs,
-            *after_a_silence(visit.common, armed=craft.armed),
-            mission.writes,
+        Intentions(
+            (
+                arming(craft),
+                Intention(in_modes, "Modes", f"{used}, then {back} again"),
+                Intention(f"move: {mission.movements}", "Moves", mission.movements),
+                *(need if isinstance(need, Intention) else Intention(need) for need in mission.needs),
+                *after_a_silence(visit.common, armed=craft.armed),
+                Intention(mission.writes, "Writes", mission.writes.removeprefix("write ")),
+            )
         )
     )
     if not visit.agrees("Go ahead?"):
@@ -186,7 +206,7 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
 
 
 @contextmanager
-def _armed(visit: Visit[Log]) -> Iterator[Journal]:
+def _armed(mission: Mission, visit: Visit[Log]) -> Iterator[Journal]:
     """Arm, and restore everything on exit. The journal is on disk before anything is armed, moved or written.
 
     It is closed only when the vehicle was restored. Otherwise ``gcs-autotune restore`` has to be run.
@@ -202,6 +222,9 @@ def _armed(visit: Visit[Log]) -> Iterator[Journal]:
     journal: Journal | None = None
 
     def settle() -> None:
+        if journal is not None:
+            with craft.shielded():
+                mission.unload()
         try:
             if journal is not None:
                 journal.close()
@@ -235,6 +258,7 @@ def _armed(visit: Visit[Log]) -> Iterator[Journal]:
     try:
         with restore_on_exit(craft, log, settle) as found:
             journal = open_journal(found)
+            mission.load(journal)
             make_ready(craft, log)
             craft.arm()
             say_link_times(craft, log)

@@ -10,7 +10,7 @@ import numpy as np
 from gcs_autotune.design import Change, Linearity, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.observer import Observer, Progress
+from gcs_autotune.observer import Intentions, Observer, Progress
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.itinerary import MissionLog
@@ -73,9 +73,9 @@ class TuneLog(MissionLog):
             for name, granted in craft.rates.granted.items()
         }
 
-    def announce(self, intentions: tuple[str, ...]) -> None:
+    def announce(self, intentions: Intentions) -> None:
         """Store the announcement of what the tune will do, before anything moves, and forward it."""
-        self._announced = intentions
+        self._announced = intentions.texts
         super().announce(intentions)
 
     def parameter_types(self) -> tuple[dict[str, int], tuple[int, int]]:

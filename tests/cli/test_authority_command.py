@@ -34,7 +34,7 @@ def test_the_page_the_parameters_and_the_rules_are_written(
 ) -> None:
     saved, page = tmp_path / "limits.param", tmp_path / "boat.html"
     assert main([*words, "--save", str(saved), "--page", str(page)]) == 0
-    told = " ".join(capsys.readouterr().out.split())
+    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert "The craft makes 2 m/s at 50 % throttle, turns at 38.2°/s at full steering and stops in 2.88 m" in told
     assert "stopping --throttle 1 --astern 1" in told
     assert "the file contains no covariance" in told

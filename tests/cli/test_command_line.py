@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs_autotune.cli import COMMANDS, main, make_parser
+from gcs_autotune.cli import COMMANDS, fly_cmd, main, make_parser
 from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.link import Journal
 
@@ -56,7 +56,10 @@ def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, 
     assert (directory / "report.html").exists()
     assert "better in a measured step" in out
     assert "gcs-autotune params restore" in out
-    assert "will arm the vehicle" in err
+    rows = [line.split()[0] for line in err.splitlines() if line and not line.startswith(" ")]
+    shown = ["Arms", "Modes", "Moves", "Space", "Time", "Battery", "Writes"]
+    assert [row for row in rows if row in shown] == shown
+    assert "will arm the vehicle" not in err
 
 
 @pytest.fixture(scope="module")
@@ -223,6 +226,8 @@ def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
         said = process.stderr.read()
         assert process.wait(30) == 130
     assert "mode and armed state restored" in said
+    assert said.splitlines()[-1] == f"Report: {tmp_path / 'r' / 'report.html'}"
+    assert "--resume" in said
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     assert summary["ending"] == "aborted"
     assert summary["differences"] == {}
@@ -327,6 +332,17 @@ def options_of(verb: str) -> set[str]:
     return {a.option_strings[-1] for a in verbs.choices[verb]._actions if a.option_strings}
 
 
+@pytest.mark.parametrize(
+    ("options", "seconds"),
+    [((), 1800.0), (("--max-time", "120"), 120.0), (("--max-time", "120", "--total-time", "9"), 540.0)],
+)
+def test_max_time_limits_the_whole_of_a_self_planned_trial(options, seconds):
+    args = make_parser(only="fly").parse_args(["fly", "--until", "alpha_r 5%", *options])
+    precision = fly_cmd._precision(args)
+    assert precision is not None
+    assert precision.seconds == seconds
+
+
 def test_sitl_lists_its_vehicles():
     done = subprocess.run(
         [sys.executable, "-m", "gcs_autotune", "sitl", "--list"], capture_output=True, text=True, check=True
@@ -344,7 +360,7 @@ def test_an_experiment_identifies_surge_and_writes_no_parameter(capsys, tmp_path
     assert fit["dof"] == "surge"
     assert fit["parameters"]["alpha_u"]["value"] == pytest.approx(8.2372 / 8.0, rel=0.02)
     assert fit["parameters"]["beta_u"]["value"] == pytest.approx(4.4283 / 8.0, rel=0.03)
-    assert "will write no parameter" in err
+    assert "Writes   no parameter" in err
     journal = map(json.loads, (out / "journal.jsonl").read_text().splitlines())
     assert {e["event"] for e in journal} == {"opened", "ordering", "ordered", "closed"}, "no parameter is borrowed"
 

@@ -20,6 +20,7 @@ from gcs_autotune.workflow import Connection, TuneSettings
 POSITIONALS = {
     "tune": ("heading",),
     "experiment": ("heading",),
+    "aboard": ("heading",),
     "fly": ("zig-zag",),
     "recheck": ("heading",),
     "hold": ("heading",),
@@ -27,6 +28,9 @@ POSITIONALS = {
     "diagnose": ("a.csv",),
     "figures": ("a.csv",),
     "study run": ("a.toml",),
+    "study watch": ("a",),
+    "study report": ("a",),
+    "study replay": ("a", "b"),
     "thrusters": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
@@ -61,7 +65,8 @@ NUMBERS = [(command, a.option_strings[0][2:]) for command, a in OPTIONS if getat
 def rows(command: str, option: str) -> list[tuple[str, Limit]]:
     """Return (positional axis, limit) for all that hold for an option of a command."""
     found = axes_of(RENAMED.get((command, option), option))
-    axes = {"tune": ("heading", "depth", "speed", "yaw"), "experiment": ("heading", "depth", "surge")}.get(command, ())
+    axes = {"tune": ("heading", "depth", "speed", "yaw"), "experiment": ("heading", "depth", "surge")}
+    axes = {**axes, "aboard": ("heading", "depth")}.get(command, ())
     return [(row.axis, row) for row in found if not row.axis or row.axis in axes]
 
 

@@ -123,7 +123,9 @@ def test_a_column_that_80_characters_have_no_space_for_is_on_the_page_only() -> 
 
 def test_the_verdict_ends_the_terminal_unless_a_lead_begins_it() -> None:
     document = shown(Note("words"), verdict=Verdict("It works.", "good"), contradictions=("x and y disagree.",))
-    assert render_text(document).split()[-2:] == ["It", "works."]
+    boxed = render_text(document).splitlines()[-3:]
+    assert boxed[0][0] + boxed[2][0] == "╭╰"
+    assert boxed[1].strip("│ ") == "It works."
     assert render_text(document).index("disagree") < render_text(document).index("words")
     assert "It works. x and y disagree." in Page(to_html(document)).text
     led = render_text(replace(document, lead="Your boat is fine."))

@@ -114,9 +114,18 @@ def test_every_figure_has_a_description_for_those_who_cannot_see_it(pages):
 
 def test_the_verdict_comes_before_everything_else(pages):
     text = Page(pages["kept"]).text
-    assert (
-        text.index("better in a measured step") < text.index("Step before and after") < text.index("ATC_RAT_YAW_P 0.18")
-    )
+    places = [text.index(w) for w in ("better in a measured step", "parameter old new", "Step before", "How to undo")]
+    assert places == sorted(places)
+
+
+def test_all_else_is_folded_with_its_contents_before_it(pages):
+    page = pages["kept"]
+    shown, _, folded = page.partition("<nav")
+    assert "<details" not in shown
+    slugs = re.findall(r'<a href="#([a-z-]+)"', folded)
+    assert len(slugs) > 4
+    assert [slug for slug in slugs if f'<div id="{slug}">' not in folded] == []
+    assert folded.count('<details class="more">') == len(slugs)
 
 
 def test_a_finished_tune_says_what_changed_and_how_to_undo_it(pages):

@@ -168,9 +168,19 @@ def test_a_log_is_worked_on_by_our_command_line_in_another_process(client: TestC
     assert desk["text"].splitlines()[1] == "\\x1b[2J<b>"
 
 
+def test_two_runs_are_compared_and_the_page_stands_with_the_first(client: TestClient) -> None:
+    one, other = (client.post(f"/drop?name={n}.csv", content=TABLE, headers=OURS).json()["name"] for n in "ab")
+    asked = {"name": one, "verb": "compare", "dof": "yaw", "other": other}
+    assert client.post("/work", json=asked, headers=OURS).status_code == 200
+    text = until_done(client)["text"]
+    assert text.startswith("did compare ")
+    assert f"{other}/b.csv" in text.splitlines()[0] and f"{one}/comparison.html" in text.splitlines()[0]
+
+
 @pytest.mark.parametrize(
     "told",
-    [{"name": "none", "verb": "list"}, {"name": "../x", "verb": "list"}, {"name": "20260101-run", "verb": "restore"},
+    [{"name": "20260101-run", "verb": "compare", "other": "../x"},
+     {"name": "none", "verb": "list"}, {"name": "../x", "verb": "list"}, {"name": "20260101-run", "verb": "restore"},
      {"name": "20260101-run", "verb": "identify", "dof": "--out=/"}],
 )  # fmt: skip
 def test_work_that_cannot_be_is_refused(client: TestClient, told: dict[str, str]) -> None:

@@ -75,6 +75,9 @@ class LuaHost:
         self._types: dict[str, tuple[int, str]] = {}
         vehicle.autopilot.scripts = self
         self._format("FMT", "Type,Length,Name,Format,Columns", "BBnNZ")
+        self.write("MSG", "TimeUS,Message", "QZ", 0, f"{self._autopilot.firmware} V4.7.0-dev")
+        for name, value in vehicle.parameters.values.items():
+            self.write("PARM", "TimeUS,Name,Value", "QNf", 0, name, value)
 
     # --- ScriptHost ---------------------------------------------------------------------------------------
 

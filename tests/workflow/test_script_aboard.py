@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_autotune.firmware import FIRMWARE, read_servo_map
+from gcs_autotune.logs import ABOARD_ENDS, ABOARD_ROWS
 from gcs_autotune.logs.sample_store import RecordedParameters
 from gcs_autotune.manoeuvres import Area, Envelope, RelaySettings, Zone
 from gcs_autotune.manoeuvres.aboard import ABOARD_ENDINGS, AboardScript
@@ -44,6 +45,8 @@ class Pond:
             go="SCR_USER6",
             path=PATH,
             sticks=(1, 3),
+            rows=ABOARD_ROWS.logged,
+            ends=ABOARD_ENDS.logged,
             step=math.radians(60.0),
         )
         self.script = replace(script, **changes)  # type: ignore[arg-type]
@@ -194,6 +197,24 @@ def test_the_permitted_area_is_that_of_the_envelope():
     assert pond.run(30.0, lambda: pond.word in ABOARD_ENDINGS)
     estimate = pond.autopilot.estimate
     assert (pond.word == "outside the area") == (area.beyond(estimate.x, estimate.y) > 0.0)
+
+
+def test_a_boat_turns_towards_its_start_when_it_is_far_out():
+    pond = Pond(envelope=Envelope(distance=120.0, cruise=1.2))
+    pond.go()
+    farthest = 0.0
+
+    def ended() -> bool:
+        nonlocal farthest
+        estimate = pond.autopilot.estimate
+        farthest = max(farthest, math.hypot(estimate.x, estimate.y))
+        return pond.word in ABOARD_ENDINGS
+
+    assert pond.run(900.0, ended)
+    assert pond.word == "done"
+    assert 48.0 < farthest < 120.0
+    ends = [values for _, kind, values in pond.host.rows if kind == "AXE"]
+    assert [(part, ending) for part, ending, *_ in ends] == [(3, 1), (5, 0), (7, 0)]
 
 
 def test_a_script_that_hangs_leaves_neutral_outputs():

@@ -180,6 +180,12 @@ class InterferenceMonitor:
                 self._take(judged)
         return self.found
 
+    def yield_to(self, what: str) -> None:
+        """Record that an operator has taken the craft by its sticks: its mode and armed state stay."""
+        self._let_go()
+        self.found = Intervention(what, mode_stands=True, armed_stands=True)
+        self.on_yield({"mode": self._firmware.mode_name(self._session.custom_mode), "armed": self._session.armed})
+
     def _take(self, judged: Sequence[tuple[str, Intervention]]) -> None:
         """Record the *judged* change. A failsafe may disarm the vehicle just when another station commands a mode."""
         self._guard, told = max(judged, key=lambda j: j[1].stands)

@@ -94,6 +94,7 @@ class MavlinkCraft:
         self._interference.lateness = lambda: self.latency.lateness
         self._interference.on_yield = lambda what: self.on_order("yielded", what)
         self._is_taken_over = False
+        self._is_only_watched = False
         self._mode_is_changing = False
 
     def keep_rates(self) -> None:
@@ -103,6 +104,11 @@ class MavlinkCraft:
         RateKeeper(self.session, self.rates, self.other_stations).start()
         if math.isfinite(self.rates.capacity):
             self._streamer.spare_the_link()
+
+    def only_watch(self) -> None:
+        """Send as few overrides as keep the sticks neutral, because no control loop is closed over this link."""
+        self._is_only_watched = True
+        self._streamer.spare_the_link()
 
     def learn_failsafes(self) -> None:
         """Read from the parameters which failsafes act without a ground station, after what time, and how."""
@@ -170,6 +176,10 @@ class MavlinkCraft:
         self.session.request_message(message_number("SYSTEM_TIME"))
         self.session.wait_for(lambda: True if watchdog.has_restarted or watchdog.stamps > seen else None, 1.0)
 
+    def yield_to(self, what: str) -> None:
+        """Leave the craft to an operator who has taken it by its sticks. *what* states it in words."""
+        self._interference.yield_to(what)
+
     def accept_intervention(self) -> None:
         """Accept the present mode and armed state after the operator has agreed."""
         self._interference.accept()
@@ -185,6 +195,16 @@ class MavlinkCraft:
     def skid(self) -> bool:
         """Whether the craft steers by the difference of two thrusters."""
         return self._config.servos.skid
+
+    @property
+    def has_receiver(self) -> bool:
+        """Whether an RC receiver delivers channels."""
+        return bool(self._rc_monitor.has_receiver)
+
+    @property
+    def stick_channels(self) -> tuple[int, ...]:
+        """RC channels of the sticks that drive the craft in manual mode."""
+        return tuple(sorted({number for number, _ in self._config.overrides.channels.values()}))
 
     # --- watching -----------------------------------------------------------------------------------------
 
@@ -296,7 +316,8 @@ class MavlinkCraft:
     def arm(self) -> None:
         """Arm with neutral overrides, and verify that the outputs follow.
 
-        Before arming, RC_CHANNELS must show our overrides, and the link must have the capacity for all later messages.
+        Before arming, RC_CHANNELS must show our overrides, and the link must have the capacity for all later messages
+        (except after :meth:`only_watch`).
         After arming in manual mode, the steering is moved by 5 % each way without thrust, and SERVO_OUTPUT_RAW must
         follow. This also measures the delay from command to servo.
 
@@ -314,7 +335,8 @@ class MavlinkCraft:
         try:
             self.send(Actuate())
             check_overrides_taken(self.session, self._streamer, self._rc_monitor, self.parameters, self._firmware)
-            check_uplink(self.session, self._streamer, self.latency)
+            if not self._is_only_watched:
+                check_uplink(self.session, self._streamer, self.latency)
             self._arm()
             self.set_mode(self._firmware.manual_mode)
             check_outputs_follow(self._streamer, self.telemetry, self.observe, self.mode, skid=self.skid)

@@ -55,6 +55,7 @@ from gcs_autotune.report.toolkit.document import (
     Section,
     bullets,
     notes,
+    sections_of,
 )
 from gcs_autotune.report.toolkit.figures import draw_track, inputs_of
 from gcs_autotune.report.toolkit.wording import (
@@ -117,7 +118,7 @@ def diagnosis_document(
         key_figures=tuple(k for k in _key_figures(diagnosis) if k.number != UNKNOWN),
         contradictions=contradictions_in(diagnosis.doubts),
         doubts=remarks(diagnosis.doubts) or None,
-        sections=tuple(section for make in SECTIONS for section in make(examined)),
+        sections=sections_of(FRONT, SECTIONS, examined),
         facts=diagnosis.to_dict(),
     )
 
@@ -270,21 +271,11 @@ def _basis(examined: _Examined) -> Iterator[Section]:
     yield Section("rests-on", "Basis of this result", tuple(notes(rests_on(examined.diagnosis))), facts=IN_RESULT)
 
 
-SECTIONS = (
-    _numbers,
-    _causes,
-    _improvement,
-    _hints,
-    _simulation,
-    _evidence,
-    _remains,
-    _not_distinguished,
-    _next,
-    _ranking,
-    _use,
-    _basis,
-)
-"""Functions that return the sections of the report, in their order. To add a section, add its function here."""
+FRONT = (_numbers, _causes, _improvement, _not_distinguished, _hints, _next, _use)
+"""Functions that return the sections that a reader sees first."""
+
+SECTIONS = (_simulation, _evidence, _remains, _ranking, _basis)
+"""Functions that return all other sections, folded on the page. To add a section, add its function here."""
 
 
 # -- figures

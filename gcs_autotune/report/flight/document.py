@@ -212,7 +212,8 @@ def _record(story: FlightStory) -> Iterator[Section]:
         *(f for model in story.models for f in _fits(model, {t.name: t for t in runs.values()})),
         _track(named, () if story.predicted is None else [_onto(story.predicted, story.flown[0][1])]),
     )
-    yield Section("record", "Record", parts, facts=IN_RESULT)
+    has_diagram = any(sheet.shape is not None for sheet in story.sheets)
+    yield Section("record", "Record", parts, facts=IN_RESULT, folded=has_diagram)
 
 
 SECTIONS = (_runs, _course, _sheets, _models, _record)

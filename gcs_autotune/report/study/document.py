@@ -37,6 +37,7 @@ from gcs_autotune.report.toolkit.document import (
     Section,
     Table,
     bullets,
+    sections_of,
 )
 from gcs_autotune.report.toolkit.figures import INTERVALS_CAPTION, draw_fit, draw_intervals, draw_track
 from gcs_autotune.report.toolkit.wording import (
@@ -69,7 +70,7 @@ def study_document(study: Study) -> Document:
         key_figures=tuple(_key_figures(fit, unseen)),
         contradictions=contradictions_in(fit.doubts),
         doubts=remarks(fit.doubts),
-        sections=tuple(section for make in SECTIONS for section in make(study)),
+        sections=sections_of(FRONT, SECTIONS, study),
         facts=fit.to_dict(),
     )
 
@@ -249,21 +250,11 @@ def _runs(study: Study) -> Iterator[Section]:
     yield Section("runs", "Runs", (run_table(study),), detail=True, facts=IN_RESULT)
 
 
-SECTIONS = (
-    _model,
-    _unseen,
-    _structure,
-    _methods,
-    _not_distinguished,
-    _comparison,
-    _intervals,
-    _next,
-    _fit,
-    _track,
-    _more,
-    _runs,
-)
-"""Functions that return the sections of the report, in their order. To add a section, add its function here."""
+FRONT = (_model, _unseen, _structure, _not_distinguished, _fit, _next)
+"""Functions that return the sections that a reader sees first."""
+
+SECTIONS = (_methods, _comparison, _intervals, _track, _more, _runs)
+"""Functions that return all other sections, folded on the page. To add a section, add its function here."""
 
 
 def method_list(methods: Iterable[Method]) -> Document:

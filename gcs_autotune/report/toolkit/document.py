@@ -9,9 +9,9 @@ out, so a section can list optional parts.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from gcs_autotune.identify import Grade
 
@@ -110,7 +110,7 @@ class Section:
     """A heading with its notes, tables, figures and nested sections, in order. A nested section has a smaller heading.
 
     slug : unique in the document; it is the page's anchor, and the key in JSON. detail : whether the terminal leaves it
-    out.
+    out. folded : whether the page shows only its title until the reader opens it.
     facts : its JSON form; None: its text under its slug; :data:`IN_RESULT`: nothing in addition.
     """
 
@@ -119,6 +119,7 @@ class Section:
     parts: tuple[Part, ...]
     detail: bool = False
     facts: Mapping[str, Any] | None = None
+    folded: bool = False
 
 
 Part = Note | Table | Figure | Section
@@ -170,6 +171,12 @@ class Document:
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def is_doubtful(self) -> bool:
+        """Whether the page begins with the doubts: one of them is grave, or the result is not good."""
+        is_good = self.verdict is not None and self.verdict.tone == "good"
+        return bool(self.doubts) and (not is_good or any(doubt.grade == "distrust" for doubt in self.doubts or ()))
+
+    @property
     def graded(self) -> tuple[tuple[str, Remark], ...]:
         """The doubts with the words of their grades, the gravest first."""
         return tuple((word, d) for grade, word in GRADES.items() for d in self.doubts or () if d.grade == grade)
@@ -182,6 +189,16 @@ def is_empty(part: Part) -> bool:
     if isinstance(part, Table):
         return not part.rows
     return isinstance(part, Section) and all(map(is_empty, part.parts))
+
+
+Made = TypeVar("Made")
+Maker = Callable[[Made], Iterator[Section]]
+
+
+def sections_of(front: Iterable[Maker[Made]], folded: Iterable[Maker[Made]], of: Made) -> tuple[Section, ...]:
+    """Return the sections that *front* makes of the subject *of*, then those of *folded*, folded on the page."""
+    rest = (replace(section, folded=True) for make in folded for section in make(of))
+    return (*(section for make in front for section in make(of)), *rest)
 
 
 def notes(texts: tuple[str, ...]) -> Iterator[Note]:

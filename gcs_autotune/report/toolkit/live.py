@@ -15,10 +15,11 @@ from rich.control import Control
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 from rich.segment import ControlType
+from rich.table import Table
 from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
-from gcs_autotune.observer import Fact, Progress, Words
+from gcs_autotune.observer import Fact, Intentions, Progress, Words
 from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.untrusted_text import quoted, visible
@@ -143,6 +144,7 @@ class TerminalObserver:
         self._leg = ("", "")
         self._line_open = False
         self._began = math.nan
+        self._shown: frozenset[str] = frozenset()
 
     def __enter__(self) -> TerminalObserver:
         return self
@@ -165,13 +167,30 @@ class TerminalObserver:
 
     def say(self, text: str) -> None:
         """Show a sentence on a separate line."""
+        if text in self._shown:
+            return
         self._erase()
         self._console.print(Text(visible(text)))
 
     def note(self, fact: Fact) -> None:
-        """Show a text message of the vehicle if verbose. Other notes are not shown."""
-        if self._verbose and isinstance(fact, Words):
+        """Show the announcement, and a text message of the vehicle if verbose. Other notes are not shown."""
+        if isinstance(fact, Intentions):
+            self._announce(fact)
+        elif self._verbose and isinstance(fact, Words):
             self.say(f"vehicle message: {quoted([fact.text])}")
+
+    def _announce(self, intentions: Intentions) -> None:
+        """Show a table, one row per intention with its brief. The sentences of these rows are then not said again."""
+        if self._verbose:
+            return
+        self._erase()
+        rows = [each for each in intentions.each if each.row]
+        table = Table.grid(padding=(0, 2))
+        table.add_column(style="bold", no_wrap=True)
+        for each in rows:
+            table.add_row(Text(each.row), Text(visible(each.brief)))
+        self._console.print(table)
+        self._shown = frozenset(f"will {each.text}" for each in rows)
 
     def close(self) -> None:
         """End the live line, so that other output starts on a new line. It may be called without a live line."""

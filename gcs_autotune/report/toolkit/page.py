@@ -35,6 +35,7 @@ class _Laid:
     slug: str
     title: str
     blocks: _Blocks
+    folded: bool = False
 
 
 PHONE = 42
@@ -57,16 +58,18 @@ def to_html(document: Document) -> str:
     )
     environment.filters["glued"] = _glued
     environment.filters["wide"] = _is_wide
+    sections = [laid for section in document.sections if (laid := _laid(section)).blocks]
     page = environment.get_template("toolkit/document.html").render(
         document=document,
         lead_figures=[one for figure in document.lead_figures for one in drawn(figure)],
-        sections=[laid for section in document.sections if (laid := _laid(section)).blocks],
+        sections=[laid for laid in sections if not laid.folded],
+        folded=[laid for laid in sections if laid.folded],
     )
     return visible(page, keep="\n\t\u00ad") + "\n"
 
 
 def _laid(section: Section) -> _Laid:
-    return _Laid(section.slug, section.title, tuple(_blocks(section.parts)))
+    return _Laid(section.slug, section.title, tuple(_blocks(section.parts)), section.folded)
 
 
 def _blocks(parts: Sequence[Part]) -> Iterator[tuple[str, object]]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
+from rich.panel import Panel
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -22,12 +23,15 @@ STYLES: Mapping[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "b
 
 DOUBTFUL = "bold yellow"
 
+BOX = 80
+"""Width of the box with the verdict [characters], if the terminal is not narrower. Project choice."""
+
 
 def to_terminal(document: Document) -> Group:
     """Return *document* as a ``rich`` renderable, without figures and details. Print it with :func:`print_document`.
 
     Contradictions come first. A document with a lead begins with the lead and its verdict. Any other document ends with
-    its verdict, so that it is the last line on the screen.
+    its verdict in a box, so that it is the last thing on the screen.
     """
     return Group(*_pieces(document))
 
@@ -70,10 +74,14 @@ def _verdict(document: Document) -> Iterator[RenderableType]:
     if verdict is None:
         return
     style = STYLES[verdict.tone]
+    sentences = [_text(sentence) for sentence in verdict.sentences]
     if document.lead:
         yield _title(document.lead, style)
-    yield _title(verdict.text, "bold" if document.lead else style)
-    yield from (_text(sentence) for sentence in verdict.sentences)
+        yield _title(verdict.text)
+        yield from sentences
+        return
+    said = Group(Text(visible(verdict.text), style=style), *sentences)
+    yield _apart(Panel(said, box=box.ROUNDED, border_style=style.removeprefix("bold "), width=BOX))
 
 
 def _section(section: Section) -> Iterator[RenderableType]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from gcs_autotune.design import Proposal
 from gcs_autotune.report.toolkit.axis_fit import (
     cycle_table,
     damping_parts,
@@ -25,6 +26,7 @@ from gcs_autotune.report.toolkit.document import (
     bullets,
     cautions,
     notes,
+    sections_of,
 )
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
@@ -88,7 +90,7 @@ def tune_document(story: TuneStory) -> Document:
         verdict=verdict_of(story),
         key_figures=tuple(_key_figures(story)),
         doubts=doubts if doubts or fit is not None else None,
-        sections=tuple(section for make in SECTIONS for section in make(story)),
+        sections=sections_of(FRONT, SECTIONS, story),
         facts=summarise(story),
     )
 
@@ -113,12 +115,10 @@ def _key_figures(story: TuneStory) -> Iterator[KeyFigure]:
 def _line(story: TuneStory) -> Iterator[Section]:
     if story.track_before is None:
         return
-    kept = "were kept" if story.kept else "were not kept"
     parts: tuple[Part, ...] = (
         route_figure(story),
         route_table(story.track_before, story.track_after),
         Note("The distance is that from the leg under way or the one before it, whichever is nearer.", kind="quiet"),
-        Section("line-reasons", f"Why the new parameters {kept}", tuple(bullets(story.verdict_reasons))),
     )
     yield Section("line", "Mission before and after", parts, facts=IN_RESULT)
 
@@ -136,13 +136,11 @@ def _step(story: TuneStory) -> Iterator[Section]:
         return
     measured = metrics_table(story.metrics_before, story.metrics_after)
     beside = "The same gains also control turn rate. This turn-rate step was flown with the old and the new gains."
-    kept = "were kept" if story.kept else "were not kept"
     parts: tuple[Part, ...] = (
         *step_figure(story),
         measured,
         Note(beside if story.beside is not None else ""),
         beside_table(story),
-        Section("step-reasons", f"Why the new gains {kept}", tuple(bullets(story.verdict_reasons))),
     )
     is_compared = measured.rows and story.metrics_after is not None
     yield Section("step", "Step before and after" if is_compared else "Step", parts, facts=IN_RESULT)
@@ -153,20 +151,37 @@ def _gains(story: TuneStory) -> Iterator[Section]:
     if not story.changes and proposal is None:
         return
     parts: list[Part] = [gains_table(story.changes)]
-    if proposal is not None:
-        wanted = proposal.wanted
-        how = (
-            f"The gains make the closed loop follow a {wanted.kind.capitalize()} reference model with a characteristic "
-            f"frequency of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law}). The range is from the "
-            "firmware's documentation."
-        )
-        predicted = metrics_table(proposal.before.metrics, proposal.after.metrics)
-        parts += [
-            Note(how, kind="quiet"),
-            *(Note(sentence(note), detail=True) for note in proposal.notes),
-            Section("gains-predicted", "Prediction of the model", (predicted,), detail=True),
-        ]
+    if proposal is not None and story.metrics_after is None:
+        parts.append(_predicted(proposal))
     yield Section("gains", "Gains", tuple(parts), facts=IN_RESULT)
+
+
+def _predicted(proposal: Proposal) -> Section:
+    table = metrics_table(proposal.before.metrics, proposal.after.metrics)
+    return Section("gains-predicted", "Prediction of the model", (table,), detail=True)
+
+
+def _reasons(story: TuneStory) -> Iterator[Section]:
+    """Yield why new values were kept or not. The terminal shows it only if they were not: the tables say the rest."""
+    what = "parameters" if story.missions else "gains"
+    title = f"Why the new {what} {'were kept' if story.kept else 'were not kept'}"
+    parts = tuple(bullets(story.verdict_reasons))
+    yield Section("reasons", title, parts, detail=bool(story.kept), facts=IN_RESULT)
+
+
+def _design(story: TuneStory) -> Iterator[Section]:
+    proposal = story.proposal
+    if proposal is None:
+        return
+    wanted = proposal.wanted
+    how = (
+        f"The gains make the closed loop follow a {wanted.kind.capitalize()} reference model with a characteristic "
+        f"frequency of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law}). The range is from the "
+        "firmware's documentation."
+    )
+    notes = (Note(sentence(note)) for note in proposal.notes)
+    predicted = () if story.metrics_after is None else (_predicted(proposal),)
+    yield Section("design", "Design", (Note(how, kind="quiet"), *notes, *predicted), detail=True, facts=IN_RESULT)
 
 
 def _proof(story: TuneStory) -> Iterator[Section]:
@@ -260,21 +275,8 @@ def _files(story: TuneStory) -> Iterator[Section]:
     yield Section("files", "Files of this run", tuple(bullets(story.files)), detail=True, facts=IN_RESULT)
 
 
-SECTIONS = (
-    _line,
-    _thrust,
-    _step,
-    _gains,
-    _proof,
-    _undo,
-    _model,
-    _relays,
-    _fit,
-    _margins,
-    _track,
-    _vehicle,
-    _events,
-    _parameters,
-    _files,
-)
-"""Functions that return the sections of the report, in their order. To add a section, add its function here."""
+FRONT = (_gains, _line, _thrust, _step, _proof, _undo)
+"""Functions that return the sections that a reader sees first: what changed, the one figure, and how to undo it."""
+
+SECTIONS = (_reasons, _design, _model, _relays, _fit, _margins, _track, _vehicle, _events, _parameters, _files)
+"""Functions that return all other sections, folded on the page. To add a section, add its function here."""

@@ -183,7 +183,8 @@ def parameters_sentence(story: TuneStory) -> str:
             f"All parameters written during the run have their original values again, verified by reading back.{also}"
         )
     if story.ending == "kept" or story.kept:
-        return f"Changed on the vehicle, verified by reading back: {names}.{also}"
+        values = (f"{n} {format_number(changed[n][0])} -> {format_number(changed[n][1])}" for n in written)
+        return f"Changed on the vehicle, verified by reading back: {', '.join(values)}.{also}"
     return f"NOT RESTORED: {names}. Run `{undo_command(story)}`.{also}"
 
 

@@ -5,6 +5,8 @@ import { empty, post, token } from "./state.js";
 const $ = (id) => document.getElementById(id);
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 const MOST_ROWS = 6000;
+const VERBS = ["list", "identify", "diagnose", "compare"];
+let entries = [];
 let entry = null, touch = () => false, desk = null, replay = null;
 
 function item(...nodes) {
@@ -27,7 +29,8 @@ const address = (name, file) => `files/${encodeURIComponent(name)}/${file.split(
 export function make(dofs, mayTouch) {
   touch = mayTouch;
   $("dof").replaceChildren(...dofs.map((dof) => new Option(dof, dof)));
-  for (const verb of ["list", "identify", "diagnose"]) $(`work-${verb}`).onclick = () => work(verb);
+  for (const verb of VERBS) $(`work-${verb}`).onclick = () => work(verb);
+  $("filter").oninput = filter;
   $("drop").onchange = () => { if ($("drop").files.length) takeIn($("drop").files[0]); };
   addEventListener("dragover", (event) => event.preventDefault());
   addEventListener("drop", (event) => {
@@ -43,17 +46,38 @@ export function make(dofs, mayTouch) {
 
 export async function list() {
   try {
-    const { entries } = await (await fetch("runs")).json();
-    $("runs").replaceChildren(...(entries.length ? entries.map(row) : [item("No recorded runs yet.")]));
+    entries = (await (await fetch("runs")).json()).entries;
+    $("runs").replaceChildren(...(entries.length ? entries.map(row) : [cells("No recorded runs yet.")]));
+    filter();
+    others();
   } catch {
     say("runs-error", "The list of runs could not be loaded. Reload the page.");
   }
 }
 
-function row(each) {
-  const node = item(press(each.name, () => open(each.name)), ` ${each.log || each.title}${each.ending ? `: ${each.ending}` : ""} `);
-  if (each.report) node.append(report(each.name, each.report, each.report.split(".")[0]));
+function cells(...contents) {
+  const node = document.createElement("tr");
+  for (const content of contents) {
+    const cell = document.createElement("td");
+    cell.append(content);
+    node.append(cell);
+  }
   return node;
+}
+
+function row(each) {
+  const page = each.report ? report(each.name, each.report, each.report.split(".")[0]) : "";
+  return cells(press(each.name, () => open(each.name)), each.log || each.title, each.ending, each.change, page);
+}
+
+function filter() {
+  const words = $("filter").value.toLowerCase().split(/\s+/);
+  for (const node of $("runs").children) node.hidden = !words.every((word) => node.textContent.toLowerCase().includes(word));
+}
+
+function others() {
+  const rest = entries.filter((each) => !entry || each.name !== entry.name);
+  $("other").replaceChildren(...rest.map((each) => new Option(`${each.name} ${each.log || each.title}`, each.name)));
 }
 
 function report(name, file, text) {
@@ -76,6 +100,7 @@ async function open(name) {
   $("trials").replaceChildren(...entry.trials.map((trial) => item(press(trial.name, () => play(entry.name, trial)), ` ${trial.ending}`)));
   if (!entry.trials.length) $("trials").replaceChildren(item("This run contains no record to replay."));
   $("files").replaceChildren(...entry.files.map((file) => item(report(entry.name, file, file))));
+  others();
   $("entry").scrollIntoView({ block: "nearest" });
 }
 
@@ -96,14 +121,14 @@ async function takeIn(file) {
 
 async function work(verb) {
   if (!entry) return;
-  const told = await post("work", { name: entry.name, verb, dof: $("dof").value });
+  const told = await post("work", { name: entry.name, verb, dof: $("dof").value, other: $("other").value });
   say("runs-error", told.ok ? "" : told.error);
 }
 
 let shownDesk = null;
 export function show(state, mayTouch) {
   desk = state.desk || null;
-  for (const verb of ["list", "identify", "diagnose"]) $(`work-${verb}`).disabled = !mayTouch || Boolean(desk && desk.running);
+  for (const verb of VERBS) $(`work-${verb}`).disabled = !mayTouch || Boolean(desk && desk.running);
   $("drop").disabled = !mayTouch;
   const mine = desk && entry && desk.name === entry.name;
   const what = mine ? JSON.stringify(desk) : "";
