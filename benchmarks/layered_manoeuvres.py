@@ -16,6 +16,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.results import count, headline
 from gcs_autotune.control import AxisLoop, TimedPath, Uncertainty, design_own
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import Actuator
@@ -136,7 +137,7 @@ def main() -> int:
     if args.rates:
         rates()
         return 0
-    failed = 0
+    failed = runs = 0
     only = args.only.split(",") if args.only else []
     with tempfile.TemporaryDirectory() as folder:
         for vehicle in args.vehicles:
@@ -148,8 +149,10 @@ def main() -> int:
                     if any(directory.glob("model*.json")):
                         found = load_models(directory)
                         models = {**{m.model.base.form.dofs[0]: m for m in found}, **models}
-                    failed += ":" in told or not told
+                    failed, runs = failed + (":" in told or not told), runs + 1
                     print(f"{vehicle} {name} seed {seed}: {told}", flush=True)
+    figures = [count("runs completed", runs - failed, runs, least=1.0)]
+    headline("layered_manoeuvres", "layered manoeuvres over our own controllers", figures)
     return 1 if failed else 0
 
 
