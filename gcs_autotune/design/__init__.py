@@ -29,7 +29,10 @@ from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, too_short
 from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.motor_law import (
+    SPEED_GAINS,
+    STEERING_GAINS,
     Linearity,
+    MotorFit,
     MotorLaw,
     fit_motor_law,
     is_more_linear,
@@ -53,6 +56,8 @@ __all__ = [
     "LINE_PARAMETERS",
     "OTHER_MODE",
     "SHORTER",
+    "SPEED_GAINS",
+    "STEERING_GAINS",
     "USED",
     "Actuator",
     "Authority",
@@ -70,6 +75,7 @@ __all__ = [
     "LoopResponse",
     "Margins",
     "Missing",
+    "MotorFit",
     "MotorLaw",
     "OnLeg",
     "OpenLoop",

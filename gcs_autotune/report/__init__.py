@@ -35,7 +35,7 @@ from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_documen
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
 from gcs_autotune.report.flight.authority import authority_document
-from gcs_autotune.report.flight.compared import ComparedRun, Comparison, comparison_document
+from gcs_autotune.report.flight.compared import ComparedRun, Comparison, comparison_document, reference_of
 from gcs_autotune.report.flight.document import (
     FlightModel,
     FlightStory,
@@ -139,6 +139,7 @@ __all__ = [
     "proof_command",
     "propeller_document",
     "recheck_document",
+    "reference_of",
     "sheets_document",
     "study_document",
     "thruster_document",

@@ -18,6 +18,8 @@ from typing import Self
 import numpy as np
 
 from gcs_autotune.design import (
+    SPEED_GAINS,
+    STEERING_GAINS,
     Change,
     Linearity,
     MotorLaw,
@@ -122,7 +124,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     now, pace, full = craft.observe(), pace_of(craft.steered_by), _full(present)
     itinerary = Itinerary(_legs(settings, pace), pace.turn)
     whole = _excursion(context, full, itinerary)
-    names = ", ".join(n for n in (*MOTORS, *CONTEXT[:1], CONTEXT[2]) if n in present)
+    names = ", ".join(n for n in (*MOTORS, *CONTEXT[:1], CONTEXT[2], *SPEED_GAINS, *STEERING_GAINS) if n in present)
     loop = _Actuators(context, present, pulled)
     return Mission(
         itinerary=itinerary,
@@ -159,7 +161,8 @@ def _read(craft: MavlinkCraft) -> dict[str, float]:
             f"{firmware.name} sends its motors pulses proportional to the output, and no parameter corrects a thrust "
             "curve, a dead zone or weak thrust astern. `tune actuators` is for ArduRover boats. Calibrate the ESCs"
         )
-    found = craft.parameters.read_existing([*MOTORS, *CONTEXT, *OUTPUTS])
+    gains = [*SPEED_GAINS, *(STEERING_GAINS if craft.skid else ())]
+    found = craft.parameters.read_existing([*MOTORS, *CONTEXT, *gains, *OUTPUTS])
     missing = [name for name in MOTORS[:2] if name not in found]
     if missing:
         raise ParameterMissing(
@@ -296,7 +299,7 @@ class _Actuators:
             fit_motor_law, curved.outputs, curved.forces, curved.stds, skid=skid and "MOT_THST_ASYM" in present
         )
         predicted = self._predicted(found.law.stored, found.closest)
-        changes = motor_changes(found.law, present, skid=skid)
+        changes = motor_changes(found, present, skid=skid)
         if not is_more_linear(before.linear, predicted):
             changes = []
         servos = [*(() if self._pulled is None else self._pulled.changes), *self._trim()]

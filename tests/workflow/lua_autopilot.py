@@ -58,7 +58,7 @@ class LuaHost:
     breaches, charge, has_position : what the simulated autopilot reports of fence, battery [%] and position.
     moved : RC channel -> PWM [us] of a stick that somebody moves.
     log : bytes of the dataflash log. rows : (time [s], name, values) of the rows logged.
-    error : text of the last Lua error.
+    error : text of the last Lua error. is_hung : scripts never run again. lateness [ms] : scripts run that late.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -72,6 +72,7 @@ class LuaHost:
         self.rows: list[tuple[float, str, tuple[float, ...]]] = []
         self.error = ""
         self.is_hung = False
+        self.lateness = 0
         self._types: dict[str, tuple[int, str]] = {}
         vehicle.autopilot.scripts = self
         self._format("FMT", "Type,Length,Name,Format,Columns", "BBnNZ")
@@ -96,7 +97,7 @@ class LuaHost:
         if self.is_hung:
             return
         for k, (due, update) in enumerate(self._run):
-            if now >= due:
+            if now >= due + self.lateness:
                 self._step(k, update)
 
     def load(self, text: str) -> None:
