@@ -141,7 +141,8 @@ def check_style(args: argparse.Namespace) -> None:
 def _run(args: argparse.Namespace) -> int:
     _check(args)
     args.connect = args.connect or args.configured_link or None
-    example = tunable(args.what).example or AXES[args.axis].example
+    own = "" if args.what == ALL else tunable(args.what).example
+    example = own or AXES[args.axis].example
     with connected(args, args.connect or example) as connection:
         return _tune(args, connection)
 
