@@ -47,6 +47,8 @@ from sitl import VEHICLES, Server, open_vehicle
 fly_module = importlib.import_module("gcs_autotune.workflow.fly")
 
 BY_HAND = "hand-release"
+POINTS = ((20.0, 15.0, 0.0), (40.0, 30.0, 8.0))
+"""Timed points of a trajectory: seconds, metres ahead, metres to starboard."""
 QUICK = {"SCHED_LOOP_RATE": 100.0}
 """An ArduSub whose 400 Hz do not matter here: a quarter of the work."""
 
@@ -166,7 +168,10 @@ def flown(vehicle: str, name: str, force: str, seed: int = 1) -> tuple[bool, str
                 {"tune": tune, "experiment": experiment}[verb](TuneSettings(*where, axis=axis), Unattended(), ear, "")
                 good, told = True, "done"
             else:
-                result = fly(FlySettings(name, CommonSettings(*where), force=force), Unattended(), ear, "")
+                points = POINTS if MANOEUVRES[name].timed else ()
+                result = fly(
+                    FlySettings(name, CommonSettings(*where), force=force, points=points), Unattended(), ear, ""
+                )
                 models = ", ".join(model.fit.dof for model in result.models) or "no model"
                 trial = result.trial
                 assert trial is not None  # it was flown

@@ -9,6 +9,9 @@ A search takes minutes and depends only on the simulator: its result is in ``BES
 ``--search N`` repeats it. With ``--save FILE`` every tune is a line in FILE, and known ones are not flown again;
 ``--seeds 0 --save FILE`` prints the table of a stopped run.
 
+``--styles`` tunes each craft in every style of ``tune --style`` instead. It prints the step flown by the simulator with
+the new gains, and the margins that they have on the true craft.
+
 Goals: at most 1.3 times the best in 95 % of tunes (if nothing was kept: the present gains within 1.3), and predicted
 within 25 % of flown in 90 %.
 """
@@ -32,7 +35,7 @@ from scipy.optimize import minimize
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.axes import AXES
 from gcs_autotune.control import ReferenceModel
-from gcs_autotune.design import StepMetrics, combine, step_metrics
+from gcs_autotune.design import STYLES, StepMetrics, combine, step_metrics
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
 from gcs_autotune.design.margins import Plant, margins_of_each, worst
 from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise
@@ -135,6 +138,8 @@ _FAILSAFES_OF_A_BOAT = ("FS_THR_ENABLE", "FS_GCS_ENABLE", "ARMING_CHECK")
 _FAILSAFES_OF_AN_ROV = ("FS_PILOT_INPUT", "FS_GCS_ENABLE", "ARMING_CHECK")
 _UNDER_WAY = 20.0
 """Seconds that a boat takes to its speed and onto its course: as long as a tune waits for that at most."""
+RISE = 2.2
+"""Bandwidth times rise time (10 to 90 %) of a first-order response: ln 9."""
 USED = 0.5
 """Outputs up to which margins are held, as the design does."""
 
@@ -186,6 +191,26 @@ def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
             windows = _windows(settings.directory)
     beside = Bench(vehicle, _axis_of(vehicle, axis), seed).fly(BEST[vehicle, axis], windows).itae
     return Tuned(vehicle, axis, seed, ending, before, predicted, after, beside, time.monotonic() - began)
+
+
+def show_styles(vehicle: str, axis: str, seed: int) -> None:
+    """Tune in each style, and print the flown step and the true margins with the gains that the vehicle then has."""
+    bench = Bench(vehicle, _axis_of(vehicle, axis), seed)
+    problem = bench.truth.problem
+    for style in STYLES:
+        with tempfile.TemporaryDirectory() as folder:
+            link = Aboard(server=open_vehicle(vehicle, seed=seed))
+            settings = TuneSettings(link, Path(folder) / "run", axis=axis, style=style)
+            story = tune(settings, Unattended(), SilentObserver(), "2026-11-20T12:00:00")
+        has = {**problem.settings, **story.parameters_after}
+        flown = bench.fly({g.parameter: has[g.parameter] for g in bench.axis.gains})
+        low = worst(margins_of_each(bench.law.controller(has, problem.speed), bench.truth.plants))
+        print(
+            f"   {vehicle} {axis} seed {seed} {style:<7} {story.ending:<9} rise {flown.rise:6.2f} s, bandwidth "
+            f"{RISE / flown.rise:5.2f} rad/s, overshoot {flown.overshoot:5.1%}, travel {flown.travel:.3f} 1/s, "
+            f"gain margin {low.gain:5.2f}, phase margin {math.degrees(low.phase):3.0f} deg",
+            flush=True,
+        )
 
 
 def _windows(run: Path) -> tuple[float, ...]:
@@ -441,7 +466,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--save", type=Path, metavar="FILE", help="one line per tune; what is there is not flown again")
     parser.add_argument("--search", type=int, default=0, metavar="N", help="only search, N steps a case, for BEST")
+    parser.add_argument("--styles", action="store_true", help="only tune in every style, once per seed")
     args = parser.parse_args(argv)
+    if args.styles:
+        for seed in range(args.first_seed, args.first_seed + args.seeds):
+            for vehicle, name in _cases(args.cases):
+                show_styles(vehicle, name, seed)
+        return
     if args.search:
         for vehicle, name in _cases(args.cases):
             best, gains = search(Bench(vehicle, _axis_of(vehicle, name), args.first_seed), args.search)

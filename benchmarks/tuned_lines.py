@@ -92,6 +92,7 @@ class Case:
     """How one boat was tuned: the ending of each tune, what the proof said, and the scores of the parameters.
 
     ``before``: after speed and heading; ``after``: after the line. ``proof``: rms of both proof missions [m].
+    ``offered``: the score of what the line proposed, kept or not; empty without a proposal.
     """
 
     hull: str
@@ -105,11 +106,18 @@ class Case:
     proof: Sequence[float]
     changed: Mapping[str, Sequence[float]] = field(default_factory=dict)
     tuned: Mapping[str, float] = field(default_factory=dict)
+    offered: Sequence[float] = ()
 
     @property
     def ending(self) -> str:
         """The ending of ``tune line``."""
         return self.endings["line"]
+
+    @property
+    def judged_rightly(self) -> bool:
+        """Whether the missions agree with the proof: better is kept, worse is restored; alike may be either."""
+        ratio = self.offered[0] / self.before[0]
+        return ratio <= WORSE if self.ending == "kept" else ratio >= 1.0 / WORSE
 
 
 def _effects(hull: str, water: str) -> list[HiddenEffect]:
@@ -146,6 +154,7 @@ def tune_all(hull: str, water: str, seed: int, *, untuned: bool) -> Case:
     present, endings, reasons = dict(own), {}, []
     before_line: dict[str, float] = {}
     proof: list[float] = []
+    proposed: dict[str, float] = {}
     for axis in ("speed", "heading", "line"):
         if axis == "line":
             before_line = dict(present)
@@ -164,12 +173,16 @@ def tune_all(hull: str, water: str, seed: int, *, untuned: bool) -> Case:
                 if axis == "line":
                     reasons += story.verdict_reasons or (story.reason,)
                     tracks = (story.track_before, story.track_after)
+                    proposed = {change.parameter: change.new for change in story.changes}
                     proof = [math.nan if t is None else t.rms for t in tracks]
         present = dict(server.vehicle.parameters.values)
     changed = {n: v for n, v in before_line.items() if v != own[n]}
     final = {n: v for n, v in present.items() if v != own[n]}
     before = fly(hull, changed, water, seed)
     after = before if final == changed else fly(hull, final, water, seed)
+    offered: Sequence[float] = ()
+    if proposed and math.isfinite(proof[-1]):
+        offered = _numbers(after if final != changed else fly(hull, changed | proposed, water, seed))
     return Case(
         hull,
         water,
@@ -182,6 +195,7 @@ def tune_all(hull: str, water: str, seed: int, *, untuned: bool) -> Case:
         proof,
         {n: (before_line[n], present[n]) for n in present if present[n] != before_line[n]},
         changed,
+        offered,
     )
 
 
@@ -319,7 +333,8 @@ def _show(case: Case) -> None:
         flush=True,
     )
     if case.ending != "kept":
-        print(f"     {'; '.join(case.reasons)[:300]}", flush=True)
+        offer = f"what was proposed: {_shown(case.offered)}; " if case.offered else ""
+        print(f"     {offer}{'; '.join(case.reasons)[:300]}", flush=True)
 
 
 def _beside(hull: str, cases: Sequence[Case], tries: int) -> float | None:
@@ -371,6 +386,10 @@ def main() -> int:
         count("line parameters kept", len(kept), len(cases)),
         count("tunes flown to their end", len(line), len(cases), least=1.0),
     ]
+    proved = [c for c in line if c.offered]
+    figures.append(
+        count("verdicts of the proof that the missions agree with", sum(c.judged_rightly for c in proved), len(proved))
+    )
     for column, name in enumerate(("rms", "rms in later halves of legs", "mean corner overshoot")):
         ratios = [c.after[column] / c.before[column] for c in kept if c.before[column] > 0.0]
         if ratios:

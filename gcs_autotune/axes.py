@@ -75,7 +75,7 @@ EXCITATIONS: Mapping[str, Excitation] = {
         Excitation("yaw", math.radians(10.0), "heading", _PULSES, check_reach=0.6, check_time=4.0, turns=True),
         Excitation("heave", 0.15, "depth", _PULSES, below_surface=True),
         Excitation("surge", 0.3, "speed", "a pulse ahead to check the response, then ", by_throttle=True),
-        Excitation("sway", 0.3, "sideways speed", ""),
+        Excitation("sway", 0.3, "sideways speed", _PULSES),
     )
 }
 """Degree of freedom -> settings by which it is identified."""
@@ -144,6 +144,7 @@ OWN_AXES: Mapping[str, AxisKind] = {
     for a in (
         AxisKind("ahead", "surge", "x", 0.3, 30.0),
         AxisKind("sideways", "sway", "y", 0.3, 30.0),
+        AxisKind("down", "heave", "z", 0.3, 30.0),
         AxisKind("distance", "surge", "d", 0.3, 30.0),
     )
 }

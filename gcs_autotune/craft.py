@@ -23,6 +23,7 @@ __all__ = [
     "HeadingTarget",
     "Intervention",
     "Observation",
+    "PositionTarget",
     "SteeredBy",
     "TurnRateTarget",
     "set_point",
@@ -107,10 +108,22 @@ class DepthTarget:
     z: float
 
 
+@dataclass(frozen=True, slots=True)
+class PositionTarget:
+    """Command the autopilot's own position loop to hold ``x``, ``y``, the depth ``z`` [m] and the heading ``psi``
+    [rad], all as in :class:`Observation`.
+    """
+
+    x: float
+    y: float
+    z: float
+    psi: float
+
+
 SteeredBy = Literal["rudder", "thrusters", "rov"]
 """How a craft turns: by a boat's rudder, by its two thrusters, or by the thrusters of an ROV, which turns on the
 spot."""
-Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget
+Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget | PositionTarget
 
 
 def set_point(signal: str, value: float, *, course: float = math.nan, speed: float = 0.0) -> Command:

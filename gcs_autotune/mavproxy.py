@@ -16,11 +16,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from gcs_autotune.cli import find_config, make_parser, read_config, tune_settings
+from gcs_autotune.cli import carry_out, find_config, make_parser, read_config, tune_settings
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.link import Transport
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.workflow import Connection, is_settled, job_of, restore_run
+from gcs_autotune.workflow import Connection, is_settled, restore_run
 
 try:
     from MAVProxy.modules.lib.mp_module import MPModule
@@ -31,7 +31,7 @@ __all__ = ["AutotuneModule", "MavproxyLink", "init"]
 
 NAME = "gcs_autotune.mavproxy"
 """Name by which MAVProxy finds the module to unload it."""
-USAGE = """usage: autotune AXIS [option ...]   tune heading, yaw, speed, depth or line (options: autotune AXIS --help)
+USAGE = """usage: autotune AXIS [option ...]   tune a loop, or all (options: autotune AXIS --help)
        autotune yes | no            answer the last question
        autotune stop                stop now: actuators neutral, mode and parameters restored
        autotune restore [RUN]       restore the vehicle after an interrupted run
@@ -185,13 +185,14 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
         def work(connection: Connection) -> None:
             from rich.console import Console
 
-            from gcs_autotune.report import TerminalObserver, print_document, tune_document
+            from gcs_autotune.report import TerminalObserver, print_document
 
             console = Console(force_terminal=False, width=100)
             settings = tune_settings(args, connection, now)
             with TerminalObserver(console, quiet=args.quiet) as observer:
-                story = job_of(args.what).run(settings, self._person, observer, now.isoformat(timespec="seconds"))
-            print_document(console, tune_document(story))
+                when = now.isoformat(timespec="seconds")
+                document, *_ = carry_out(args, settings, self._person, observer, when)
+            print_document(console, document)
 
         self._begin(f"tune {args.axis}", _Console(yes=args.yes), work)
 

@@ -51,7 +51,7 @@ def _letters(name: object) -> str:
 
 def nearest_of(name: str, known: Sequence[str]) -> tuple[list[str], str]:
     """Return the *known* names nearest to *name*, and the question whether one was meant; empty without any."""
-    nearest = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    nearest = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     return nearest, f" Did you mean {' or '.join(nearest)}?" if nearest else ""
 
 

@@ -25,6 +25,8 @@ DESIGN_OPTIONS = (
     "settling_time",
 )
 """Options of a tune that flies experiments and designs gains from them."""
+TWO_AXES = tuple(name for name in STEP_OPTIONS if not name.startswith("step"))
+"""Options of a step that a tune of two motions at once has no use for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +37,9 @@ class Tunable:
     ----------
     axis : the axis whose settings it uses.
     job : module and attribute of its ``workflow.tune.TuneJob``.
-    after : what ``tune all`` tunes before it, because it stands on it; None: not part of ``tune all``.
+    after : what it stands on: ``tune all`` tunes that before it and checks it again after it; None: not part of that.
     useless : options that it has no use for.
+    example : the simulated vehicle used by default; empty: that of the axis.
     """
 
     name: str
@@ -44,13 +47,14 @@ class Tunable:
     job: str = "gcs_autotune.workflow.tune:JOB"
     after: tuple[str, ...] | None = None
     useless: tuple[str, ...] = ("leg_length", "untuned", "pull_test")
+    example: str = ""
 
 
 TUNABLES: Mapping[str, Tunable] = {
     t.name: t
     for t in (
         Tunable("speed", "speed", after=(), useless=("leg_length", "untuned")),
-        Tunable("heading", "heading", after=("speed",)),
+        Tunable("heading", "heading", after=()),
         Tunable("depth", "depth", after=()),
         Tunable(
             "line",
@@ -73,6 +77,13 @@ TUNABLES: Mapping[str, Tunable] = {
                 "leg_length",
                 "untuned",
             ),
+        ),
+        Tunable(
+            "position",
+            "depth",
+            "gcs_autotune.workflow.position:JOB",
+            useless=(*TWO_AXES, "leg_length", "resume", "settling_time", "untuned", "pull_test"),
+            example="sitl:bluerov2-sway",
         ),
     )
 }

@@ -14,6 +14,7 @@ from sitl import VEHICLES, Server, UnknownVehicle, open_vehicle
 from sitl.ardupilot_json import add_options, run_json, write_parameters
 from sitl.autopilot import GENERATIONS
 from sitl.catalogue import load_vehicle
+from sitl.check import check_vehicle
 from sitl.clock import Pacer
 from sitl.eeprom import keep_parameters, read_parameters
 from sitl.effects import EFFECTS, parse_effect
@@ -52,6 +53,9 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "vehicle", nargs="?", help=f"one of {', '.join(VEHICLES)}, or the path of a vehicle file (.toml)"
+    )
+    parser.add_argument(
+        "--check", type=Path, metavar="FILE", help="check a vehicle file: name line and quantity of what is wrong"
     )
     parser.add_argument("--list", action="store_true", help="list the vehicles")
     parser.add_argument(
@@ -191,7 +195,17 @@ def _run_under_ardupilot(args: argparse.Namespace) -> None:
 
 def _show_vehicles() -> None:
     for name in VEHICLES:
-        print(f"{name:12} {load_vehicle(name).title}")
+        print(f"{name:16} {load_vehicle(name).title}")
+
+
+def _check(path: Path) -> int:
+    """Print what is wrong with the vehicle file *path*, and return the exit code."""
+    faults = check_vehicle(path)
+    for fault in faults:
+        print(f"sitl: {clipped(fault, 400)}", file=sys.stderr)
+    if not faults:
+        print(f"{path}: {load_vehicle(str(path)).title}: no faults found")
+    return _USAGE if faults else _OK
 
 
 def _show_effects() -> None:
@@ -208,6 +222,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _make_parser().parse_args(argv)
     before = {number: signal.signal(number, _stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
+        if args.check:
+            return _check(args.check)
         if args.list:
             _show_vehicles()
         elif args.list_effects:

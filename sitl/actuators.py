@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sitl.plants import Parameters, Wrench
+import numpy as np
+from numpy.typing import NDArray
+
+from sitl.plants import Parameters, Plant, RigidBody, Wrench, static_thrust
 
 __all__ = [
     "FRAMES",
@@ -16,9 +20,12 @@ __all__ = [
     "RudderBoat",
     "ThrustCurve",
     "ThrusterFrame",
+    "ThrusterSet",
     "TwinThrusterBoat",
     "YawSchedule",
 ]
+
+Array = NDArray[np.float64]
 
 _NEUTRAL_PWM = 1500
 _RUDDER_SPAN, _MOTOR_SPAN = 500.0, 400.0
@@ -56,6 +63,9 @@ class Actuators(ABC):
     @abstractmethod
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
         """Write the forces [N] and moments [N m] of the normalised outputs *shares* (-1 to 1) into *wrench*."""
+
+    def attach(self, plant: Plant) -> None:  # noqa: B027
+        """Connect the actuators to the body that they drive. Only those whose forces follow its motion need it."""
 
     def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
         """Write the forces [N] and moments [N m] of the servo pulses *pwm* [us] into *wrench*."""
@@ -216,7 +226,7 @@ class ThrustCurve:
 
 class Motor(NamedTuple):
     """Force or moment of one thruster at full output, as a fraction of each axis' authority; ``Z`` down, ``M``
-    bow up.
+    bow up, ``K`` to starboard.
     """
 
     N: float = 0.0
@@ -224,6 +234,7 @@ class Motor(NamedTuple):
     Z: float = 0.0
     Y: float = 0.0
     M: float = 0.0
+    K: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +271,7 @@ class ThrusterFrame(Actuators):
         ``M``.
         """
         N = X = Z = Y = M = 0.0
-        for pulse, (yaw, ahead, down, side, pitching) in zip(pwm, self.motors, strict=False):
+        for pulse, (yaw, ahead, down, side, pitching, _) in zip(pwm, self.motors, strict=False):
             if pulse == _NEUTRAL_PWM:
                 continue
             output = _fraction(pulse, _MOTOR_SPAN)
@@ -294,7 +305,7 @@ class ThrusterFrame(Actuators):
         """Write the forces [N, N m] of *shares* into *wrench*: proportional to the outputs, or along the thrust
         curve.
         """
-        N, X, Z, Y, M = (shares.get(name, 0.0) for name in Motor._fields)
+        N, X, Z, Y, M = (shares.get(name, 0.0) for name in "NXZYM")
         if self.curve is not None:
             N, X, Z, Y, M = (self.curve(share) for share in (N, X, Z, Y, M))
         wrench.N = self.full_N * N + self.bias_N
@@ -304,6 +315,129 @@ class ThrusterFrame(Actuators):
         wrench.M = self.full_M * M
 
 
+class ThrusterSet(Actuators):
+    """Thrusters, each with its place, direction, law of thrust and motor, and rudders behind them.
+
+    The forces are computed with the motion of the body, by its kernel; this class only sets the commands.
+
+    Parameters
+    ----------
+    motors : contribution of each thruster to each axis, as the autopilot mixes them.
+    channels : servo channel of each thruster, from 1. span : pulse of full output from neutral [us].
+    propellers : rows of the kernel (p, PROPELLER).
+    biases : constant force by SNAME name [N, N m].
+    curve : thrust over the command, at rest.
+    rudder : channel, angle at full output [rad] and number of the rudders.
+    """
+
+    def __init__(
+        self,
+        motors: Sequence[Motor],
+        channels: Sequence[int],
+        span: float,
+        propellers: Array,
+        biases: Mapping[str, float],
+        *,
+        curve: ThrustCurve | None = None,
+        rudder: tuple[int, float, int] | None = None,
+    ) -> None:
+        if len(motors) != len(propellers):
+            raise ValueError(f"thrusters: the lists have {len(propellers)} entries, but the frame has {len(motors)}")
+        self._channels, self._span, self._curve, self._rudder = channels, span, curve, rudder
+        self._known: dict[float, float] = {}
+        self._biases = dict(biases)
+        used = [name for name in Motor._fields if any(getattr(motor, name) for motor in motors)]
+        self._patterns = {name: np.array([getattr(motor, name) for motor in motors]) for name in used}
+        self._commands = np.zeros(len(motors) + (rudder[2] if rudder else 0))
+        self._full = {dof: self._authority(name, propellers) for name, dof in _DRIVEN.items() if name in used}
+        if rudder:
+            self._full["yaw"] = rudder[1]
+
+    def _authority(self, name: str, propellers: Array) -> float:
+        """Return the force or moment [N, N m] of all thrusters at rest, at full output of the axis *name*."""
+        total = 0.0
+        for row, command in zip(propellers, self._mixed({name: 1.0}).tolist(), strict=True):
+            force = static_thrust(row, self._shaped(command))[0] * row[3:6]
+            total += {"X": force[0], "Y": force[1], "Z": force[2]}.get(name, row[0] * force[1] - row[1] * force[0])
+        return float(total)
+
+    def _mixed(self, shares: Mapping[str, float]) -> Array:
+        """Return the smallest commands (p,) that give each axis its output in *shares*."""
+        total = np.zeros(len(next(iter(self._patterns.values()))))
+        for name, pattern in self._patterns.items():
+            total += shares.get(name, 0.0) / float(pattern @ pattern) * pattern
+        return total
+
+    def _shaped(self, command: float) -> float:
+        """Return the shaft's command. With a curve the thrust follows it, as thrust is proportional to n|n|."""
+        command = max(-1.0, min(1.0, command))
+        if self._curve is None:
+            return command
+        thrust = self._curve(command)
+        return math.copysign(math.sqrt(abs(thrust)), thrust)
+
+    @property
+    def full(self) -> Mapping[str, float]:
+        """Degree of freedom -> force [N] or moment [N m] at full output, at rest in the water; rudder angle [rad]."""
+        return self._full
+
+    def attach(self, plant: Plant) -> None:
+        """Write the commands of this set into *plant* from now on."""
+        if not isinstance(plant, RigidBody) or len(plant.commands) != len(self._commands):
+            raise ValueError("these thrusters need the body of their own vehicle file")
+        self._commands = plant.commands
+
+    def _outputs(self, pwm: Sequence[int]) -> list[float]:
+        return [_fraction(pwm[channel - 1], self._span) for channel in self._channels]
+
+    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+        """Return the normalised outputs (-1 to 1) of all thrusters together, and ``N`` of the rudders."""
+        outputs = np.array(self._outputs(pwm))
+        shares = {name: float(pattern @ outputs) for name, pattern in self._patterns.items()}
+        if self._rudder:
+            shares["N"] = _fraction(pwm[self._rudder[0] - 1], _RUDDER_SPAN)
+        return shares
+
+    def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
+        """Return *pwm* [us] with the pulses changed so that each axis has its output in *shares* (-1 to 1)."""
+        now, pulses = self.read(pwm), list(pwm)
+        change = self._mixed({name: shares[name] - now[name] for name in self._patterns})
+        for channel, output, more in zip(self._channels, self._outputs(pwm), change.tolist(), strict=True):
+            pulses[channel - 1] = _pulse(output + more, self._span)
+        if self._rudder:
+            pulses[self._rudder[0] - 1] = _pulse(shares["N"], _RUDDER_SPAN)
+        return pulses
+
+    def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
+        """Command the thrusters so that each axis has its output in *shares*; *wrench* gets the constant forces."""
+        self._command(self._mixed(shares).tolist(), shares.get("N", 0.0), wrench)
+
+    def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
+        """Command each thruster by its own pulse [us]; *wrench* gets the constant forces."""
+        turned = _fraction(pwm[self._rudder[0] - 1], _RUDDER_SPAN) if self._rudder else 0.0
+        self._command(self._outputs(pwm), turned, wrench)
+
+    def _command(self, outputs: Sequence[float], turned: float, wrench: Wrench) -> None:
+        known = self._known
+        if not all(output in known for output in outputs):
+            if len(known) > _MOST_KNOWN:
+                known.clear()
+            known.update((output, self._shaped(output)) for output in outputs)
+        shaped = [known[output] for output in outputs]
+        if self._rudder:
+            shaped += [turned * self._rudder[1]] * self._rudder[2]
+        self._commands[:] = shaped
+        for name in ("X", "Y", "Z", "K", "M", "N"):
+            setattr(wrench, name, self._biases.get(name, 0.0))
+
+
+_MOST_KNOWN = 10_000
+"""Outputs whose commands are kept. Pulses are whole microseconds, so that they recur. Project choice."""
+_DRIVEN = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
+"""Force -> degree of freedom that effects and models may drive."""
+PAIR = (Motor(N=0.5, X=0.5), Motor(N=-0.5, X=0.5))
+"""Two thrusters that steer a boat by their difference: left, right."""
+
 _PAIR = (Motor(N=-0.5, X=0.5), Motor(N=0.5, X=0.5))
 _PLANE = (
     Motor(N=0.25, X=-0.25, Y=0.25),
@@ -311,17 +445,28 @@ _PLANE = (
     Motor(N=-0.25, X=0.25, Y=0.25),
     Motor(N=0.25, X=0.25, Y=-0.25),
 )
-_LIFT, _DOWN, _ASIDE = Motor(Z=-0.25), Motor(Z=0.5), Motor(Y=1.0)
+_ASIDE = Motor(Y=1.0)
+
+
+def _lift(roll: int, pitch: int) -> Motor:
+    """Return one of four thrusters that push up, on the side and end where it rolls and pitches in that direction."""
+    return Motor(Z=-0.25, K=0.25 * roll, M=0.25 * pitch)
+
+
 FRAMES: Mapping[str, Sequence[Motor]] = {
     "simple-rov-3": (*_PAIR, Motor(Z=1.0)),
-    "vectored": (*_PLANE, _DOWN, _DOWN),
-    "vectored-6dof": (*_PLANE, *(2 * (Motor(Z=0.25, M=-0.25),)), *(2 * (Motor(Z=0.25, M=0.25),))),
+    "vectored": (*_PLANE, Motor(Z=0.5, K=0.5), Motor(Z=0.5, K=-0.5)),
+    "vectored-6dof": (*_PLANE, *(Motor(Z=0.25, M=0.25 * m, K=0.25 * k) for m in (-1, 1) for k in (1, -1))),
     "vectored-6dof-90": (
-        *(_LIFT, Motor(N=0.5, X=0.5), _LIFT, Motor(Y=0.5, N=0.5), Motor(Y=0.5, N=-0.5)),
-        *(_LIFT, Motor(N=-0.5, X=0.5), _LIFT),
+        *(_lift(1, 1), Motor(N=0.5, X=0.5), _lift(1, -1), Motor(Y=0.5, N=0.5), Motor(Y=0.5, N=-0.5)),
+        *(_lift(-1, 1), Motor(N=-0.5, X=0.5), _lift(-1, -1)),
     ),
-    "bluerov1": (*_PAIR, *(3 * (Motor(Z=-1.0 / 1.9),)), _ASIDE),
-    "simple-rov-5": (*_PAIR, _DOWN, _DOWN, _ASIDE),
+    "bluerov1": (
+        *(*_PAIR, Motor(Z=-1.0 / 1.9, K=-0.5), Motor(Z=-1.0 / 1.9, K=0.5), Motor(Z=-1.0 / 1.9)),
+        _ASIDE,
+    ),
+    "simple-rov-5": (*_PAIR, Motor(Z=0.5, K=0.5), Motor(Z=0.5, K=-0.5), _ASIDE),
+    "ies-rov": (*_PAIR, Motor(Z=1.0), _ASIDE),
     "rov-4-fore-aft": (*_PAIR, Motor(Z=0.5, M=-0.5), Motor(Z=0.5, M=0.5)),
 }
 """Frame -> contribution of each thruster to each axis, from the thrusters' actual positions.

@@ -8,7 +8,10 @@ With ``[sway]`` (inertia, drag, on vectored frames ``authority``) the vehicle ca
 contains SNAME derivatives between surge, sway and yaw, and ``coriolis``: whether Coriolis forces follow from the
 inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment, ``authority`` of a frame with vertical thrusters fore and
 aft) it oscillates in pitch. With ``[rangefinder]`` it faces a wall.
-``plant`` names the kind of body (``sitl/plants/table.py``). Without it, the vehicle is a planar hull.
+``plant`` names the kind of body (``sitl/plants/table.py``). Without it, the vehicle is a planar hull. A
+``rigid-body`` moves in each degree of freedom that has a heading, and ``[body]`` has its mass, weight and buoyancy.
+With ``[thrusters]`` each thruster has its place and direction; ``[propeller]``, ``[motor]``, ``[thruster]`` and
+``[rudder]`` add its parts (``sitl/plants/propulsion.py``).
 """
 
 from __future__ import annotations
@@ -22,14 +25,18 @@ from typing import Any
 from gcs_autotune_files import Unreadable, read
 from sitl.actuators import (
     FRAMES,
+    PAIR,
     Actuators,
+    Motor,
     RudderBoat,
     ThrustCurve,
     ThrusterFrame,
+    ThrusterSet,
     TwinThrusterBoat,
     YawSchedule,
 )
-from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, values_of
+from sitl.effects import HiddenEffect, make_effect
+from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
 from sitl.sensors import Rangefinder, SensorData
 from sitl.vehicle_file import verify_vehicle_tables
 
@@ -50,11 +57,17 @@ VEHICLES: Mapping[str, str] = {
     "cybership2": "cybership2.toml",
     "videoray-wall": "videoray_wall.toml",
     "videoray-lasers": "videoray_lasers.toml",
+    "bluerov2-6dof": "bluerov2_6dof.toml",
+    "ies-rov": "ies_rov.toml",
+    "tugboat": "tugboat.toml",
+    "charlie-rudders": "charlie_rudders.toml",
 }
 """Vehicle name -> name of its data file in ``vehicles/``."""
 
 _FOLDER = Path(__file__).parent / "vehicles"
 _FIRMWARE = ("rover", "sub")
+_SHAPE = ("odd", "dead")
+"""Entries of ``[thruster]`` that shape the thrust of each of ``[thrusters]``."""
 
 
 class UnknownVehicle(KeyError):
@@ -111,6 +124,8 @@ class VehicleData:
     def make_actuators(self) -> Actuators:
         """Return the actuators that convert servo pulses into forces."""
         yaw, surge = values_of(self.tables["yaw"]), values_of(self.tables["surge"])
+        if "thrusters" in self.tables:
+            return self._make_thrusters()
         if self.tables["actuators"] == TWIN_THRUSTER:
             each = values_of(self.tables["thruster"])
             return TwinThrusterBoat(each["full_thrust"], each["astern"], each["arm"], yaw["bias"], 1, 3)
@@ -129,6 +144,34 @@ class VehicleData:
         if others[1] and not any(motor.M for motor in motors):
             raise ValueError(f"frame '{self.tables['actuators']}' has no pitch thrusters. Remove [pitch]")
         return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve, *others)
+
+    def _make_thrusters(self) -> ThrusterSet:
+        """Return the thrusters with places of their own, and the rudders behind them."""
+        parts = [values_of(self.tables.get(heading, {})) for heading in ("thrusters", "propeller", "motor", "rudder")]
+        rudder = parts.pop()
+        rows = propeller_rows(*parts)
+        forces = {"surge": "X", "sway": "Y", "heave": "Z", "roll": "K", "pitch": "M", "yaw": "N"}
+        biases = {force: values_of(self.tables.get(dof, {})).get("bias", 0.0) for dof, force in forces.items()}
+        shape = {name: value for name, value in values_of(self.tables.get("thruster", {})).items() if name in _SHAPE}
+        curve = ThrustCurve(**shape) if shape else None
+        kind = self.tables["actuators"]
+        if kind == RUDDER:
+            steered = (1, rudder["full"], thruster_count(rudder))
+            motors = len(rows) * (Motor(X=1.0 / len(rows)),)
+            return ThrusterSet(motors, len(rows) * (3,), 500.0, rows, biases, curve=curve, rudder=steered)
+        if kind == TWIN_THRUSTER:
+            return ThrusterSet(PAIR, (1, 3), 500.0, rows, biases, curve=curve)
+        return ThrusterSet(FRAMES[kind], range(1, len(rows) + 1), 400.0, rows, biases, curve=curve)
+
+    def make_effects(self) -> tuple[HiddenEffect, ...]:
+        """Return the effects that the file gives its own parts: slew and backlash of a rudder."""
+        rudder = values_of(self.tables.get("rudder", {}))
+        slugs = (("backlash", "backlash", "width"), ("slew", "rate-limit", "rate"))
+        return tuple(
+            make_effect(slug, "N", {parameter: rudder[name] / rudder["full"]})
+            for name, slug, parameter in slugs
+            if name in rudder
+        )
 
 
 def load_vehicle(name: str) -> VehicleData:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from sitl.actuators import Actuators
+from sitl.actuators import Actuators, ThrusterSet
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect, Setting
 from sitl.modelfile import BadModel, FlownModel
@@ -53,7 +53,7 @@ class Craft:
         plant: Plant | None = None,
     ) -> None:
         self.data = data
-        self.effects = (*(model.effects if model else ()), *effects)
+        self.effects = (*data.make_effects(), *(model.effects if model else ()), *effects)
         self.actuators = data.make_actuators()
         if plant is not None and model is not None:
             raise BadModel("a model replaces the vehicle's own hull. Supply either plant or model, not both")
@@ -61,7 +61,12 @@ class Craft:
         if model is not None:
             if not isinstance(self.plant, PlanarHull):
                 raise BadModel(f"a model replaces a planar hull, and {data.name} is another plant. Omit the model")
+            if isinstance(self.actuators, ThrusterSet):
+                raise BadModel(
+                    f"a model brings its own forces, and {data.name} has thrusters of its own. Omit the model"
+                )
             self.actuators = _fit_model(model, self.plant, self.actuators)
+        self.actuators.attach(self.plant)
         self._wrench = Wrench()
         self._plain = dict(self.plant.parameters)
 

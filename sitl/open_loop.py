@@ -309,9 +309,8 @@ class _Heun:
         """Return the time derivative of *state* (Fossen2011, equations 2.40 and 6.112)."""
         _, _, _, psi, u, v, w, r = state
         wrench = self._pushed(t, state) if self.pushes else self.asked
-        p, water = self.plant.parameters, self.plant.water
-        udot, vdot, rdot = self.plant.acceleration(u, v, r, wrench)
-        wdot = (wrench.Z - (p["heave.beta"] + p["heave.beta2"] * abs(w)) * w) / p["heave.alpha"]
+        water = self.plant.water
+        udot, vdot, wdot, _, _, rdot = self.plant.acceleration((u, v, w, 0.0, 0.0, r), wrench)
         c, s = math.cos(psi), math.sin(psi)
         return c * u - s * v + water.V_x, s * u + c * v + water.V_y, w, r, udot, vdot, wdot, rdot
 

@@ -119,7 +119,7 @@ class Sensors:
             self._noise = [draw() for draw in self._draws]
         noise, quantum = self._noise, self._data.heading_quantum
         state = plant.state
-        ahead, aside = measured_speed(state, plant.water)
+        ahead, aside, down = measured_speed(state, plant.water)
         psi = state.psi + noise[0]
         if quantum > 0.0:
             psi = round(psi / quantum) * quantum
@@ -134,5 +134,5 @@ class Sensors:
         reading.y = state.y + noise[6]
         if not self._floats:
             reading.z = state.z + noise[8]
-            reading.w = state.w + noise[9]
+            reading.w = down + noise[9]
             reading.az = state.wdot + noise[10]

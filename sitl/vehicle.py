@@ -127,4 +127,6 @@ class Vehicle:
         self.autopilot.mission.store(items)
 
     def _boot(self) -> Autopilot:
-        return self._make_autopilot(self.parameters, self._dt, round(1000.0 * self.data.ready_time))
+        autopilot = self._make_autopilot(self.parameters, self._dt, round(1000.0 * self.data.ready_time))
+        autopilot.tilts = self.plant.state.tilts
+        return autopilot

@@ -6,6 +6,7 @@ table here, or ``SI``. A file with another unit is rejected.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from msgspec import Meta, Struct, defstruct
 
 from gcs_autotune_files import conform, shown
 
-__all__ = ["HEADINGS", "VehicleFile", "verify_vehicle_tables"]
+__all__ = ["HEADINGS", "VehicleFile", "verify_entries", "verify_vehicle_tables"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,8 @@ _STRAIGHT = _axis_rows(("kg", "N s/m", "N s^2/m^2", "N"))
 _TURNING = ("kg m^2", "N m s", "N m s^2", "N m")
 _STEERED = ("kg m^2, s^2, normalised", "N m s, s, normalised", "N m s^2, normalised", "N m, rad, normalised")
 
+_TURN, _WAYS = 2.0 * math.pi, ("ahead", "astern")
+
 HEADINGS: Mapping[str, Mapping[str, Range]] = {
     "surge": _STRAIGHT,
     "sway": _STRAIGHT,
@@ -66,7 +69,31 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "full_rudder": Range(("rad",), 0.0, math.pi / 2.0, above=True),
         "side_force": Range(("N/rad",)),
     },
+    "roll": _axis_rows(_TURNING),
     "pitch": {**_axis_rows(_TURNING), "righting": Range(("N m/rad", "N m"), 0.0)},
+    "body": {
+        "mass": Range(("kg",), 0.0, above=True),
+        **{name: Range(("m",), -1e3, 1e3) for name in ("x_G", "y_G", "z_G", "x_B", "y_B", "z_B")},
+        **{name: Range(("kg m^2",)) for name in ("I_xy", "I_xz", "I_yz")},
+        "weight": Range(("N",), 0.0),
+        "buoyancy": Range(("N",), 0.0),
+        "waterplane": Range(("N/m",), 0.0),
+        "righting_roll": Range(("N m/rad", "N m"), 0.0),
+        "righting_pitch": Range(("N m/rad", "N m"), 0.0),
+    },
+    "thrusters": {
+        **{name: Range(("m",), -1e3, 1e3, listed=True) for name in "xyz"},
+        "azimuth": Range(("rad",), -_TURN, _TURN, listed=True),
+        "dip": Range(("rad",), -_TURN, _TURN, listed=True),
+        "hand": Range(("1",), -1.0, 1.0, listed=True),
+        **{f"a_{way}": Range(("N s^2", "N", "N/V^2"), 0.0, listed=True) for way in _WAYS},
+        **{f"b_{way}": Range(("N s", "N", "N/V"), listed=True) for way in _WAYS},
+        **{f"advance_{way}": Range(("N s^2/m", "N s/m"), 0.0, listed=True) for way in _WAYS},
+        "torque": Range(("N m s^2", "N m"), 0.0, listed=True),
+        "torque_advance": Range(("N s^2", "N s"), 0.0, listed=True),
+        "wake": Range(("1",), 0.0, 1.0, listed=True),
+        "full_n": Range(("1/s", "1", "V"), 0.0, above=True, listed=True),
+    },
     "thruster": {
         "full_thrust": Range(("N",), 0.0, above=True),
         "astern": Range(("1",), 0.0, 10.0),
@@ -74,7 +101,37 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "odd": Range(("N", "1"), listed=True),
         "dead": Range(("1",), 0.0, 0.99),
     },
-    "propeller": {"full_n": Range(("V", "1/s", "rad/s"), 0.0, above=True)},
+    "propeller": {
+        "full_n": Range(("V", "1/s", "rad/s"), 0.0, above=True),
+        "density": Range(("kg/m^3",), 1.0, 2000.0),
+        "diameter": Range(("m",), 0.0, 100.0, above=True),
+        "K_T0": Range(("1",), 0.0, 10.0, above=True),
+        "K_TJ": Range(("1",), -10.0, 0.0),
+        "K_Q0": Range(("1",), 0.0, 10.0),
+        "K_QJ": Range(("1",), -10.0, 0.0),
+        "astern": Range(("1",), 0.0, 10.0),
+    },
+    "motor": {
+        "time_constant": Range(("s",), 1e-3, 60.0),
+        "inertia": Range(("kg m^2",), 1e-9, 1e6),
+        "constant": Range(("N m/A", "V s"), 1e-6, 1e6),
+        "resistance": Range(("ohm",), 1e-6, 1e6),
+        "voltage": Range(("V",), 0.0, 1e5, above=True),
+        "friction": Range(("N m s",), 0.0),
+        "most_current": Range(("A",), 0.0, 1e6, above=True),
+    },
+    "rudder": {
+        "x": Range(("m",), -1e3, 1e3, listed=True),
+        "y": Range(("m",), -1e3, 1e3, listed=True),
+        "coefficient": Range(("N s^2/m^2",), 0.0),
+        "stall": Range(("rad",), 0.0, _TURN, above=True),
+        "C_T": Range(("m^2/(N s^2)",), 0.0),
+        "wake": Range(("1",), 0.0, 1.0),
+        "flow": Range(("1",), 0.0, 1.0),
+        "full": Range(("rad",), 0.0, math.pi / 2.0, above=True),
+        "slew": Range(("rad/s",), 0.0, 1e3, above=True),
+        "backlash": Range(("rad",), 0.0, math.pi / 2.0),
+    },
     "sensors": {
         "heading_noise": _noise("rad"),
         "heading_quantum": _noise("rad"),
@@ -155,8 +212,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     ValueError
         The file does not match the schema or is inconsistent; the message states where.
     """
-    _verify_units(own)
-    conform(own, VehicleFile)
+    verify_entries(own)
     if not isinstance(tables.get("title"), str):
         raise ValueError("missing entry 'title'")
     for heading in ("surge", "sway", "heave", "yaw", "pitch"):
@@ -167,6 +223,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
             and not entries["beta2"]["value"] > 0.0
         ):
             raise ValueError(f"{heading}: negative drag is unstable. Use beta of 0 or more, or beta2 above 0")
+    _verify_schedule(tables.get("yaw", {}))
     odd = tables.get("thruster", {}).get("odd", {}).get("value")
     if odd is not None and not sum(odd if isinstance(odd, list) else [odd]) > 0.0:
         raise ValueError(
@@ -180,6 +237,33 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     start = tables.get("start", {})
     if start and not start["depth"]["value"] < start["bottom"]["value"]:
         raise ValueError("start: the depth must be above the bottom. Use a smaller depth")
+
+
+def _verify_schedule(yaw: Mapping[str, Any]) -> None:
+    """Verify that the tables over the propeller's speed are of one length and rising in it."""
+    if "n2" not in yaw:
+        return
+    n2 = yaw["n2"]["value"]
+    if isinstance(n2, list):
+        for name in ("alpha", "beta"):
+            value = yaw.get(name, {}).get("value")
+            if isinstance(value, list) and len(value) != len(n2):
+                raise ValueError(f"yaw.{name}: {len(value)} values for {len(n2)} values of n2. Give one for each")
+        for low, high in itertools.pairwise(n2):
+            if not low < high:
+                raise ValueError(f"yaw.n2: {high:g} after {low:g}. Sort the table so that n2 rises")
+
+
+def verify_entries(own: Any) -> None:
+    """Verify that the entries of a file (*own*) match the schema, each by itself.
+
+    Raises
+    ------
+    ValueError
+        One does not; the message begins with its place.
+    """
+    _verify_units(own)
+    conform(own, VehicleFile)
 
 
 def _verify_units(own: Any) -> None:

@@ -41,6 +41,8 @@ fit([_swing(["yaw"])], "linear", "ekf", dof="yaw")
 )
 """Compile the filters, and what uses exact transitions. Before any test: while the first of them ran, two processes
 compiled the same once more each, for half a minute of processor."""
+HULL = ("-c", "from sitl import load_vehicle; load_vehicle('charlie').make_plant()")
+"""Compile the hull of the simulator, for which its processes would else time out on a busy machine."""
 REWRITE = ("-m", "pytest", "-n0", "--collect-only", "--quiet")
 """Rewrites the assertions of all tests, which takes longer than to collect them, and every process would do."""
 
@@ -50,6 +52,8 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ["GCS_AUTOTUNE_CONFIG"] = "none"
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: see gcs_autotune.cli.main
     several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
+    if several and next((ROOT / "sitl").rglob("*.nbi"), None) is None:
+        assert _python(*HULL).wait() == 0
     if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
         beside = [] if sys.dont_write_bytecode else [_python(*REWRITE)]
         for compiling in (WARM_UP, FILTERS):  # one after the other: they share much

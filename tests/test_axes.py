@@ -13,6 +13,7 @@ from gcs_autotune.axes import AXES, OTHER_NAMES, axis_kind
 from gcs_autotune.cli import make_parser
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import LIMITS
+from gcs_autotune.tunables import TUNABLES
 
 PACKAGE = Path(gcs_autotune.__file__).parent
 
@@ -30,7 +31,7 @@ def test_no_room_but_the_firmware_asks_for_the_kind_of_craft() -> None:
 
 
 def test_every_command_has_the_same_words_for_axes() -> None:
-    assert choices("tune") == set(AXES)
+    assert choices("tune") == {*AXES, *TUNABLES}
     assert choices("experiment") == set(AXES) | set(OTHER_NAMES)
 
 

@@ -17,12 +17,12 @@ from gcs_autotune import __version__
 from gcs_autotune.cli.command import Command, what_remains
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
 from gcs_autotune.cli.help import add_help
-from gcs_autotune.cli.tune_cmd import RESTORED, tune_settings
+from gcs_autotune.cli.tune_cmd import RESTORED, carry_out, tune_settings
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, OperatorStopped, UsageError, exit_code
 from gcs_autotune.registry import nearest_of
 from gcs_autotune.untrusted_text import visible
 
-__all__ = ["COMMANDS", "find_config", "main", "make_parser", "read_config", "tune_settings"]
+__all__ = ["COMMANDS", "carry_out", "find_config", "main", "make_parser", "read_config", "tune_settings"]
 
 
 @dataclass(frozen=True, slots=True)

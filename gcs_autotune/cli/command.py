@@ -437,11 +437,11 @@ def what_remains(args: argparse.Namespace) -> Iterator[str]:
 
     A tune states itself which of its records it can use again.
     """
-    from gcs_autotune.workflow import PLAN_FILE
-
     directory: Path | None = getattr(args, "directory", None)
     if directory is None or not any(directory.glob("trials/*.csv")):
         return
+    from gcs_autotune.workflow import PLAN_FILE
+
     page = directory / "report.html"
     yield f"Report: {page}" if page.exists() else f"Recorded in {directory}"
     if (directory / PLAN_FILE).exists():

@@ -10,7 +10,7 @@ from pathlib import Path
 from gcs_autotune.axes import AXES
 from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files
 from gcs_autotune.cli.hold_cmd import LAWS
-from gcs_autotune.cli.tune_cmd import FUNCTIONS
+from gcs_autotune.cli.tune_cmd import FUNCTIONS, add_style, check_style
 from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
 from gcs_autotune.errors import UsageError
 
@@ -51,13 +51,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the vehicle's present parameters (NAME,VALUE lines) (default: those of the run directory, or the "
         "firmware's defaults)",
     )
-    what.add_argument("--guidance", choices=LAWS, default=LAWS[0], help="law that follows a line (default indirect)")
+    what.add_argument(
+        "--guidance", choices=LAWS, default=LAWS[0], help=f"law that follows a line (default {LAWS[0]}, as for `hold`)"
+    )
     add_number(what, "approach", "DEG")
     craft = parser.add_argument_group("craft")
     add_number(craft, "full-scale", meaning="model input at full output, in the unit of the model, if not 1")
     add_number(craft, "speed", "M_S", meaning="speed at which a boat was identified")
     add_number(craft, "throttle", meaning="throttle of a speed loop (fraction of full throttle)")
     asked = parser.add_argument_group("specification (default: the best loop that keeps its margins)")
+    add_style(asked)
     asked.add_argument("--function", choices=FUNCTIONS, default="bessel", help="model function (default bessel)")
     add_number(asked, "omega-0", "RAD_S")
     add_number(asked, "settling-time", "S")
@@ -99,6 +102,7 @@ def _run(args: argparse.Namespace) -> int:
         throttle=args.throttle,
         step=inside(args.step),
         kind=args.function,
+        style=args.style,
         omega_0=args.omega_0,
         settling_time=args.settling_time,
         gain_margin=args.gain_margin,
@@ -136,6 +140,7 @@ def _check(args: argparse.Namespace) -> None:
             raise UsageError(f"--{wrong.replace('_', '-')} applies only to --for relay")
     if args.omega_0 is not None and args.settling_time is not None:
         raise UsageError("use either --omega-0 or --settling-time, not both")
+    check_style(args)
     if args.save is not None and (args.own or args.loop in ("line", "relay")):
         raise UsageError("--save writes gains of the autopilot. Leave it out for a relay or a controller of our own")
 

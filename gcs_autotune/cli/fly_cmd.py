@@ -43,7 +43,8 @@ DEFAULT_CONNECTION = "sitl:charlie"
 OPTIONS = (
     "heading", "rudder", "full-rudder", "steering", "executes", "turn", "levels", "astern", "duration", "f-start",
     "f-stop", "fade-in", "fade-out", "shortest", "push", "set-point", "hysteresis", "second-set-point",
-    "second-hysteresis", "wall-hysteresis", "least-distance",
+    "second-hysteresis", "wall-hysteresis", "least-distance", "ahead", "starboard", "heading-change", "depth",
+    "wall-distance", "length-along", "apart",
 )  # fmt: skip
 """Names of the options that manoeuvres have."""
 
@@ -92,7 +93,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="force or moment to drive, for manoeuvres that offer the choice (default N)",
     )
     group.add_argument(
-        "--model", type=Path, metavar="FILE", help="model file for the preview (written by identify --save)"
+        "--points", default="", metavar="LIST", help="timed points of a trajectory: 's,m ahead,m to starboard ...'"
+    )
+    group.add_argument(
+        "--model",
+        type=Path,
+        metavar="FILE|DIR",
+        help="model file (written by identify --save), or models of a run, for the preview and for our own controllers",
     )
     add_number(group, "full-scale", "F")
 
@@ -128,7 +135,8 @@ def _run(args: argparse.Namespace) -> int:
     if args.manoeuvre is None and args.resume is None and args.until is None:
         raise UsageError("no manoeuvre given. See `gcs-autotune fly --list`")
     _verify_known(args)
-    check_model_file(args.model)
+    if args.model is not None and not args.model.is_dir():
+        check_model_file(args.model)
     _precision(args)
     if args.preview and args.model is not None and args.connect is None:
         return _preview(args)
@@ -217,11 +225,18 @@ def _plan(
     args: argparse.Namespace, connection: Connection, now: datetime, label: str = ""
 ) -> tuple[FlightPlan, CommonSettings]:
     """Return the flight plan and the settings common to its runs. *label*: name for the run directory."""
-    from gcs_autotune.identify import load_model
     from gcs_autotune.logs import load_runs
-    from gcs_autotune.manoeuvres import MANOEUVRES, read_area
+    from gcs_autotune.manoeuvres import MANOEUVRES, read_area, read_points
     from gcs_autotune.registry import lookup
-    from gcs_autotune.workflow import PLAN_FILE, CommonSettings, FlightPlan, FlySettings, first_run, load_flight_plan
+    from gcs_autotune.workflow import (
+        PLAN_FILE,
+        CommonSettings,
+        FlightPlan,
+        FlySettings,
+        first_run,
+        load_flight_plan,
+        load_models,
+    )
 
     until = _precision(args)
     goes_on = args.resume is not None and until is None
@@ -249,16 +264,20 @@ def _plan(
         envelope=envelope_from(args),
         resume=args.resume,
     )
-    model = None if args.model is None else load_model(args.model)
+    models = () if args.model is None else load_models(args.model)
+    model, beside = (models[0], models[1:]) if models else (None, ())
     area = None if args.area is None else read_area(args.area)
     if of_plan:
-        plan = load_flight_plan(Path(what), common, model, args.full_scale)
+        plan = load_flight_plan(Path(what), common, model, args.full_scale, beside)
         return (plan if area is None else replace(plan, area=area)), common
     axis = lookup(MANOEUVRES, what, "manoeuvre").of(args.force).axis if what else ""
     options = {name: value * limit_of(name, axis or "heading").factor for name, value in typed.items()}
     side = 1 if args.first_to == "starboard" else -1
     if until is None:
-        settings = FlySettings(what, common, options, side, model, args.full_scale, args.force)
+        points = read_points(args.points) if args.points else ()
+        settings = FlySettings(
+            what, common, options, side, model, args.full_scale, args.force, points=points, beside=beside
+        )
         return replace(FlightPlan.of(settings), area=area), common
     first = (
         FlySettings(what, common, {}, side, model, args.full_scale, args.force) if what else first_run(until, common)

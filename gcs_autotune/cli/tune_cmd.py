@@ -32,23 +32,36 @@ from gcs_autotune.cli.command import (
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import put_out
-from gcs_autotune.errors import UsageError
-from gcs_autotune.tunables import TUNABLES, tunable
+from gcs_autotune.errors import ManoeuvreError, UsageError, exit_code
+from gcs_autotune.tunables import STEP_OPTIONS, TUNABLES, tunable
 
 if TYPE_CHECKING:
-    from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
+    from gcs_autotune.observer import Observer
+    from gcs_autotune.report import Document
+    from gcs_autotune.workflow import Connection, Operator, SuppliedGains, TuneSettings
 
-__all__ = ["COMMAND", "RESTORED", "tune_settings"]
+__all__ = ["COMMAND", "FUNCTIONS", "RESTORED", "add_style", "carry_out", "check_style", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
+ALL = "all"
+"""All loops of the vehicle, in the order of ``TUNABLES``."""
+FIRST = next(iter(TUNABLES))
+"""The axis whose settings `tune all` starts with."""
+OF_ONE_LOOP = (
+    *STEP_OPTIONS,
+    *("leg_length", "settling_time", "full_scale", "delay", "structure", "untuned", "pull_test"),
+)
+"""Options that `tune all` has no use for, because they are for one loop."""
+STYLES = ("normal", "gentle", "quick")
+"""Names of ``design.STYLES``, listed here for the same reason."""
 RESTORED = 8
 """Exit code of ``tune`` if the new gains were tested, but the old gains proved better and are restored."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=sorted({*AXES, *TUNABLES}), help="the loop to tune")
-    add_connection(parser, otherwise="sitl:charlie, or sitl:videoray for depth")
+    parser.add_argument("axis", choices=[*sorted({*AXES, *TUNABLES}), ALL], help="the loop to tune")
+    add_connection(parser, otherwise="sitl:charlie, sitl:videoray for depth, sitl:bluerov2-sway for position")
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
@@ -89,6 +102,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "or any NAME,VALUE file",
     )
     add_number(design, "full-scale")
+    add_style(design)
     design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="reference model (default bessel)")
     design.add_argument(
         "--beyond-ranges",
@@ -100,21 +114,47 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_envelope(parser)
 
 
+def add_style(group: argparse._ArgumentGroup) -> None:
+    """Add the option ``--style``."""
+    group.add_argument(
+        "--style",
+        choices=STYLES,
+        default=STYLES[0],
+        help="margins and bandwidth: normal (default), gentle (half the bandwidth, larger margins) or quick (smaller "
+        "margins); numbers in docs/tune.md",
+    )
+
+
+def check_style(args: argparse.Namespace) -> None:
+    """Check that only one option sets the speed of the loop.
+
+    Raises
+    ------
+    UsageError
+        ``--style`` is combined with another one.
+    """
+    speeds = [f"--{name.replace('_', '-')}" for name in ("omega_0", "settling_time") if getattr(args, name) is not None]
+    if args.style != STYLES[0] and speeds:
+        raise UsageError(f"--style {args.style} and {speeds[0]} both set the speed of the loop. Use one of them")
+
+
 def _run(args: argparse.Namespace) -> int:
     _check(args)
     args.connect = args.connect or args.configured_link or None
-    with connected(args, args.connect or AXES[args.axis].example) as connection:
+    example = tunable(args.what).example or AXES[args.axis].example
+    with connected(args, args.connect or example) as connection:
         return _tune(args, connection)
 
 
 def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
     if not hasattr(args, "what"):
-        args.what, args.axis = args.axis, tunable(args.axis).axis
+        args.what, args.axis = args.axis, FIRST if args.axis == ALL else tunable(args.axis).axis
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
     own = _own_parser()
-    useless = [name for name in tunable(args.what).useless if getattr(args, name) != own.get_default(name)]
+    without = OF_ONE_LOOP if args.what == ALL else tunable(args.what).useless
+    useless = [name for name in without if getattr(args, name) != own.get_default(name)]
     if useless:
         names = " and ".join(f"--{name.replace('_', '-')}" for name in useless)
         raise UsageError(f"`tune {args.what}` does not use {names}. Remove what it does not use")
@@ -124,24 +164,44 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError(f"--model needs a model file. For the reference model use --function {args.model}")
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains tests existing gains and --model designs new gains. Use one of the two")
+    check_style(args)
     check_model_file(args.model)
     check_files(args.gains, args.resume, args.pull_test)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over an open link and show the result."""
-    from gcs_autotune.report import tune_document
-    from gcs_autotune.workflow import job_of
-
     now = datetime.now()
     settings, when = tune_settings(args, connection, now), now.isoformat(timespec="seconds")
     with attending(args, "or --dry-run to change nothing") as (operator, observer):
-        story = job_of(args.what).run(settings, operator, observer, when)
+        document, directory, endings = carry_out(args, settings, operator, observer, when)
     if not args.remote:  # else standard output is the program's
-        page = [f"Report: {Path(story.directory) / 'report.html'}"] if story.directory else []
-        put_out(tune_document(story), *page, as_json=args.json)
+        page = [f"Report: {Path(directory) / 'report.html'}"] if directory else []
+        put_out(document, *page, as_json=args.json)
     operator.ring()
-    return RESTORED if story.ending == "restored" else 0
+    if "aborted" in endings:  # a step of several; the others were flown
+        return exit_code(ManoeuvreError())
+    return RESTORED if "restored" in endings else 0
+
+
+def carry_out(
+    args: argparse.Namespace, settings: TuneSettings, operator: Operator, observer: Observer, when: str
+) -> tuple[Document, str, tuple[str, ...]]:
+    """Tune what the command line states. Return the report, its directory, and the ending of each step.
+
+    Raises
+    ------
+    AutotuneError
+        The cause of an early end.
+    """
+    from gcs_autotune.report import job_document, tune_document
+    from gcs_autotune.workflow import job_of, tune_all
+
+    if args.what == ALL:
+        job = tune_all(settings, operator, observer, when)
+        return job_document(job), job.directory, tuple(step.ending for step in job.steps)
+    story = job_of(args.what).run(settings, operator, observer, when)
+    return tune_document(story), story.directory, (story.ending,)
 
 
 def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:
@@ -164,7 +224,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
     return TuneSettings(
         axis=args.axis,
         connection=connection,
-        directory=run_directory(args, connection.uri, now),
+        directory=run_directory(args, connection.uri, now, getattr(args, "what", "")),
         step=inside(args.step),
         step_duration=args.step_duration,
         relay_output=args.relay_output,
@@ -178,6 +238,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         full_scale=args.full_scale,
         settling_time=args.settling_time,
         omega_0=args.omega_0,
+        style=args.style,
         structure=args.structure,
         delay=args.delay,
         dry_run=args.dry_run,
@@ -239,14 +300,15 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
 
 
 COMMAND = Command(
-    description="Tune one loop of an ArduPilot boat or ROV. A step is flown with the present gains, then with the "
-    "new gains. The new gains stay only if they follow the step better. Without --connect a simulated vehicle is "
-    "used.",
+    description="Tune one loop of an ArduPilot boat or ROV, or all of them in order. A step is flown with the present "
+    "gains, then with the new gains. The new gains stay only if they follow the step better. Without --connect a "
+    "simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
     everyday=(
         "connect",
         "throttle",
+        "style",
         "settling-time",
         "step",
         "max-distance",
@@ -262,6 +324,7 @@ COMMAND = Command(
     examples=(
         ("gcs-autotune tune heading", "try it on a simulated boat"),
         ("gcs-autotune tune heading --connect /dev/ttyUSB0", "a boat on a telemetry radio"),
+        ("gcs-autotune tune all --connect /dev/ttyUSB0", "all loops in order, after one question"),
         ("gcs-autotune tune depth --connect udp:14550 --max-depth 5", "an ROV, not deeper than 5 m"),
     ),
 )

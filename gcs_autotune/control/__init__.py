@@ -17,6 +17,7 @@ from gcs_autotune.control.choice import (
 )
 from gcs_autotune.control.distance import DistanceController, DistanceLaw, design_distance
 from gcs_autotune.control.feedback import FeedbackController, FeedbackLaw
+from gcs_autotune.control.helm import Helm, Reach, helm_for, reach_of
 from gcs_autotune.control.ipd import (
     Uncertainty,
     design_ipd,
@@ -40,6 +41,7 @@ from gcs_autotune.control.line import (
     design_indirect,
     simplify,
 )
+from gcs_autotune.control.path import TimedPath
 from gcs_autotune.control.position import (
     POSITION_LAWS,
     IntegralSlidingMode,
@@ -79,6 +81,7 @@ __all__ = [
     "DistanceLaw",
     "FeedbackController",
     "FeedbackLaw",
+    "Helm",
     "IndirectLine",
     "IntegralLineOfSight",
     "IntegralSlidingMode",
@@ -94,12 +97,14 @@ __all__ = [
     "Pose",
     "PositionController",
     "PositionTarget",
+    "Reach",
     "ReferenceModel",
     "ReferenceStep",
     "RigidModel",
     "SetPointLoop",
     "SlidingMode",
     "Structure",
+    "TimedPath",
     "Uncertainty",
     "WallEstimate",
     "WallFilter",
@@ -110,9 +115,11 @@ __all__ = [
     "design_ipd",
     "design_own",
     "drag_speed_limit",
+    "helm_for",
     "least_inertia_ratio",
     "margins",
     "omega_for_settling",
+    "reach_of",
     "reference_coefficients",
     "reference_model",
     "settling_time",

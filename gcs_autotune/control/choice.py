@@ -130,10 +130,9 @@ def step_response(
         command = controller.update(step, eta, nu, k * TICK)
         rows.append((k * TICK, eta, nu, command))
         late.append(command)
-        force = late.pop(0) + model.delta + (push if k * TICK >= push_at else 0.0)
+        force = late.pop(0) + (push if k * TICK >= push_at else 0.0)
         for _ in range(inside):
-            drag = (model.beta + model.beta_quadratic * abs(nu)) * nu
-            nu += TICK / inside * (force - drag) / model.alpha
+            nu += TICK / inside * model.acceleration(nu, force)
             eta += TICK / inside * nu
         if not math.isfinite(eta) or abs(eta) > DIVERGED * abs(step):
             break
@@ -158,6 +157,7 @@ def design_own(
     kind: str = "bessel",
     omega_0: float | None = None,
     least: LoopMargins = LEAST_MARGINS,
+    bandwidth: float = 1.0,
 ) -> OwnDesign:
     """Return the I-PD law of the fastest loop that keeps its limits, or of the required *omega_0* [rad/s].
 
@@ -166,6 +166,7 @@ def design_own(
     step : the largest step [rad or m] that must not saturate the actuator.
     limits : smallest and largest input, in units of the model.
     least : margins that the loop must keep.
+    bandwidth : frequency of the loop relative to the fastest one; it is lower still if that breaks a limit.
 
     Raises
     ------
@@ -176,6 +177,8 @@ def design_own(
     model = replace(identified, delay=identified.delay + SAMPLED * TICK)
     demands = _Demands(model, uncertainty, step, limits, least)
     fastest, why = demands.fastest(kind)
+    if bandwidth < 1.0 and fastest > 0.0:
+        fastest, why = demands.fastest(kind, bandwidth * fastest)[0], f"{bandwidth:.0%} of the fastest is required"
     if not fastest > 0.0:
         raise NoGainsMeetSpec(f"no controller of this kind is possible for the {model.axis.name} axis: {why}")
     if omega_0 is not None and omega_0 > fastest:
@@ -207,14 +210,14 @@ class _Demands:
     limits: tuple[float, float]
     least: LoopMargins
 
-    def fastest(self, kind: str) -> tuple[float, str]:
-        """Return the largest frequency without a broken limit, and what limits it; 0 if there is none.
+    def fastest(self, kind: str, most: float = FASTEST) -> tuple[float, str]:
+        """Return the largest frequency up to *most* without a broken limit, and what limits it; 0 if there is none.
 
         A loop much slower than the craft itself is no safer: its velocity gain is negative. So the search goes
         downwards.
         """
         why = "the range of frequencies that is looked at"
-        for omega in np.geomspace(FASTEST, SLOWEST, ROUNDS):
+        for omega in np.geomspace(most, min(SLOWEST, most), ROUNDS):
             broken = self.broken(reference_model(kind, float(omega)))
             if not broken:
                 return float(omega), why

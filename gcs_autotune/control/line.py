@@ -161,6 +161,9 @@ class LineOfHeading(Protocol):
     Its memory is one number, which :class:`LineGuidance` keeps.
     """
 
+    def begins(self, state: LineState) -> float:
+        """Return the memory with which it takes over at *state*."""
+
     def heading(self, state: LineState, memory: float, dt: float) -> tuple[float, float]:
         """Return the heading relative to the line [rad], and the memory after *dt* [s]."""
 
@@ -177,6 +180,14 @@ class IndirectLine:
     K_d: float
     K_I: float
     approach: float
+
+    def begins(self, state: LineState) -> float:
+        """Return the integral whose first command is the present heading.
+
+        The distance then acts through the integral alone, as the reference model has it. From zero its first command
+        would be a step of ``K_d d``, and Charlie overshoots a line at 8 m by 3 m instead of 0.4 m.
+        """
+        return (1.0 + self.K_psi) * state.heading + self.K_r * state.r + self.K_d * state.d
 
     def heading(self, state: LineState, memory: float, dt: float) -> tuple[float, float]:
         """Return the heading relative to the line [rad], and the integral [rad]."""
@@ -250,6 +261,10 @@ class IntegralLineOfSight:
     lookahead: float
     gain: float
 
+    def begins(self, state: LineState) -> float:
+        """Return a memory of zero."""
+        return 0.0
+
     def heading(self, state: LineState, memory: float, dt: float) -> tuple[float, float]:
         """Return the heading relative to the line [rad], and the integral [s]."""
         reach = state.d + self.gain * memory
@@ -268,6 +283,10 @@ class AdaptiveLineOfSight:
     lookahead: float
     gain: float
 
+    def begins(self, state: LineState) -> float:
+        """Return a memory of zero."""
+        return 0.0
+
     def heading(self, state: LineState, memory: float, dt: float) -> tuple[float, float]:
         """Return the heading relative to the line [rad], and the sideslip angle [rad]."""
         command = -memory - math.atan2(state.d, self.lookahead)
@@ -279,11 +298,13 @@ class LineGuidance:
 
     def __init__(self, law: LineOfHeading, line: Line) -> None:
         self.law, self.line = law, line
-        self._memory, self._t = 0.0, math.nan
+        self._memory = self._t = math.nan
 
     def update(self, state: LineState, t: float) -> float:
         """Return the heading to command [rad, north over east] at time *t* [s]."""
         dt = 0.0 if math.isnan(self._t) else max(t - self._t, 0.0)
+        if math.isnan(self._t):
+            self._memory = self.law.begins(state)
         self._t = t
         relative, self._memory = self.law.heading(state, self._memory, dt)
         return self.line.gamma + relative

@@ -111,8 +111,8 @@ class WallFilter:
         A[D, U], A[D, PHI], A[D, V_D] = -dt * math.cos(phi), dt * u * math.sin(phi), dt
         self._x += dt * np.array(
             [
-                (X + surge.delta - (surge.beta + surge.beta_quadratic * abs(u)) * u) / surge.alpha,
-                (N + yaw.delta - (yaw.beta + yaw.beta_quadratic * abs(r)) * r) / yaw.alpha,
+                surge.acceleration(u, X),
+                yaw.acceleration(r, N),
                 r + v_phi,
                 r,
                 -u * math.cos(phi) + v_d,

@@ -26,10 +26,13 @@ from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
-from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, too_short
+from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, pivots_wide, too_short
 from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.motor_law import (
+    SPEED_GAINS,
+    STEERING_GAINS,
     Linearity,
+    MotorFit,
     MotorLaw,
     fit_motor_law,
     is_more_linear,
@@ -39,20 +42,38 @@ from gcs_autotune.design.motor_law import (
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
 from gcs_autotune.design.plant import in_fractions
+from gcs_autotune.design.position import (
+    LOITER_CONTEXT,
+    LOITER_GAINS,
+    POSITION_CONTEXT,
+    POSITION_GAINS,
+    PositionDesign,
+    design_position,
+    loiter_change,
+)
+from gcs_autotune.design.position_metrics import UNSTABLE, PositionMetrics, Stay, holds_better, position_metrics
 from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Proposal, StepMetrics
-from gcs_autotune.design.spec import Spec
+from gcs_autotune.design.spec import STYLES, Spec, Style
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.track_metrics import TrackMetrics, follows_better, track_metrics
-from gcs_autotune.design.verdict import Verdict, is_better, is_followed, is_no_worse, scatter_of
+from gcs_autotune.design.verdict import Verdict, is_better, is_calmer, is_followed, is_no_worse, scatter_of
 
 __all__ = [
     "LAWS",
     "LINE_PARAMETERS",
+    "LOITER_CONTEXT",
+    "LOITER_GAINS",
     "OTHER_MODE",
+    "POSITION_CONTEXT",
+    "POSITION_GAINS",
     "SHORTER",
+    "SPEED_GAINS",
+    "STEERING_GAINS",
+    "STYLES",
+    "UNSTABLE",
     "USED",
     "Actuator",
     "Authority",
@@ -70,10 +91,13 @@ __all__ = [
     "LoopResponse",
     "Margins",
     "Missing",
+    "MotorFit",
     "MotorLaw",
     "OnLeg",
     "OpenLoop",
     "ParameterLimit",
+    "PositionDesign",
+    "PositionMetrics",
     "Prediction",
     "Proposal",
     "ProvisionalGains",
@@ -81,7 +105,9 @@ __all__ = [
     "Remark",
     "Scenario",
     "Spec",
+    "Stay",
     "StepMetrics",
+    "Style",
     "TrackMetrics",
     "Verdict",
     "analyse_own",
@@ -92,19 +118,25 @@ __all__ = [
     "current_on",
     "design",
     "design_from",
+    "design_position",
     "fit_motor_law",
     "follows_better",
     "holding",
+    "holds_better",
     "in_fractions",
     "is_better",
+    "is_calmer",
     "is_followed",
     "is_more_linear",
     "is_no_worse",
     "limits_for",
     "line_changes",
     "linearity",
+    "loiter_change",
     "motor_changes",
     "over_windows",
+    "pivots_wide",
+    "position_metrics",
     "provisional",
     "pulse_of",
     "reduce",

@@ -17,8 +17,9 @@ import numpy as np
 
 from gcs_autotune.design.laws.rover_speed import CRUISE, throttle_of
 from gcs_autotune.design.result import Change
+from gcs_autotune.design.track_metrics import TrackMetrics
 
-__all__ = ["LINE_PARAMETERS", "HullTurn", "OnLeg", "current_on", "line_changes", "too_short"]
+__all__ = ["LINE_PARAMETERS", "HullTurn", "OnLeg", "current_on", "line_changes", "pivots_wide", "too_short"]
 
 CORNER = math.radians(90.0)
 """The corner that a boat rounds without leaving the route by more than it must. Project choice: the most common one."""
@@ -30,13 +31,19 @@ WIDER = 1.1
 """WP_RADIUS as a multiple of the distance at which the target passes a U-turn. Project choice."""
 VELOCITY_GAIN = 1.5
 """PSC_VEL_P [1/s]. Found by a search on four simulated hulls; from 1.4 to 3 the distance from the route is flat."""
-LAG_PRODUCT, POSITION_GAIN = 0.4, (0.1, 0.5)
-"""PSC_POS_P times the lag, and its limits [1/s]. ``T s^2 + s + P`` has a damping of 0.8 where P T is 0.4."""
+LAG_PRODUCT, POSITION_GAIN = 0.4, (0.1, 0.2)
+"""PSC_POS_P times the lag, and its limits [1/s]. ``T s^2 + s + P`` has a damping of 0.8 where P T is 0.4.
+
+The upper limit is ArduPilot's default: the lag of the yaw contains no sway. With 0.5 the rms distance of the BlueBoat
+with sway was twice that with 0.2, and without sway the same."""
 ATTAINABLE, NEARLY_FULL = 0.9, 0.9
 """WP_SPEED relative to the speed on the slowest leg, if that leg was driven with nearly full throttle [fraction of
 full] and was slower than WP_SPEED by as much: some thrust is left for steering. Project choice."""
 FEED_FORWARD = 0.1
 """Error of the throttle by the cruise pair [fraction of full] above which the pair is set anew. Project choice."""
+AWAY = 0.5
+"""Distance of a pivoting boat from the route, relative to the radius of its turns, from which it should turn under way
+instead. Project choice."""
 GRAVITY = 9.80665
 DIGITS = 2
 
@@ -94,6 +101,7 @@ class HullTurn:
     ``rate``: greatest turn rate [rad/s]. ``lag``: its time constant with the delay [s].
     ``pivots``: whether the autopilot turns it on the spot at sharp corners. ``pivots_wide``: whether it moves away
     meanwhile, by half the radius of a turn under way or more. ``legs``: how it drove straight legs; none if unknown.
+    ``bandwidth``: that of the style, relative to the fastest corners and corrections.
     """
 
     speed: float
@@ -102,6 +110,12 @@ class HullTurn:
     pivots: bool = False
     pivots_wide: bool = False
     legs: Sequence[OnLeg] = ()
+    bandwidth: float = 1.0
+
+    @property
+    def used(self) -> float:
+        """Share of the greatest turn rate that corners use."""
+        return SHARE * self.bandwidth
 
     @property
     def rounds(self) -> bool:
@@ -111,12 +125,20 @@ class HullTurn:
     @property
     def corner(self) -> float:
         """Duration of a corner of 90 degrees [s]."""
-        return CORNER / (SHARE * self.rate) + LAGS * self.lag
+        return CORNER / (self.used * self.rate) + LAGS * self.lag
 
     @property
     def radius(self) -> float:
         """Smallest radius of its turns [m]."""
         return self.speed / self.rate
+
+
+def pivots_wide(flown: TrackMetrics, radius: float) -> bool:
+    """Return whether a boat that pivots moved away meanwhile by half the *radius* [m] of a turn under way or more.
+
+    The widest corner counts: a current carries the boat back onto the route at another.
+    """
+    return max(flown.corners) > AWAY * radius
 
 
 def line_changes(hull: HullTurn, present: Mapping[str, float]) -> list[Change]:
@@ -159,7 +181,7 @@ def _chosen(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple[str,
     if hull.rounds:
         yield from _for_corners(hull)
     yield "PSC_VEL_P", VELOCITY_GAIN, "a gain that suits slow and quick hulls"
-    yield "PSC_POS_P", _position_gain(hull), f"{LAG_PRODUCT:g} over the lag of {hull.lag:.1f} s"
+    yield "PSC_POS_P", _position_gain(hull), _position_reason(hull)
 
 
 def _attainable(hull: HullTurn) -> float:
@@ -205,7 +227,12 @@ def _turn_limits(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple
 
 def _position_gain(hull: HullTurn) -> float:
     low, high = POSITION_GAIN
-    return _rounded(min(max(LAG_PRODUCT / hull.lag, low), high))
+    return _rounded(min(max(hull.bandwidth * LAG_PRODUCT / hull.lag, low), high))
+
+
+def _position_reason(hull: HullTurn) -> str:
+    low, high = POSITION_GAIN
+    return f"{hull.bandwidth * LAG_PRODUCT:g} over the lag of {hull.lag:.1f} s, from {low:g} to {high:g}"
 
 
 def _for_corners(hull: HullTurn) -> Iterator[tuple[str, float, str]]:
@@ -214,8 +241,8 @@ def _for_corners(hull: HullTurn) -> Iterator[tuple[str, float, str]]:
     yield (
         "WP_ACCEL",
         braking,
-        f"a corner of 90 deg takes {needs:.1f} s at {SHARE:.0%} of {math.degrees(hull.rate):.0f} deg/s with a lag of "
-        f"{hull.lag:.1f} s",
+        f"a corner of 90 deg takes {needs:.1f} s at {hull.used:.0%} of {math.degrees(hull.rate):.0f} deg/s with a lag "
+        f"of {hull.lag:.1f} s",
     )
     passes = hull.speed**2 / (4.0 * braking)
     yield (

@@ -38,6 +38,10 @@ CURVES, FLOORS = np.linspace(-1.0, 1.0, 101), np.linspace(0.0, MOST_FLOOR, 41)
 """Thrust curves and dead zones that are tried."""
 LEAST_ASYMMETRY, LEAST_CURVE, LEAST_FLOOR = 0.05, 0.05, 0.02
 """Smallest difference from an ideal actuator for which a parameter is written. Project choice."""
+NUDGE = 0.03
+"""Change of the command over which the slope of the thrust is taken."""
+LEAST_FACTOR, LEAST_CHANGE = 0.25, 0.15
+"""Smallest factor of gains, and the smallest change of them, that is written. Project choice."""
 SURE = 2.0
 """Standard errors by which a measured difference must exceed its noise."""
 CLEARLY = 0.8
@@ -231,28 +235,65 @@ def law_of_effects(dead: float, curve: float) -> MotorLaw:
     return MotorLaw(off / (square + linear), square / (square + linear))
 
 
-def motor_changes(law: MotorLaw, present: Mapping[str, float], *, skid: bool) -> list[Change]:
-    """Return the parameters to change of those *present* on the vehicle, so that the motor library follows *law*.
+SPEED_GAINS: Mapping[str, tuple[float, float]] = {"ATC_SPEED_P": (0.01, 2.0), "ATC_SPEED_I": (0.0, 2.0)}
+STEERING_GAINS: Mapping[str, tuple[float, float]] = {
+    "ATC_STR_RAT_FF": (0.0, 3.0),
+    "ATC_STR_RAT_P": (0.0, 2.0),
+    "ATC_STR_RAT_I": (0.0, 2.0),
+    "ATC_STR_RAT_D": (0.0, 0.4),
+}
+"""Gain -> documented range. Two thrusters steer by the same thrust curve, so that the latter change with it."""
 
-    CRUISE_THROTTLE and MOT_THR_MAX are changed with them, so that they mean the same thrust as before.
+
+def motor_changes(found: MotorFit, present: Mapping[str, float], *, skid: bool) -> list[Change]:
+    """Return the parameters to change of those *present* on the vehicle, so that the motor library follows the law
+    *found*.
+
+    CRUISE_THROTTLE and MOT_THR_MAX are changed with them, so that they mean the same thrust as before, and the gains of
+    the loops, so that the loop gain at cruise is that of before.
     """
-    old = MotorLaw.of(present, skid=skid)
     return [
         Change(name, present[name], new, low, high, why)
-        for name, new, low, high, why in _rows(law, old, present)
-        if name in present and not math.isclose(new, present[name], rel_tol=1e-3, abs_tol=1e-6)
+        for name, new, low, high, why in _rows(found, present, skid=skid)
+        if not math.isclose(new, present[name], rel_tol=1e-3, abs_tol=1e-6)
     ]
 
 
-def _rows(law: MotorLaw, old: MotorLaw, present: Mapping[str, float]) -> Iterator[tuple[str, float, float, float, str]]:
-    new = law.stored
-    yield "MOT_THR_MIN", round(100.0 * new.floor), 0.0, 100.0 * MOST_FLOOR, "dead zone of the thrusters"
-    yield "MOT_THST_EXPO", new.expo, -1.0, 1.0, "quadratic part of the thrust curve"
-    yield "MOT_THST_ASYM", new.asymmetry, 1.0, MOST_ASYMMETRY, "thrust ahead over thrust astern"
+Row = tuple[str, float, float, float, str]
+
+
+def _rows(found: MotorFit, present: Mapping[str, float], *, skid: bool) -> Iterator[Row]:
+    old, new = MotorLaw.of(present, skid=skid), found.law.stored
+    motors = (
+        ("MOT_THR_MIN", round(100.0 * new.floor), 0.0, 100.0 * MOST_FLOOR, "dead zone of the thrusters"),
+        ("MOT_THST_EXPO", new.expo, -1.0, 1.0, "quadratic part of the thrust curve"),
+        ("MOT_THST_ASYM", new.asymmetry, 1.0, MOST_ASYMMETRY, "thrust ahead over thrust astern"),
+    )
+    yield from (row for row in motors if row[0] in present)
     if (new.floor, new.expo) == (old.floor, old.expo):
         return
     for name, low in (("CRUISE_THROTTLE", 1.0), ("MOT_THR_MAX", 30.0)):
-        if name in present and (name == "CRUISE_THROTTLE" or present[name] < 100.0):
-            output = float(old.outputs([present[name] / 100.0])[0])
-            same = float(new.thrust([output])[0])
+        if (name == "CRUISE_THROTTLE" or present.get(name, 100.0) < 100.0) and name in present:
+            same = _same_thrust(old, new, present[name] / 100.0)
             yield name, float(min(max(round(100.0 * same), low), 100.0)), low, 100.0, "the same thrust as before"
+    cruise = present.get("CRUISE_THROTTLE", 0.0) / 100.0
+    if not cruise > 0.0:
+        return
+    less = _slope_of(old, found.closest, cruise) / _slope_of(new, found.closest, _same_thrust(old, new, cruise))
+    if not LEAST_FACTOR <= less <= 1.0 / LEAST_FACTOR or abs(less - 1.0) < LEAST_CHANGE:
+        return
+    for name, (low, high) in {**SPEED_GAINS, **(STEERING_GAINS if skid else {})}.items():
+        if present.get(name, 0.0) > 0.0:
+            gain = float(f"{min(max(less * present[name], low), high):.3g}")
+            yield name, gain, low, high, f"{less:.2f} times, so that the loop gain at cruise stays"
+
+
+def _same_thrust(old: MotorLaw, new: MotorLaw, command: float) -> float:
+    """Return the command [fraction] under *new* that gives the output of *command* under *old*."""
+    return float(new.thrust(old.outputs([command]))[0])
+
+
+def _slope_of(law: MotorLaw, thruster: MotorLaw, command: float) -> float:
+    """Return the slope of the thrust over the command at *command* [fraction], with the parameters *law*."""
+    low, high = thruster.thrust(law.outputs([command - NUDGE, min(command + NUDGE, 1.0)]))
+    return max(float(high - low), 1e-3 * NUDGE) / (min(command + NUDGE, 1.0) - (command - NUDGE))

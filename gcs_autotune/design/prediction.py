@@ -63,14 +63,15 @@ def predict(
 def predict_error(
     problem: DesignProblem, settings: Settings, step: float, duration: float, model: SingleDof | None = None
 ) -> StepError:
-    """Return the error and overshoot that :func:`predict` would give for a step of *step* [rad or m].
+    """Return the error, overshoot and rise time that :func:`predict` would give for a step of *step* [rad or m].
 
     model : model to simulate; None for the identified one.
     """
     ruler = ruler_of(problem.spec)._asdict()
     pair = _there_and_back(problem, model or problem.model, settings, step, duration)
     there, back = (step_error(half.t, half.position, half.size, **ruler) for half in pair)
-    return StepError(0.5 * (there.itae + back.itae), max(there.overshoot, back.overshoot))
+    rise = 0.5 * (there.rise + back.rise)
+    return StepError(0.5 * (there.itae + back.itae), max(there.overshoot, back.overshoot), rise)
 
 
 def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration: float) -> PairAsFlown:

@@ -123,7 +123,7 @@ def design(
     changes = () if keep else _changes(law, axis, before, after, is_refined)
     shown = after if changes else before
     beside = None if other is None else _beside(other, before, shown, alone)
-    wider = _beyond_ranges(problem, shown, other, span) if spec.is_automatic else None
+    wider = _beyond_ranges(problem, shown, other, span) if spec.is_automatic and spec.bandwidth >= 1.0 else None
     remarks = () if reduction is None else reduction.remarks
     left = () if actuator.is_perfect or law.controls_velocity else _left(problem, (before, shown))
     told, windows = (before.prediction, shown.prediction), tuple[float, ...]()
@@ -224,12 +224,12 @@ def _best(
 
     The present gains are kept if they are safe to fly and no gains in the ranges are better.
     """
-    free = problem.law.free_overshoot
+    free, share = problem.law.free_overshoot, problem.spec.bandwidth
     refined = refine(problem, matched, span)
-    for found in (refined, matched):
-        if is_better(before.prediction.metrics, found.prediction.metrics, free).better:
+    for found in (refined, matched)[: 2 if share >= 1.0 else 1]:
+        if is_better(before.prediction.metrics, found.prediction.metrics, free, slower=1.0 / share**2).better:
             return found, False
-    other = any_better(problem, before, span)
+    other = any_better(problem, before, span) if share >= 1.0 else None
     return (refined, is_tolerable(before)) if other is None else (other, False)
 
 
@@ -247,7 +247,8 @@ def _for_both(
     free = problem.law.free_overshoot
     old, new = (c.prediction.metrics for c in (before, found))
     errors = other.error(before.settings), other.error(found.settings)
-    if found is alone or not is_better(old, new, free, (errors[0].itae, errors[1].itae)).better:
+    slower = 1.0 / problem.spec.bandwidth**2
+    if found is alone or not is_better(old, new, free, (errors[0].itae, errors[1].itae), slower=slower).better:
         return alone, stays
     return found, False
 

@@ -128,6 +128,9 @@ WIDER = 5.0
 
 Project choice: margins limit the gains first.
 """
+NEARLY = 0.95
+"""Shortest rise time of gains for both modes, relative to that of gains for one mode, if it is limited. Project choice.
+"""
 YIELD = 1.05
 """Largest predicted ITAE of gains for both modes, relative to that of gains for one mode. Project choice."""
 
@@ -141,8 +144,24 @@ def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> Ga
 
     If no gains meet the specified margins, the smallest margins apply. Gains that are safe to fly are never replaced by
     gains that are closer to the specification but perform worse. A last descent includes the gains of ``Law.late``, if
-    that improves the result.
+    that improves the result. If less than the whole bandwidth is required, the search is repeated for a slower rise.
     """
+    fastest = _fastest(problem, chosen, duration)
+    slowest_rise = _required_rise(problem, fastest)
+    if not slowest_rise > 0.0:
+        return fastest
+    aims = _Aims(problem, fastest.wanted, duration, lenient=bool(fastest.objections), rise=slowest_rise)
+    return _refined(aims, fastest, [fastest.settings, chosen.settings])
+
+
+def _required_rise(problem: DesignProblem, fastest: GainCandidate) -> float:
+    """Return the shortest rise time [s] of a loop with the required bandwidth relative to the *fastest*; 0: any."""
+    share, rise = problem.spec.bandwidth, fastest.prediction.metrics.rise
+    return rise / share if share < 1.0 and math.isfinite(rise) else 0.0
+
+
+def _fastest(problem: DesignProblem, chosen: GainCandidate, duration: float) -> GainCandidate:
+    """Return the result of :func:`refine` for the whole bandwidth."""
     aims = _Aims(problem, chosen.wanted, duration)
     best = _refined(aims, chosen, [chosen.settings, problem.settings])
     lenient = bool(best.objections)
@@ -191,6 +210,8 @@ def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMod
         exact = law.starts(problem.model, best.wanted, best.settings, speed)[0][FEED]
         starts += [ALIKE[problem.law.name](best.settings, share * exact) for share in FEEDS]
     aims = _Aims(problem, best.wanted, duration, _noise_of(problem, best), bool(best.objections), other)
+    if problem.spec.bandwidth < 1.0:
+        aims = replace(aims, rise=NEARLY * best.prediction.metrics.rise)
     return _refined(aims, best, starts, yields=True)
 
 
@@ -288,6 +309,7 @@ class _Aims:
     - ``lenient``: whether only the smallest margins are required, and the specified margins add cost.
     - ``other``: the other mode, whose shortfall also adds cost, or None.
     - ``most`` [s^2]: largest ITAE of this mode if there is another mode.
+    - ``rise`` [s]: shortest rise time.
     """
 
     problem: DesignProblem
@@ -297,6 +319,7 @@ class _Aims:
     lenient: bool = False
     other: OtherMode | None = None
     most: float = math.inf
+    rise: float = 0.0
 
 
 class _Cost:
@@ -307,7 +330,7 @@ class _Cost:
 
     def __init__(self, aims: _Aims, near: Settings) -> None:
         self._problem, self._wanted = problem, wanted = aims.problem, aims.wanted
-        self._other, self._most = aims.other, aims.most
+        self._other, self._most, self._rise = aims.other, aims.most, aims.rise
         self._held = RESERVE if aims.other is None else RESERVE_BESIDE
         self._noise, self._lenient, self._duration = aims.noise, aims.lenient, aims.duration
         least = 2.0 * noise_floor(problem.spec.noise_std, problem.spec.quantum)
@@ -365,6 +388,8 @@ class _Cost:
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
         missed += max(0.0, step.overshoot - max_overshoot(problem))
+        if step.rise < self._rise:
+            missed += 1.0 - step.rise / self._rise
         missed += max(0.0, self._held * output_noise(problem, settings) / self._noise - 1.0)
         margins = problem.margins(settings, self._wanted, self._watched)
         wish = sum(

@@ -10,7 +10,41 @@ from gcs_autotune.control import REFERENCE_MODELS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
-__all__ = ["Spec"]
+__all__ = ["STYLES", "Spec", "Style"]
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How much of what a loop could do is used.
+
+    ``bandwidth``: relative to the fastest loop that keeps the margins. ``gain_margin`` (ratio) and ``phase_margin``
+    [rad]: smallest ones over the 95 % region.
+    """
+
+    bandwidth: float
+    gain_margin: float
+    phase_margin: float
+
+    @property
+    def slower(self) -> float:
+        """Factor by which its ITAE may exceed that of other gains: the ITAE of a step grows with the square of time."""
+        return 1.0 / self.bandwidth**2
+
+    def __str__(self) -> str:
+        """Return its numbers in words."""
+        return (
+            f"{self.bandwidth:.0%} of the bandwidth of the fastest loop with a gain margin of {self.gain_margin:g} and "
+            f"a phase margin of {math.degrees(self.phase_margin):.0f} deg"
+        )
+
+
+STYLES: Mapping[str, Style] = {
+    "gentle": Style(0.5, 3.5, math.radians(60.0)),
+    "normal": Style(1.0, 2.5, math.radians(45.0)),
+    "quick": Style(1.0, 2.0, math.radians(35.0)),
+}
+"""Name -> style. Project choice: the margins of ``quick`` are near the least that any proposal may have."""
+NORMAL = STYLES["normal"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +76,7 @@ class Spec:
     link_delay : amount of the identified delay [s] that is in the telemetry link, not in the autopilot's loop.
     loop_delay : additional delay [s] of autopilot and actuator, beyond the identified one; None: 1.5 loop periods.
     gain_margin, phase_margin : smallest acceptable values over the 95 % region, ratio and [rad].
+    bandwidth : that of a loop whose speed the design selects, relative to the fastest one; at most 1.
     actuator_use : largest output for the required step, normalised.
     measured : parameters that are set to measured values instead of being designed.
     skid : whether the craft steers by the difference of two thrusters.
@@ -68,8 +103,9 @@ class Spec:
     quantum: float = 0.0
     link_delay: float = 0.0
     loop_delay: float | None = None
-    gain_margin: float = 2.5
-    phase_margin: float = math.radians(45.0)
+    gain_margin: float = NORMAL.gain_margin
+    phase_margin: float = NORMAL.phase_margin
+    bandwidth: float = NORMAL.bandwidth
     actuator_use: float = 0.8
     measured: Mapping[str, float] = field(default_factory=dict)
     skid: bool = False
@@ -88,6 +124,7 @@ class Spec:
             "step_duration",
             "gain_margin",
             "phase_margin",
+            "bandwidth",
             "actuator_use",
         )
         for name in positive:

@@ -41,10 +41,11 @@ LAST_PART = 1.0 / 3.0
 
 
 class StepError(NamedTuple):
-    """Metrics of a step for a search for gains: ``itae`` [s^2] and ``overshoot`` [fraction], as in ``StepMetrics``."""
+    """Metrics of a step for a search for gains, as in ``StepMetrics``: ``itae`` [s^2], ``overshoot``, ``rise`` [s]."""
 
     itae: float
     overshoot: float
+    rise: float
 
 
 def noise_floor(noise_std: float, quantum: float) -> float:
@@ -138,7 +139,8 @@ def step_error(
     itae = _error_over_time(seconds, 1.0 - share, noise_std / abs(size), floor, noise_time)
     if not math.isfinite(itae):
         raise NotInformative("the simulated step contains samples that are not finite")
-    return StepError(itae, max(0.0, float(share.max()) - 1.0 - floor))
+    rise = _crossing(seconds, share, 0.9) - _crossing(seconds, share, 0.1)
+    return StepError(itae, max(0.0, float(share.max()) - 1.0 - floor), rise)
 
 
 def _floor_of(size: float, noise_std: float, quantum: float) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from gcs_autotune.design.result import StepMetrics
 
-__all__ = ["Verdict", "is_better", "is_followed", "is_no_worse", "scatter_of"]
+__all__ = ["Verdict", "is_better", "is_calmer", "is_followed", "is_no_worse", "scatter_of"]
 
 ITAE_RATIO = 0.95
 """Largest ratio of the new to the old ITAE. Project choice: the new ITAE must be at least 5 % lower."""
@@ -83,12 +83,14 @@ def is_better(
     free_overshoot: float = 0.0,
     other: tuple[float, float] | None = None,
     scatter: Mapping[str, float] | None = None,
+    slower: float = 1.0,
 ) -> Verdict:
     """Return the decision from two steps of the same size, recorded over equally long windows.
 
     free_overshoot : overshoot that the control law itself causes (``Law.free_overshoot``); it is allowed in addition.
     other : ITAE [s^2] of the other mode's step before and after, if the gains serve another mode.
     scatter : result of :func:`scatter_of`. An increase within the scatter does not count.
+    slower : factor by which the ITAE may rise if the actuator travels clearly less (``Style.slower``).
     """
     known = scatter or {}
     swing = TIMES * known.get("oscillation", 0.0)
@@ -96,7 +98,7 @@ def is_better(
         swing = max(swing, SCATTER_OF_PEAKS * before.oscillation)
     over, off = (TIMES * known.get(name, 0.0) for name in ("overshoot", "steady_error"))
     lines = [
-        _itae(before, after, other),
+        _itae(before, after, other, slower),
         _limit("overshoot", after.overshoot, OVERSHOOT + free_overshoot, before.overshoot, over),
         _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
         _limit("steady error", after.steady_error, STEADY_ERROR, before.steady_error, off),
@@ -142,7 +144,14 @@ def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, f
     return Verdict(all(good for good, _ in lines), tuple(f"{what}: {text}" for _, text in lines))
 
 
-def _itae(before: StepMetrics, after: StepMetrics, other: tuple[float, float] | None) -> tuple[bool, str]:
+def is_calmer(before: StepMetrics, after: StepMetrics, slower: float) -> bool:
+    """Return whether the actuator travels clearly less at an ITAE that is at most *slower* times as large."""
+    return slower > 1.0 and after.itae <= slower * before.itae and after.travel <= CLEARLY * before.travel
+
+
+def _itae(
+    before: StepMetrics, after: StepMetrics, other: tuple[float, float] | None, slower: float
+) -> tuple[bool, str]:
     old, new = before.itae, after.itae
     if not math.isfinite(new):
         return False, "the tracking error of the new step could not be measured"
@@ -153,6 +162,12 @@ def _itae(before: StepMetrics, after: StepMetrics, other: tuple[float, float] | 
     tail = "" if good else f", but at least {1.0 - ITAE_RATIO:.0%} lower is required"
     if not good and other is not None and new <= NO_WORSE * old and other[1] <= CLEARLY * other[0]:
         good, tail = True, f". It is accepted, because the other mode's error is {1.0 - other[1] / other[0]:.0%} lower"
+    if not good and is_calmer(before, after, slower):
+        less = 1.0 - after.travel / before.travel
+        good, tail = (
+            True,
+            f". It is accepted, because a slower loop is required and the actuator travels {less:.0%} less",
+        )
     return good, f"tracking error (ITAE) {old:.3g} -> {new:.3g} s^2, {change}{tail}"
 
 

@@ -92,6 +92,7 @@ ALIASES: Mapping[str, tuple[Alias, ...]] = {
     "PSC_VELXY_P": (Alias("PSC_NE_VEL_P"),),
     "PSC_VELXY_I": (Alias("PSC_NE_VEL_I"),),
     "PSC_VELXY_D": (Alias("PSC_NE_VEL_D"),),
+    "PSC_VELXY_FLTE": (Alias("PSC_NE_VEL_FLTE"),),
     "PSC_JERK_XY": (Alias("PSC_JERK_NE"),),
     "ATC_ACCEL_R_MAX": (Alias("ATC_ACC_R_MAX", 0.01),),
     "ATC_ACCEL_P_MAX": (Alias("ATC_ACC_P_MAX", 0.01),),

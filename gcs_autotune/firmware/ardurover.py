@@ -157,6 +157,7 @@ FIRMWARE = Firmware(
     rest_mode="HOLD",
     hold_mode="GUIDED",
     mission_mode="AUTO",
+    position_mode="GUIDED",
     channels={"N": 1, "X": 3},
     channel_signs={"N": 1.0, "X": 1.0},
     neutral_pwm=1500,

@@ -124,7 +124,9 @@ class Firmware:
     ``manual_dead_zone``: whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``. ``fixed_outputs``: wiring
     of versions before SERVOn_FUNCTION; None if there are none. ``unsuited``: vehicle settings that are not supported,
     checked first.
-    ``mission_mode``: the mode that flies the stored mission; empty if this program knows none.
+    ``mission_mode``: the mode that flies the stored mission; empty if this program knows none. ``position_mode``: the
+    mode that goes to commanded positions and stays there. ``push_mode``: the mode that holds a position while sticks up
+    to a tenth of their range push the craft; empty if there is none.
 
     ``failsafes``: those that act on the loss of the ground station. ``stops_in``: the modes in which nothing is driven,
     whoever commanded them. ``boots_in``: the parameter with the number of the mode after a restart, and that number if
@@ -159,6 +161,8 @@ class Firmware:
     idle: Mapping[str, int] = field(default_factory=dict)
     from_one_end: Sequence[str] = ()
     mission_mode: str = ""
+    position_mode: str = ""
+    push_mode: str = ""
     fixed_outputs: FixedOutputs | None = None
     unsuited: Sequence[Unsuited] = ()
     failsafes: Sequence[Failsafe] = ()

@@ -385,6 +385,41 @@ MANOEUVRED = (
         whole=True,
     ),
     Limit("astern", "thrust astern (fraction of full thrust)", "", 0.0, 1.0, _FULL, unset="none", mistakes=(PERCENT,)),
+    Limit(
+        "ahead", "distance ahead of the craft", "m", -1000.0, 1000.0, "above, fly a mission under the autopilot", 10.0
+    ),
+    Limit("starboard", "distance to starboard; negative: to port", "m", -1000.0, 1000.0, "above, fly a mission", 0.0),
+    Limit(
+        "heading-change",
+        "turn to starboard; negative: to port",
+        "deg",
+        -180.0,
+        180.0,
+        "more than half a turn is shorter the other way round",
+        90.0,
+        mistakes=(RADIANS, CENTI),
+    ),
+    Limit(
+        "depth",
+        "depth of the plane",
+        "m",
+        0.3,
+        300.0,
+        "below, thrusters draw air; above, no small ROV",
+        unset="present",
+    ),
+    Limit(
+        "wall-distance", "distance to the wall ahead", "m", 0.3, 50.0, "keeps the craft away from it", unset="present"
+    ),
+    Limit(
+        "length-along",
+        "way along the wall, to starboard or down; negative: to port or up",
+        "m",
+        -200.0,
+        200.0,
+        "above, the manoeuvre takes too long",
+        1.0,
+    ),
     Limit("f-start", "first frequency", "Hz", 0.001, 10.0, _SWEPT, 0.02),
     Limit("f-stop", "last frequency", "Hz", 0.001, 10.0, _SWEPT, 0.5),
     Limit("fade-in", "time from zero to full amplitude", "s", 0.0, 300.0, _FADED, 5.0, mistakes=(MS,)),

@@ -51,6 +51,8 @@ _SLICE = 0.1
 
 It is short so that the heartbeat and the operator are served in time. Project choice.
 """
+_LEAST = 1e-9
+"""Shortest time [s] to pump. A shorter one does not advance the clock of a simulated link, whose numbers are larger."""
 _HEED = 0.02
 """Longest single wait in real time [s], because STOP must be sent within 50 ms. Project choice."""
 _AWAY = 0.2
@@ -340,7 +342,7 @@ class Session:
         while (found := condition()) is None:
             if deadline.expired and not self.tolerates_silence:
                 return None
-            self.pump(_HEED if deadline.expired else deadline.remaining)
+            self.pump(_HEED if deadline.expired else max(deadline.remaining, _LEAST))
         return found
 
     @property

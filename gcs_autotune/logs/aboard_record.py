@@ -90,16 +90,16 @@ FORCES, MOTIONS = ("X", "Z", "N"), ("psi", "r", "x", "y", "z", "u", "v", "w")
 
 
 def sources_of(layout: Layout, columns: Mapping[str, Any]) -> dict[str, Array]:
-    """Return source (``aboard.psi``) -> values (n,) in SI of the messages of *layout*; NaN if unknown.
+    """Return source (``aboard.psi``) -> values (n,) in SI of the messages of *layout*.
 
-    A column without any known value is left out.
+    A column with unknown values is left out, because a sample store drops a row that has any.
     """
     found: dict[str, Array] = {}
     for field in layout.fields:
         values = np.asarray(columns[field.label], dtype=np.float64)
         known = np.isfinite(values) & ~((field.letter == "h") & (values == UNKNOWN))
-        if np.any(known):
-            found[f"aboard.{field.source}"] = np.where(known, values * field.scale, np.nan)
+        if np.all(known):
+            found[f"aboard.{field.source}"] = values * field.scale
     return found
 
 

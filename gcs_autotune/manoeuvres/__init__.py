@@ -25,6 +25,7 @@ from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.keep_distance import KeepDistance
 from gcs_autotune.manoeuvres.keep_position import KeepPosition
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
+from gcs_autotune.manoeuvres.layered import FollowWall, Layered, OwnLoops, Trajectory, read_points, seen_from
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.own_loop import KeepSetPoint, UnderOwnLoop
@@ -35,6 +36,7 @@ from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restor
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
+from gcs_autotune.manoeuvres.step_position import PushPosition, StepPosition
 from gcs_autotune.manoeuvres.table import MANOEUVRES
 from gcs_autotune.manoeuvres.throttle_steps import BOTH_WAYS, LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
@@ -71,20 +73,24 @@ __all__ = [
     "Envelope",
     "FlyMission",
     "FollowLine",
+    "FollowWall",
     "Guard",
     "KeepDistance",
     "KeepPosition",
     "KeepSetPoint",
+    "Layered",
     "Manoeuvre",
     "ManoeuvreKind",
     "NominalPlant",
     "OpenLoopProgramme",
     "Outcome",
     "Outlet",
+    "OwnLoops",
     "PlantState",
     "Preset",
     "Preview",
     "ProofCourse",
+    "PushPosition",
     "Relay",
     "RelaySettings",
     "Sequencer",
@@ -92,12 +98,14 @@ __all__ = [
     "SignCheckSettings",
     "Steering",
     "Step",
+    "StepPosition",
     "StepSettings",
     "StopCriterion",
     "ThrottleSteps",
     "ThrottleStepsSettings",
     "ThrustCheck",
     "ThrustCheckSettings",
+    "Trajectory",
     "TurnAbout",
     "TurnAboutSettings",
     "UnderOwnLoop",
@@ -113,7 +121,9 @@ __all__ = [
     "limited_orders",
     "preview",
     "read_area",
+    "read_points",
     "restore_on_exit",
+    "seen_from",
     "state_on",
     "windows_of",
 ]

@@ -12,8 +12,10 @@ local loaded, last_text, last_fence = millis():toint(), nil, nil
 local stage, word = 'ready', 'ready'
 local began, phase_began, index, ph = 0, 0, 0, 0
 local m = { psi = 0 }
-local home, first, rest, has_fence, seen_at
+local home, first, rest, had_rc, has_fence, seen_at
 local F = {}
+local LAPSE, LAPSE_SHARE = 1000, 0.02
+local lapse, ticked = 0, nil
 local logged, every = 0, nil -- a slow craft needs fewer rows a second than a quick one
 
 local function say(text)
@@ -109,7 +111,7 @@ local function order()
     return 'disarmed'
   elseif vehicle:get_mode() ~= S.mode then
     return 'mode changed'
-  elseif rc.has_valid_input and not rc:has_valid_input() then
+  elseif had_rc and not rc:has_valid_input() then
     return 'radio failsafe'
   elseif go:get() ~= S.id then
     return 'stopped'
@@ -377,6 +379,7 @@ local function start(now)
   for _, channel in ipairs(S.sticks) do
     rest[channel] = rc:get_pwm(channel)
   end
+  had_rc = rc.has_valid_input and rc:has_valid_input() -- ArduSub never has: it disarms by itself
   local why = order()
   if why then
     return finish(why)
@@ -449,6 +452,11 @@ local function update()
     return update, 500
   end
   local switched = R.last
+  lapse, ticked = lapse + math.max(now - (ticked or now) - S.hold, 0), now
+  if lapse > LAPSE + LAPSE_SHARE * (now - began) then
+    finish('late') -- for so long the outputs were neutral
+    return update, 100
+  end
   fly(now)
   local gap = every or clamp((now - phase_began) / PER_HALF, QUICK, SLOW)
   if stage == 'fly' and (now - logged >= gap or R.last ~= switched) then

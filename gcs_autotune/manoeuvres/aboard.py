@@ -22,8 +22,8 @@ __all__ = ["ABOARD_ENDINGS", "PLAN", "AboardEnding", "AboardScript", "headroom"]
 
 PLAN = ("relay", "relay", "step")
 """The parts that the script flies, in order, each after an approach."""
-HOLD = 200
-"""Time [ms] for which the script holds an output. It is ten of its ticks. Project choice."""
+HOLD = 500
+"""Time [ms] for which the script holds an output, as long as a radio failsafe takes at least. Project choice."""
 STICK = 60
 """Movement of a stick [us] that ends the script: twice the usual dead zone. Project choice."""
 MOST_CORNERS = 100
@@ -54,6 +54,11 @@ ABOARD_ENDINGS: Mapping[str, AboardEnding] = {
         "aborted", "the autopilot lost contact with the ground station", "Move closer, or set --silence"
     ),
     "stick": AboardEnding("aborted", "a stick was moved"),
+    "late": AboardEnding(
+        "aborted",
+        "the autopilot ran the script too rarely, so that its outputs lapsed",
+        "Remove other scripts, or raise SCR_THD_PRIORITY",
+    ),
     "position lost": AboardEnding("aborted", "the autopilot lost its position", "Check GPS"),
     "fence": AboardEnding("aborted", "the vehicle crossed its own fence", "Start further inside"),
     "outside the area": AboardEnding("aborted", "the craft left the permitted area", "Start further inside"),

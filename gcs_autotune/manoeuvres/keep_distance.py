@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.craft import Actuate, Observation
@@ -40,7 +40,7 @@ class KeepDistance(Manoeuvre):
 
     def __init__(
         self,
-        law: DistanceLaw,
+        law: DistanceLaw | None,
         apart: float,
         step: float,
         duration: float,
@@ -60,11 +60,10 @@ class KeepDistance(Manoeuvre):
 
     def commands(self, now: Observation) -> Commands:
         """Yield the outputs: facing, settling, step, step back."""
+        assert self._law is not None
         controller = self._law.started()
         depth = [HoldController(gains) for gains in HELD_BEFORE.values()]
-        phases = iter(
-            (("hold", self._settle, 0.0), ("step", self._duration, self._step), ("back", self._duration, 0.0))
-        )
+        phases: Iterator[tuple[str, float, float]] = iter(())
         start = faced = now.t
         base, until = math.nan, math.inf
         self.phase = "facing the wall"
@@ -79,6 +78,7 @@ class KeepDistance(Manoeuvre):
                     faced = now.t
                 if now.t - faced >= FACED_FOR:
                     base, until = controller.estimate.d, now.t
+                    phases = iter(self._phases(base))
                 elif now.t - start > PATIENCE:
                     self._end("aborted", f"the craft does not face the wall after {PATIENCE:.0f} s")
             elif unseen > LOST:
@@ -89,8 +89,19 @@ class KeepDistance(Manoeuvre):
                     self.target, until = base + offset, now.t + seconds
                     self._mark(now.t, "target", {"value": self.target, "phase": self.phase})
                 else:
-                    self._end("completed", "step and step back flown")
-            now = yield hold(Actuate(X=self._outputs[0](X), N=self._outputs[1](N)), depth, now)
+                    self._end("completed", self._flown)
+            command = Actuate(X=self._outputs[0](X), N=self._outputs[1](N))
+            now = yield self._beside(command, now, depth)
+
+    _flown = "step and step back flown"
+
+    def _phases(self, base: float) -> Sequence[tuple[str, float, float]]:
+        """Return name, time [s] and distance [m] from that at the start, *base* [m], of each phase."""
+        return ("hold", self._settle, 0.0), ("step", self._duration, self._step), ("back", self._duration, 0.0)
+
+    def _beside(self, command: Actuate, now: Observation, depth: Sequence[HoldController]) -> Actuate:
+        """Return *command* with the outputs of the other axes."""
+        return hold(command, depth, now)
 
     def _reading(self, now: Observation) -> WallReading:
         """Return what is new: a distance that repeats the last one is no second measurement."""

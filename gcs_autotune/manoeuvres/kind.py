@@ -59,6 +59,8 @@ class ManoeuvreKind:
     presets : candidates of `identify --plan-next`.
     axis : the autopilot's own loop that flies it, if any; its options are in that loop's units.
     command : the command that flies it, if not ``gcs-autotune fly``.
+    layered : whether it is flown over our own loops, which are designed from a model first. timed : whether it takes
+        timed points.
     for_force : function that returns this row for another force of an open-loop programme; see :meth:`of`.
     shrinks : option -> power of the scale (below 1) that reduces it to fit the space.
     """
@@ -79,6 +81,8 @@ class ManoeuvreKind:
     presets: tuple[Preset, ...] = ()
     axis: str = ""
     command: str = "fly"
+    layered: bool = False
+    timed: bool = False
     for_force: Callable[[str], ManoeuvreKind] | None = None
     shrinks: Mapping[str, float] = field(default_factory=dict)
 

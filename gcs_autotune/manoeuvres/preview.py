@@ -135,13 +135,18 @@ class Preview:
             f"(predicted from {self.craft.source})"
         )
 
+    @property
+    def motion(self) -> SingleDof | None:
+        """The model of the motion that the manoeuvre drives; None if there is none."""
+        force = str(self.trial.meta.get("force", ""))
+        return self.craft.yaw if force == "N" else self.craft.others.get(force)
+
     def cycle(self) -> PredictedCycle | None:
         """Return the limit cycle that the first harmonic predicts for a relay on a known model; None if there is none.
 
         Output and hysteresis are those at which the simulated relay ended.
         """
-        meta, force = self.trial.meta, str(self.trial.meta.get("force", ""))
-        motion = self.craft.yaw if force == "N" else self.craft.others.get(force)
+        meta, motion = self.trial.meta, self.motion
         if meta.get("manoeuvre") not in RELAYS or self.craft.assumed or motion is None:
             return None
         from gcs_autotune.identify.relay import predict_cycle  # takes a second
@@ -241,7 +246,7 @@ class _NominalMotion:
         o, along, h = self._output, self._along, seconds / INSIDE
         for _ in range(INSIDE):
             self._late.append(o.N)
-            self._r += h * _acceleration(self._plant.yaw, self._r, self._late.popleft())
+            self._r += h * self._plant.yaw.acceleration(self._r, self._late.popleft())
             self._psi += h * self._r
             for force, tau in (("X", o.X), ("Y", o.Y), ("Z", o.Z)):
                 held = _held(self._command, self._plant, force, along[force], self._z)
@@ -349,9 +354,5 @@ def _along(craft: NominalPlant, force: str, nu: float, tau: float) -> float:
     Without a model the craft moves ahead at its speed, or not at all.
     """
     if force in craft.others:
-        return _acceleration(craft.others[force], nu, tau)
+        return craft.others[force].acceleration(nu, tau)
     return ((craft.speed if tau > 0.0 else 0.0) - nu) / SPEED_TIME if force == "X" else 0.0
-
-
-def _acceleration(motion: SingleDof, nu: float, tau: float) -> float:
-    return (tau + motion.delta - (motion.beta + motion.beta_quadratic * abs(nu)) * nu) / motion.alpha

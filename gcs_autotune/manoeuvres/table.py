@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from gcs_autotune.axes import EXCITATIONS
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres import free_decay, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
+from gcs_autotune.manoeuvres import free_decay, layered, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.relay import Relay, WallRelay
 from gcs_autotune.manoeuvres.relay_settings import OptionNames, RelaySettings
@@ -167,6 +167,7 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         *open_loop.KINDS,
         set_point_relay.KIND,
         free_decay.KIND,
+        *layered.KINDS,
         _RELAY,
         _WALL_RELAY,
         _THROTTLE_STEPS,

@@ -43,6 +43,10 @@ class SingleDof:
         """Definition of the degree of freedom: names of its motion, force and parameters."""
         return DOFS[self.dof]
 
+    def acceleration(self, nu: float, tau: float) -> float:
+        """Return the acceleration [rad/s^2 or m/s^2] at the velocity *nu* under *tau*, which is already delayed."""
+        return (tau + self.delta - (self.beta + self.beta_quadratic * abs(nu)) * nu) / self.alpha
+
     def steady_velocity(self, tau: float) -> float:
         """Return the velocity [rad/s or m/s] at which drag balances ``tau + delta`` (Miskovic2010, eq. (7.4),
         (7.6))."""

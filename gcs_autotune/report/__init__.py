@@ -35,7 +35,7 @@ from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_documen
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
 from gcs_autotune.report.flight.authority import authority_document
-from gcs_autotune.report.flight.compared import ComparedRun, Comparison, comparison_document
+from gcs_autotune.report.flight.compared import ComparedRun, Comparison, comparison_document, reference_of
 from gcs_autotune.report.flight.document import (
     FlightModel,
     FlightStory,
@@ -71,6 +71,7 @@ from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
 from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor
+from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
 from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.run_directory import write_story
 from gcs_autotune.report.tune.story import TuneStory
@@ -94,6 +95,8 @@ __all__ = [
     "HeldLine",
     "HeldLoop",
     "HeldPosition",
+    "JobStep",
+    "JobStory",
     "LoopCheck",
     "LoopNumbers",
     "MethodOutcome",
@@ -126,6 +129,7 @@ __all__ = [
     "hint_notes",
     "hint_title",
     "hold_document",
+    "job_document",
     "lead_sentence",
     "log_document",
     "method_list",
@@ -139,6 +143,7 @@ __all__ = [
     "proof_command",
     "propeller_document",
     "recheck_document",
+    "reference_of",
     "sheets_document",
     "study_document",
     "thruster_document",

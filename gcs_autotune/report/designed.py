@@ -17,6 +17,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.report.flight.held import gains_of_own
 from gcs_autotune.report.toolkit.canvas import AFTER, BAND, BEFORE, FAINT, INK, WANTED, legend, new_axes
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, Note, Section, Table, Verdict, notes
+from gcs_autotune.report.toolkit.goldfarb import goldfarb_figure
 from gcs_autotune.report.toolkit.wording import (
     format_factor,
     format_moment,
@@ -430,7 +431,6 @@ def _relay_document(d: DesignedRelay, when: str) -> Document:
         f"{format_seconds(cycle.period)}."
     )
     how = "Predicted from the first harmonic. The error is a few percent, at most about 15 %."
-    caption = "Nyquist plot of the craft, and -1/N(X) of the relay. Their intersection is the limit cycle."
     return Document(
         title=f"Design: relay on {d.model.dof} of '{d.source}'",
         when=format_moment(when),
@@ -439,29 +439,9 @@ def _relay_document(d: DesignedRelay, when: str) -> Document:
             Section(
                 "relay",
                 "Limit cycle",
-                (Table(("quantity", "value"), "lr", rows), Figure("goldfarb", caption, partial(_draw_goldfarb, d))),
+                (Table(("quantity", "value"), "lr", rows), goldfarb_figure(d.model, d.cycle)),
                 facts=IN_RESULT,
             ),
         ),
         facts=d.to_dict(),
     )
-
-
-def _draw_goldfarb(d: DesignedRelay) -> Drawing:
-    cycle = d.cycle
-    figure, (axes,) = new_axes((3.6,))
-    omega = cycle.omega * np.logspace(-0.6, 1.5, 800)
-    process = cycle.process(d.model, omega)
-    least = max(cycle.x_a + abs(cycle.x_0), 1e-3 * cycle.X_m)
-    inverse = cycle.inverse(np.linspace(least, 2.0 * cycle.X_m, 200)[1:])
-    axes.plot(process.real, process.imag, color=AFTER, lw=1.3, label="craft G(jω)")
-    axes.plot(inverse.real, inverse.imag, color=BEFORE, lw=1.3, label="relay -1/N(X)")
-    (at,) = cycle.process(d.model, np.array([cycle.omega]))
-    axes.plot([at.real], [at.imag], "o", color=INK, ms=4.0, label="limit cycle")
-    axes.set_xlim(-2.5 * abs(at), 0.5 * abs(at))
-    axes.set_ylim(-2.5 * abs(at), 0.5 * abs(at))
-    axes.set_aspect("equal")
-    axes.set_xlabel("real part [rad or m per output]")
-    axes.set_ylabel("imaginary part")
-    legend(axes, 3)
-    return figure

@@ -27,6 +27,7 @@ from gcs_autotune.seatrials.criteria import (
     per_helm,
 )
 from gcs_autotune.seatrials.free_decay import free_decay_sheet
+from gcs_autotune.seatrials.layered import layered_sheet
 from gcs_autotune.seatrials.spiral import Spiral, read_pull_out, read_reverse_spiral, read_spiral
 from gcs_autotune.seatrials.stopping import stopping_sheet
 from gcs_autotune.seatrials.turning_circle import TurningCircle, read_turning_circle
@@ -225,6 +226,7 @@ MANOEUVRES: Mapping[str, Callable[[Trial, Particulars], Sheet]] = {
     "stopping": stopping_sheet,
     "set-point-relay": closed_loop_sheet,
     "hand-release": free_decay_sheet,
+    **dict.fromkeys(("hover", "goto", "orientation", "trajectory", "plane", "follow-wall"), layered_sheet),
 }
 """Name of a manoeuvre -> function that returns its sheet."""
 

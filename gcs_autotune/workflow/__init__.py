@@ -30,6 +30,7 @@ from gcs_autotune.workflow.line import tune_line
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.own_loops import load_models
+from gcs_autotune.workflow.position import tune_position
 from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
@@ -38,6 +39,7 @@ from gcs_autotune.workflow.settings import CommonSettings, Connection, StudySett
 from gcs_autotune.workflow.study import study
 from gcs_autotune.workflow.supplied_gains import load_gains
 from gcs_autotune.workflow.tune import job_of, tune
+from gcs_autotune.workflow.tune_all import tune_all
 
 __all__ = [
     "COMPARED",
@@ -87,6 +89,8 @@ __all__ = [
     "study",
     "tune",
     "tune_actuators",
+    "tune_all",
     "tune_line",
+    "tune_position",
     "write_diagnosis",
 ]

@@ -18,6 +18,8 @@ from typing import Self
 import numpy as np
 
 from gcs_autotune.design import (
+    SPEED_GAINS,
+    STEERING_GAINS,
     Change,
     Linearity,
     MotorLaw,
@@ -122,7 +124,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     now, pace, full = craft.observe(), pace_of(craft.steered_by), _full(present)
     itinerary = Itinerary(_legs(settings, pace), pace.turn)
     whole = _excursion(context, full, itinerary)
-    names = ", ".join(n for n in (*MOTORS, *CONTEXT[:1], CONTEXT[2]) if n in present)
+    names = ", ".join(n for n in (*MOTORS, *CONTEXT[:1], CONTEXT[2], *SPEED_GAINS, *STEERING_GAINS) if n in present)
     loop = _Actuators(context, present, pulled)
     return Mission(
         itinerary=itinerary,
@@ -159,7 +161,8 @@ def _read(craft: MavlinkCraft) -> dict[str, float]:
             f"{firmware.name} sends its motors pulses proportional to the output, and no parameter corrects a thrust "
             "curve, a dead zone or weak thrust astern. `tune actuators` is for ArduRover boats. Calibrate the ESCs"
         )
-    found = craft.parameters.read_existing([*MOTORS, *CONTEXT, *OUTPUTS])
+    gains = [*SPEED_GAINS, *(STEERING_GAINS if craft.skid else ())]
+    found = craft.parameters.read_existing([*MOTORS, *CONTEXT, *gains, *OUTPUTS])
     missing = [name for name in MOTORS[:2] if name not in found]
     if missing:
         raise ParameterMissing(
@@ -272,7 +275,7 @@ class _Actuators:
         self._context, self._present, self._pulled = context, present, pulled
         self._craft, self._log = context.craft, context.log
         self._before: _Flown
-        self._trimmed = False
+        self._rudder: tuple[Change, ...] = ()
 
     def read(self) -> Mapping[str, float]:
         """Return the parameters in place now."""
@@ -296,12 +299,11 @@ class _Actuators:
             fit_motor_law, curved.outputs, curved.forces, curved.stds, skid=skid and "MOT_THST_ASYM" in present
         )
         predicted = self._predicted(found.law.stored, found.closest)
-        changes = motor_changes(found.law, present, skid=skid)
+        changes = motor_changes(found, present, skid=skid)
         if not is_more_linear(before.linear, predicted):
             changes = []
-        servos = [*(() if self._pulled is None else self._pulled.changes), *self._trim()]
-        self._trimmed = any(c.parameter.endswith("_TRIM") for c in self._trim())
-        self._log.given_changes = (*changes, *servos)
+        self._rudder = tuple(self._trim())
+        self._log.given_changes = (*changes, *(() if self._pulled is None else self._pulled.changes), *self._rudder)
         if not self._log.given_changes:
             return Offer(
                 (),
@@ -324,7 +326,7 @@ class _Actuators:
         after = self._fly("after", AFTER, {**self._present, **{c.parameter: c.new for c in self._log.given_changes}})
         self._log.thrust_after = after.linear
         tracking = self._tracking(before.step, after.step)
-        moved = [c for c in self._log.given_changes if not c.parameter.endswith("_TRIM")]
+        moved = [c for c in self._log.given_changes if c not in self._rudder]
         reasons, good = [], tracking.better
         if moved:
             linear = is_more_linear(before.linear, after.linear)
@@ -333,7 +335,7 @@ class _Actuators:
                 f"thrust departs from the command by {before.linear.departure:.1%} -> {after.linear.departure:.1%} of "
                 f"full{'' if linear else ', which is not clearly less'}"
             )
-        if self._trimmed:
+        if self._rudder:
             straighter = abs(after.held) < abs(before.held)
             good = good and straighter
             reasons.append(f"steering held to go straight {before.held:+.1%} -> {after.held:+.1%}")

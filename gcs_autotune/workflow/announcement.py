@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from gcs_autotune.axes import excitation_of, position_axis
 from gcs_autotune.craft import Observation
+from gcs_autotune.design import STYLES
 from gcs_autotune.manoeuvres import FAR_OUT, NEARLY, Envelope
 from gcs_autotune.observer import Intention
 from gcs_autotune.workflow.excursion import (
@@ -18,7 +19,7 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_D
 from gcs_autotune.workflow.itinerary import Itinerary
 from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
-__all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "room", "whole_of"]
+__all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "room", "styled", "whole_of"]
 
 ROOM_AND_TIME = "Space, time"
 """Row of the announcement that states both, for a run whose every stage was simulated."""
@@ -118,6 +119,11 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> Intention:
         rest = ". The vehicle does not report its battery, so the battery is not monitored"
         return Intention(f"use {draws}{assumed}{rest}", "Battery", f"{draws}{rest}")
     return Intention(f"use {draws}{assumed} ({', '.join(known)})", "Battery", f"about {share} % ({', '.join(known)})")
+
+
+def styled(name: str) -> Intention:
+    """Return a sentence with the numbers of the style called *name*."""
+    return Intention(f"design for style {name}: {STYLES[name]}", "Style", f"{name}: {STYLES[name]}")
 
 
 def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention, ...]:

@@ -10,7 +10,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.design import Proposal, StepMetrics, Verdict, is_better, over_windows, scatter_of
+from gcs_autotune.design import (
+    STYLES,
+    Proposal,
+    StepMetrics,
+    Verdict,
+    is_better,
+    is_calmer,
+    over_windows,
+    scatter_of,
+)
 from gcs_autotune.errors import ParameterMissing
 from gcs_autotune.firmware import Axis, Firmware, read_named
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterTransaction
@@ -128,7 +137,8 @@ class _AutopilotLoop:
         other = None if self._beside is None else self._beside.compared(context)
         log.beside = None if other is None else (other.before, other.after)
         errors = None if other is None else (other.before.itae, other.after.itae)
-        verdict = is_better(then, now, context.law.free_overshoot, errors, scatter)
+        slower = STYLES[context.settings.style].slower
+        verdict = is_better(then, now, context.law.free_overshoot, errors, scatter, slower)
         followed = Verdict(True, ()) if other is None else other.verdict
         verdict = Verdict(verdict.better and followed.better, (*verdict.reasons, *followed.reasons))
         return ProofResult(
@@ -204,7 +214,7 @@ class _DesignedGains(_AutopilotLoop):
         measured = context.log.metrics_before = context.run_in_background(criteria.read, before, proposal.windows)
         source = found or context.given
         self._known = None if source is None else known_of(source, context.axis)
-        return _offer_of(proposal, measured)
+        return _offer_of(proposal, measured, STYLES[context.settings.style].slower)
 
     def _proof_of_velocity(self, source: Identified | SuppliedModel | None) -> Proof:
         assert source is not None
@@ -258,13 +268,17 @@ class _SuppliedGains(_AutopilotLoop):
         return found if math.isfinite(found) else noise_in(before, signal)
 
 
-def _offer_of(proposal: Proposal, measured: StepMetrics) -> Offer:
-    """Return the offer that *proposal* makes, compared with the step *measured* with the present gains."""
+def _offer_of(proposal: Proposal, measured: StepMetrics, slower: float) -> Offer:
+    """Return the offer that *proposal* makes, compared with the step *measured* with the present gains.
+
+    slower : that of the required style.
+    """
     if not proposal.changes:
         return Offer((), "no gains within the documented ranges are better than the present gains")
     old, new = proposal.before.metrics.itae, proposal.after.metrics.itae
     refusal = ""
-    if new >= max(old, measured.itae):
+    calmer = is_calmer(proposal.before.metrics, proposal.after.metrics, slower)
+    if new >= max(old, measured.itae) and not calmer:
         # They promise no better step than the present ones promise, and no better than these were just seen to give.
         refusal = "no gains with the required margins are predicted to be better than the present gains"
     return Offer(proposal.changes, refusal, _promise(proposal), (old, new, new * (1.0 + proposal.spread)))

@@ -14,7 +14,7 @@ from gcs_autotune.errors import AutotuneError, BadFile, NotInformative, UsageErr
 from gcs_autotune.identify import AxisFit, Structure, fit_axis
 from gcs_autotune.logs import load_runs
 from gcs_autotune.manoeuvres import MANOEUVRES
-from gcs_autotune.report import ComparedRun, Comparison
+from gcs_autotune.report import ComparedRun, Comparison, reference_of
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.untrusted_text import visible
@@ -182,7 +182,7 @@ def _changes(found: Comparison) -> dict[str, tuple[CraftComparison, ...]]:
     for run in found.runs:
         rows = []
         for dof, fit in run.fits.items():
-            reference = found.reference(dof)
+            reference = reference_of(found.runs, dof)
             if reference is None or reference is run:
                 continue
             first = reference.fits[dof]

@@ -43,7 +43,7 @@ WATCHING: Mapping[str, float] = {
     "SERVO_OUTPUT_RAW": 2.0,
     "LOCAL_POSITION_NED": 1.0,
     "GLOBAL_POSITION_INT": 1.0,
-    "RC_CHANNELS": 1.0,
+    "RC_CHANNELS": 2.0,
     "SYS_STATUS": 0.5,
 }
 """Message -> rate [Hz] for a craft that this program only watches while the autopilot flies the experiment: about 300

@@ -14,13 +14,13 @@ from gcs_autotune.control import (
     LEAST_MARGINS,
     LINE_LAWS,
     LineQuestion,
-    LoopMargins,
     design_own,
     omega_for_settling,
     settling_time,
     uncertainty_of,
 )
 from gcs_autotune.design import (
+    STYLES,
     Change,
     Spec,
     analyse_own,
@@ -70,7 +70,9 @@ class DeskSettings:
     full_scale : model input at full output, if the model's input is not an output.
     speed, throttle : speed [m/s] and throttle [fraction] at which a boat was identified.
     step : size of the step [rad, m or m/s]. kind : family of the model function.
-    omega_0 [rad/s], settling_time [s] : speed of the loop. gain_margin [ratio], phase_margin [rad] : least margins.
+    style : margins and bandwidth, a name in ``design.STYLES``.
+    omega_0 [rad/s], settling_time [s] : speed of the loop. gain_margin [ratio], phase_margin [rad] : least margins,
+    instead of those of the style.
     guidance, approach : line law, a name in ``LINE_LAWS``, and its largest angle to the line [rad].
     dof : degree of freedom of a relay; empty: yaw, or the only one of the model.
     relay_output, relay_hysteresis : of a relay [fraction of full], [rad or m]. control_rate : its switching rate [Hz].
@@ -86,11 +88,12 @@ class DeskSettings:
     throttle: float | None = None
     step: float | None = None
     kind: str = "bessel"
+    style: str = "normal"
     omega_0: float | None = None
     settling_time: float | None = None
     gain_margin: float | None = None
     phase_margin: float | None = None
-    guidance: str = "indirect"
+    guidance: str = "direct"
     approach: float = math.radians(45.0)
     dof: str = ""
     relay_output: float | None = None
@@ -235,7 +238,7 @@ def _spec(
         speed, measured = top - step, cruise_pair(known, throttle, present)
     elif axis.kind.controls_velocity and step is None:
         step = turn_rate_step(known.model, at_rest=not speed)[0]
-    usual = Spec()
+    style = lookup(STYLES, settings.style, "style")
     return Spec(
         step=axis.kind.step if step is None else step,
         kind=settings.kind,
@@ -243,8 +246,9 @@ def _spec(
         settling_time=settings.settling_time,
         speed=speed if axis.needs_speed else None,
         full_scale=given.full_scale,
-        gain_margin=usual.gain_margin if settings.gain_margin is None else settings.gain_margin,
-        phase_margin=usual.phase_margin if settings.phase_margin is None else settings.phase_margin,
+        bandwidth=style.bandwidth,
+        gain_margin=style.gain_margin if settings.gain_margin is None else settings.gain_margin,
+        phase_margin=style.phase_margin if settings.phase_margin is None else settings.phase_margin,
         quantum=given.reduction.quantum,
         measured=measured,
     )
@@ -268,11 +272,14 @@ def _own(settings: DeskSettings) -> DesignedOwn:
     omega_0 = settings.omega_0
     if settings.settling_time is not None:
         omega_0 = omega_for_settling(settings.kind, settings.settling_time)
-    least = LoopMargins(
-        LEAST_MARGINS.gain if settings.gain_margin is None else settings.gain_margin,
-        LEAST_MARGINS.phase if settings.phase_margin is None else settings.phase_margin,
-        LEAST_MARGINS.vector,
-    )
+    style = lookup(STYLES, settings.style, "style")
+    least = LEAST_MARGINS
+    if style.bandwidth < 1.0:  # the model function sets the phase margin
+        least = replace(least, gain=style.gain_margin)
+    if settings.gain_margin is not None:
+        least = replace(least, gain=settings.gain_margin)
+    if settings.phase_margin is not None:
+        least = replace(least, phase=settings.phase_margin)
     found = design_own(
         known.model,
         uncertainty_of(known.model, covariance),
@@ -281,6 +288,7 @@ def _own(settings: DeskSettings) -> DesignedOwn:
         kind=settings.kind,
         omega_0=omega_0,
         least=least,
+        bandwidth=style.bandwidth,
     )
     span = SETTLINGS * settling_time(found.wanted.kind, found.wanted.omega_0)
     law = None

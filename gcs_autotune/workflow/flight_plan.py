@@ -34,7 +34,17 @@ from gcs_autotune.firmware import Firmware
 from gcs_autotune.identify import ModelFile
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import MANOEUVRES, Area, Envelope, Manoeuvre, ManoeuvreKind, Preview, read_area
+from gcs_autotune.manoeuvres import (
+    MANOEUVRES,
+    Area,
+    Envelope,
+    Manoeuvre,
+    ManoeuvreKind,
+    Preview,
+    Trajectory,
+    read_area,
+    read_points,
+)
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.excursion import Excursion
@@ -67,6 +77,8 @@ class FlySettings:
     full_scale : the model's input at full output.
     name : name of the run and its record; empty: the name of the manoeuvre.
     held_out : whether the run is used for validation and not for the fit.
+    points : timed points (s, m ahead, m to starboard), for a manoeuvre that takes them.
+    beside : further models of the same craft, for other motions than ``model``.
 
     Raises
     ------
@@ -83,6 +95,8 @@ class FlySettings:
     force: str = ""
     name: str = ""
     held_out: bool = False
+    points: tuple[tuple[float, float, float], ...] = ()
+    beside: tuple[ModelFile, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the run can be flown."""
@@ -103,6 +117,12 @@ class FlySettings:
             )
         if self.options.get("rudder", 0.0) > self.options.get("full-rudder", math.inf):
             raise UsageError("--rudder is larger than --full-rudder. Use at most --full-rudder")
+        if kind.timed != bool(self.points):
+            raise UsageError(
+                f'{kind.name} needs points. Use --points "20,10,0 40,10,10" (seconds, metres ahead, to starboard)'
+                if kind.timed
+                else f"{kind.name} takes no --points. Only trajectory does"
+            )
         for name, value in self.options.items():
             try:
                 limit_of(name, kind.axis).check_si(value)
@@ -179,7 +199,19 @@ class FlySettings:
             }
         )
         manoeuvre.name = self.name or manoeuvre.name
+        if isinstance(manoeuvre, Trajectory):
+            manoeuvre.points = self.points
         return manoeuvre
+
+    @property
+    def apart(self) -> float:
+        """Distance between two rangefinders ahead [m]."""
+        return self.options.get("apart", self._usual.get("apart", 0.2))
+
+    @property
+    def models(self) -> tuple[ModelFile, ...]:
+        """The models of the craft, in the order in which they are used."""
+        return (*([] if self.model is None else [self.model]), *self.beside)
 
 
 class FlownAgain(Protocol):
@@ -271,7 +303,7 @@ class FlightRun:
 
 _SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}
 _ORDERS = ("listed", "shuffled")
-_RUN = ("manoeuvre", "force", "sides", "repeat", "hold-out", "throttle", "speed")
+_RUN = ("manoeuvre", "force", "sides", "repeat", "hold-out", "throttle", "speed", "points")
 """Keys of a run in addition to the options of its manoeuvre."""
 _CONDITIONS = ("calm", "min-depth")
 MOST_RUNS = 100
@@ -279,9 +311,14 @@ MOST_RUNS = 100
 
 
 def load_flight_plan(
-    path: Path, common: CommonSettings, model: ModelFile | None, full_scale: float | None
+    path: Path,
+    common: CommonSettings,
+    model: ModelFile | None,
+    full_scale: float | None,
+    beside: tuple[ModelFile, ...] = (),
 ) -> FlightPlan:
-    """Return the plan in the file *path*; ``common``, ``model`` and ``full_scale`` apply to every run.
+    """Return the plan in the file *path*; ``common``, ``model``, ``full_scale`` and the further models
+    ``beside`` apply to every run.
 
     Raises
     ------
@@ -299,7 +336,7 @@ def load_flight_plan(
         _check_keys(conditions, _CONDITIONS, "[conditions]")
         order = lookup(dict.fromkeys(_ORDERS, True), _text(data, "order", "listed"), "order")
         title = _text(data, "title", path.stem)
-        runs = list(_runs(data, common, model, full_scale))
+        runs = list(_runs(data, common, model, full_scale, beside))
     except (AutotuneError, TypeError, ValueError) as error:
         raise BadFile(f"{path}: {error}") from error
     assert order
@@ -353,7 +390,11 @@ def _number(value: Any) -> float:
 
 
 def _runs(
-    data: Mapping[str, Any], common: CommonSettings, model: ModelFile | None, full_scale: float | None
+    data: Mapping[str, Any],
+    common: CommonSettings,
+    model: ModelFile | None,
+    full_scale: float | None,
+    beside: tuple[ModelFile, ...],
 ) -> Iterator[FlySettings]:
     defaults, listed = _table(data, "defaults"), data.get("run", [])
     every = {name for kind in MANOEUVRES.values() for name in kind.options}
@@ -365,7 +406,7 @@ def _runs(
         try:
             if not isinstance(entry, dict):
                 raise UsageError("run must be a list of tables. Write each run as [[run]]")
-            made = list(_of_entry(entry, defaults, common, model, full_scale, left))
+            made = list(_of_entry(entry, defaults, common, model, full_scale, left, beside))
         except AutotuneError as error:
             raise UsageError(f"run {number}: {error}") from None
         left -= len(made)
@@ -379,6 +420,7 @@ def _of_entry(
     model: ModelFile | None,
     full_scale: float | None,
     left: int,
+    beside: tuple[ModelFile, ...],
 ) -> Iterator[FlySettings]:
     """Yield the runs of a ``[[run]]`` table: one for each combination of levels, sides and repeats, at most *left*."""
     if "manoeuvre" not in entry:
@@ -397,6 +439,7 @@ def _of_entry(
     held_out = given.get("hold-out", False)
     if not isinstance(held_out, bool):
         raise UsageError(f"hold-out must be true or false, not {clipped(repr(held_out))}")
+    points = read_points(_text(given, "points")) if "points" in given else ()
     numbers = {k: _levels(k, v, kind.axis) for k, v in given.items() if k in (*kind.options, "throttle", "speed")}
     own = [k for k in entry if k in numbers]
     count = len(sides) * repeat * math.prod(len(values) for values in numbers.values())
@@ -412,7 +455,9 @@ def _of_entry(
         label = "-".join([kind.name, *([force] if force else []), *(f"{k}{typed[k]:g}" for k in own)])
         for side in sides:
             name = label if side > 0 else f"{label}-port"
-            settings = FlySettings(kind.name, here, options, side, model, full_scale, force, name, held_out)
+            settings = FlySettings(
+                kind.name, here, options, side, model, full_scale, force, name, held_out, points, beside
+            )
             yield from itertools.repeat(settings, repeat)
 
 

@@ -11,16 +11,31 @@ import numpy as np
 
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.craft import Observation
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import PreconditionFailed, UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import DEEP, DOF_OF, Area, Envelope, Manoeuvre, NominalPlant, PlantState, Preview, preview
+from gcs_autotune.manoeuvres import (
+    DEEP,
+    DOF_OF,
+    Area,
+    Envelope,
+    FollowWall,
+    Layered,
+    Manoeuvre,
+    NominalPlant,
+    PlantState,
+    Preview,
+    how_far,
+    preview,
+)
 from gcs_autotune.observer import Observer
 from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPreview, worst_of
-from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
+from gcs_autotune.workflow.experiments import SWING_AHEAD, WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings
 from gcs_autotune.workflow.flight_result import FlightResult, write_previews
+from gcs_autotune.workflow.itinerary import Leg
 from gcs_autotune.workflow.nominal_plant import assumed_crafts, nominal_plant
+from gcs_autotune.workflow.own_loops import assumed_loop, own_loops
 from gcs_autotune.workflow.preflight import STAGE, checked_dof, sign_check_for
 from gcs_autotune.workflow.settings import CommonSettings
 
@@ -55,6 +70,8 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
     for settings in plan.runs:
         s = settings.common
         assert settings.model is not None  # asked by the command
+        if settings.kind.layered:
+            raise UsageError(f"{settings.name} depends on the vehicle. Preview it with --connect")
         throttle = s.throttle or 0.0
         if throttle and s.speed is None:
             raise UsageError("no speed given. Use --speed with the craft's speed at the throttle flown")
@@ -83,6 +100,7 @@ class FlightPreviewer:
     least_depth : depth [m] to which an ROV dives before each run.
     checks : degrees of freedom whose actuators are checked before the first run.
     several : whether there are several runs; then a boat returns to the start after each.
+    relays : name of a run, and the relays that are flown before it to identify the craft.
     """
 
     craft: MavlinkCraft
@@ -92,6 +110,7 @@ class FlightPreviewer:
     observer: Observer
     checks: Sequence[str] = ()
     several: bool = False
+    relays: tuple[str, Sequence[Leg]] = ("", ())
 
     def run_of(self, settings: FlySettings) -> FlightRun:
         """Return the run of *settings* with its preview from the present position of the craft."""
@@ -100,6 +119,8 @@ class FlightPreviewer:
         now = self.craft.observe()
         here = None if self.area is None else self.area.seen_from(now.x, now.y, now.psi)
         seen = self._foreseen(settings, replace(envelope, area=here), now)
+        if here is not None:
+            _check_inside(here, seen, settings.name)
         return FlightRun(settings, throttle, speed, envelope, seen, self._whole(settings, seen, now))
 
     def made_to_fit(self, run: FlightRun) -> FlightRun:
@@ -140,9 +161,8 @@ class FlightPreviewer:
         if seen.craft.assumed:
             kinds = assumed_crafts(self.craft.steered_by)
             plants = [nominal_plant(settings, firmware, self.held, throttle, speed, like) for like in kinds]
-        make = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
-        visits = [self._visit(plant, make(), settings, now) for plant in plants]
-        at_most = make().at_most
+        visits = [self._visit(plant, self._made(settings, plant), settings, now) for plant in plants]
+        at_most = settings.make(throttle, speed=speed, keep_still=not firmware.needs_way).at_most
         whole = worst_of(visits)
         if not math.isfinite(at_most):
             return whole
@@ -151,12 +171,16 @@ class FlightPreviewer:
 
     def _visit(self, plant: NominalPlant, manoeuvre: Manoeuvre, settings: FlySettings, now: Observation) -> Excursion:
         firmware, tied = self.craft.firmware, settings.kind.tied
-        throttle, _ = settings.cruise(firmware, self.held)
+        throttle, speed = settings.cruise(firmware, self.held)
         z = math.nan if firmware.floats else self._depth_before(settings, now)
         visit = VisitPreview(plant, NO_LIMITS, PlantState(z=z), under_way=firmware.needs_way and not tied)
         for dof in () if tied else self.checks:
             check = sign_check_for(dof, self.craft, throttle)
             visit.fly(check, STAGE)
+        for leg in self.relays[1] if settings.name == self.relays[0] else ():
+            if firmware.needs_way:
+                visit.turn_around(throttle, SWING_AHEAD)
+            visit.fly(Ahead(speed, leg.seconds, leg.stage), leg.stage)
         visit.fly(manoeuvre, manoeuvre.name)
         if self.several and not tied:
             visit.come_back(throttle, COMING_BACK)
@@ -167,14 +191,25 @@ class FlightPreviewer:
         firmware = self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
         way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
-        manoeuvre = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
         depth = _BOTTOMLESS if envelope is NO_LIMITS else self._depth_before(settings, now)
         seen = []
         usual = assumed_crafts(self.craft.steered_by)[0]
         for sinks in (True, False) if "Z" in settings.kind.drives else (True,):
             plant = nominal_plant(settings, firmware, self.held, throttle, speed, replace(usual, sinks=sinks))
-            seen.append(preview(manoeuvre(), plant, envelope, floats=firmware.needs_way, way=way, depth=depth))
+            manoeuvre = self._made(settings, plant)
+            seen.append(preview(manoeuvre, plant, envelope, floats=firmware.needs_way, way=way, depth=depth))
         return next((one for one in seen if one.trouble), max(seen, key=lambda one: one.deep))
+
+    def _made(self, settings: FlySettings, plant: NominalPlant) -> Manoeuvre:
+        """Return the manoeuvre of *settings*, a layered one over loops that are designed for *plant*."""
+        throttle, speed = settings.cruise(self.craft.firmware, self.held)
+        manoeuvre = settings.make(throttle, speed=speed, keep_still=not self.craft.firmware.needs_way)
+        if not isinstance(manoeuvre, Layered | FollowWall):
+            return manoeuvre
+        loop_of = partial(
+            assumed_loop, plant=plant, models=settings.models, full_scale=settings.full_scale, craft=self.craft
+        )
+        return manoeuvre.over(own_loops(settings.kind, self.craft, loop_of, throttle, settings.apart))
 
     def _depth_before(self, settings: FlySettings, now: Observation) -> float:
         """Return the depth [m] at the start of the run: the one in *now*, or the depth to which it dives first."""
@@ -184,6 +219,21 @@ class FlightPreviewer:
         if dof and dive_for(dof, self.craft.firmware, now) is not None:
             return WORKING_DEPTH
         return now.z if math.isfinite(now.z) else DEEP
+
+
+def _check_inside(area: Area, seen: Preview, name: str) -> None:
+    """Check that a planned path is inside *area*.
+
+    Raises
+    ------
+    PreconditionFailed
+        It leaves the area; the message has the distance.
+    """
+    beyond = max((area.beyond(x, y) for x, y, *_ in seen.trial.meta.get("path", ())), default=0.0)
+    if beyond > 0.0:
+        raise PreconditionFailed(
+            f"{name}: its path goes {how_far(beyond)} outside {area.source}. Use points inside it. Nothing was armed"
+        )
 
 
 def _sizes(usual: FlySettings, smaller: FlySettings) -> str:

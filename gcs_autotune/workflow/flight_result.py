@@ -73,7 +73,12 @@ def write_previews(runs: Sequence[FlightRun], plan: FlightPlan, directory: Path,
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "preview.html"
     told = [(run.name, run.preview.trial, run.preview.told(), run.preview.trouble) for run in runs]
-    document = preview_document(f"Preview of {plan.title}", when, told)
+    cycles = {
+        run.name: (run.preview.motion, cycle)
+        for run in runs
+        if run.preview.motion is not None and (cycle := run.preview.cycle()) is not None
+    }
+    document = preview_document(f"Preview of {plan.title}", when, told, cycles)
     page.write_text(to_html(document), encoding="utf-8")
     return FlightResult(runs, page, document)
 

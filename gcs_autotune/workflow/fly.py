@@ -16,7 +16,7 @@ from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import is_of_one_axis
-from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Dive, DiveSettings
+from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Dive, DiveSettings, FollowWall, Layered, Manoeuvre
 from gcs_autotune.observer import Intention, Observer, PredictedTrack
 from gcs_autotune.workflow.announcement import battery, exactly, whole_of
 from gcs_autotune.workflow.background import run_in_background
@@ -26,9 +26,10 @@ from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings
 from gcs_autotune.workflow.flight_preview import COMING_BACK, DEEPER, FlightPreviewer
 from gcs_autotune.workflow.flight_result import FlightResult, read_flight, write_previews
-from gcs_autotune.workflow.itinerary import DIVE, Itinerary, Leg, MissionLog, pace_of
+from gcs_autotune.workflow.itinerary import DIVE, WALL_RELAY, Itinerary, Leg, MissionLog, legs_beside, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.own_loops import CraftLoops, own_loops, relays_before
 from gcs_autotune.workflow.precision import Precision
 from gcs_autotune.workflow.preflight import (
     CHECKED,
@@ -37,7 +38,7 @@ from gcs_autotune.workflow.preflight import (
     check_signals,
     check_signs,
     check_vehicle_suits,
-    checked_dof,
+    checked_dofs,
     sign_check_for,
     steered_meanwhile,
 )
@@ -121,6 +122,7 @@ class _Flight:
         self.steps: list[TrialStep] = []
         self._planner: SelfPlanner | None = None
         self._has_begun = False
+        self._own: CraftLoops | None = None
         self._visit: Visit[MissionLog]
         self._previewer: FlightPreviewer
 
@@ -178,7 +180,10 @@ class _Flight:
         area = area_of_flight(craft, plan.area, log)
         checks, several = self._checks_of(plan.runs), len(plan.runs) > 1 or plan.until is not None
         checks += self._steered(checks)
-        self._previewer = previewer = FlightPreviewer(craft, held, area, plan.min_depth, log, checks, several)
+        runs = [run for run in plan.runs if not self._earlier.has(run.name)]
+        first = next((run.name for run in runs if run.kind.layered), "")
+        relays = first, self._relay_legs(runs)
+        self._previewer = previewer = FlightPreviewer(craft, held, area, plan.min_depth, log, checks, several, relays)
         for settings in plan.runs:
             check_vehicle_suits(settings, craft)
             check_signals(settings.kind, craft)
@@ -250,7 +255,8 @@ class _Flight:
         """Return the degrees of freedom whose actuators are checked before *runs*."""
         until = self._plan.until
         wanted = driven(until, self._visit.craft.firmware) if until is not None else ()
-        flown = [checked_dof(run.kind) for run in runs if not self._earlier.has(run.name)]
+        left = [run for run in runs if not self._earlier.has(run.name)]
+        flown = [dof for run in left for dof in checked_dofs(run.kind, self._visit.craft)]
         return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in CHECKED.values()]
 
     @property
@@ -283,6 +289,7 @@ class _Flight:
     def _stages(self) -> list[Leg]:
         """Return the stages of the runs and those between the runs, with the times of the slowest assumed craft."""
         legs: list[Leg] = []
+        legs += self._relay_legs([run.settings for run in self._left])
         for run in self._left:
             taken = dict(run.excursion.stages)
             if legs and self._visit.craft.firmware.needs_way:
@@ -309,11 +316,26 @@ class _Flight:
     def _movements(self) -> str:
         if len(self.runs) == 1:
             kind = self.runs[0].settings.kind
-            return f"{kind.name} ({kind.help})"
+            return f"{self._relays_told()}{kind.name} ({kind.help})"
         back = ", with a return to the start in between" if self._visit.craft.firmware.needs_way else ""
         left = self._left
         done = f" ({len(self.runs) - len(left)} already flown)" if len(left) < len(self.runs) else ""
-        return f"{len(left)} run{'s' * (len(left) != 1)}{done}: {', '.join(run.name for run in left)}{back}"
+        names = ", ".join(run.name for run in left)
+        return f"{self._relays_told()}{len(left)} run{'s' * (len(left) != 1)}{done}: {names}{back}"
+
+    def _relay_legs(self, runs: Sequence[FlySettings]) -> list[Leg]:
+        """Return the stages that identify the craft before its first layered manoeuvre."""
+        pace = pace_of(self._visit.craft.steered_by)
+        legs = [
+            legs_beside(axis_kind(axis).dof, pace, wall=WALL_RELAY * (axis == "distance"))
+            for axis in relays_before(runs, self._visit.craft)
+        ]
+        return [leg for each in legs for leg in each if leg.stage != STAGE]
+
+    def _relays_told(self) -> str:
+        axes = relays_before([run.settings for run in self._left], self._visit.craft)
+        dofs = " and ".join(axis_kind(axis).dof for axis in axes)
+        return f"relay oscillations in {dofs} to identify the craft, then " if axes else ""
 
     def _needs(self, whole: Excursion) -> list[Intention | str]:
         """Return a sentence on the space, time and depth that the *whole* excursion needs."""
@@ -359,9 +381,25 @@ class _Flight:
                 self._come_back(runner, run, home)
             self._make_conditions(runner)
             manoeuvre = run.settings.make(run.throttle, speed=run.speed, keep_still=not firmware.needs_way)
+            if isinstance(manoeuvre, Layered | FollowWall):
+                manoeuvre = self._over_own_loops(run, manoeuvre)
             fly = runner.fly if k < len(left) else runner.attempt  # what it chose itself tells something anyhow
             flown = replace(run, trial=fly(manoeuvre, run.name, run.envelope))
             self.runs[self.runs.index(run)] = flown
+
+    def _over_own_loops(self, run: FlightRun, manoeuvre: Layered | FollowWall) -> Manoeuvre:
+        """Return the *manoeuvre* of *run* over our own loops. Motions that no model contains are identified first."""
+        visit, settings = self._visit, run.settings
+        if self._own is None:
+            self._own = CraftLoops(
+                visit,
+                replace(visit.common.envelope, area=self._previewer.area),
+                settings.models,
+                settings.full_scale,
+                self._previewer.held,
+            )
+        loop_of = partial(self._own.loop, plant=run.preview.craft)
+        return manoeuvre.over(own_loops(settings.kind, visit.craft, loop_of, run.throttle, settings.apart))
 
     def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightRun]:
         """Yield the further runs that are chosen from the records of earlier ones, if the plan requests this."""

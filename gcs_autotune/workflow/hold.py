@@ -18,7 +18,6 @@ from gcs_autotune.control import (
     AxisLoop,
     DirectLine,
     LineQuestion,
-    OwnDesign,
     SetPointLoop,
     design_distance,
 )
@@ -35,6 +34,8 @@ from gcs_autotune.manoeuvres import (
     Step,
     StepSettings,
     UnderOwnLoop,
+    how_far,
+    seen_from,
 )
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
@@ -54,10 +55,11 @@ from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiment import learn
 from gcs_autotune.workflow.experiments import SWING_AHEAD, dive_for, measure, noise_in, resolution
-from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_beside, legs_of_experiment, pace_of
+from gcs_autotune.workflow.flight_area import area_of_flight
+from gcs_autotune.workflow.itinerary import WALL_RELAY, Itinerary, Leg, legs_beside, legs_of_experiment, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.own_loops import OwnMotion, identified, motion, supplied, supplied_motion
+from gcs_autotune.workflow.own_loops import OwnMotion, identified, motion, supplied, supplied_motion, told
 from gcs_autotune.workflow.preflight import check_signals
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
@@ -135,7 +137,8 @@ def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: s
 def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
     """Return what this run will do on the vehicle of *visit*; it puts its result into *flown*."""
     tune = task.settings.tune
-    context, craft = learn(tune, visit), visit.craft
+    area = area_of_flight(visit.craft, None, visit.log)
+    context, craft = learn(replace(tune, envelope=replace(tune.envelope, area=area)), visit), visit.craft
     kind = context.axis.kind
     task.check(context)
     given = supplied(task.settings.models, context.axis.name, tune.full_scale)
@@ -151,7 +154,7 @@ def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
         legs = [leg for leg in legs if not leg.kind]
     flown_too = [a for a in task.axes if supplied(task.settings.models, a, tune.full_scale) is None]
     for axis in flown_too:
-        legs += legs_beside(axis_kind(axis).dof, pace, wall=DISTANCE_RELAY * (axis == "distance"))
+        legs += legs_beside(axis_kind(axis).dof, pace, wall=WALL_RELAY * (axis == "distance"))
     legs += [replace(leg, before=pace.turn) if not k else leg for k, leg in enumerate(task.legs(context))]
     itinerary = Itinerary(legs, pace.turn)
     whole = excursion_of(context, now, (itinerary,))
@@ -248,6 +251,15 @@ class HoldLine(Task):
     def check(self, context: TuneContext) -> None:
         """Raise for a craft that does not go ahead, or a line that is out of bounds."""
         lookup(LINE_LAWS, self.settings.guidance, "line law")
+        area, s, now = context.settings.envelope.area, self.settings, context.craft.observe()
+        if area is not None:
+            ends = (seen_from(now, 0.0, s.offset), seen_from(now, s.length, s.offset))
+            beyond = max(area.beyond(*end) for end in ends)
+            if beyond > 0.0:
+                raise PreconditionFailed(
+                    f"the line goes {how_far(beyond)} outside {area.source}. Use another --line-offset or "
+                    "--line-length. Nothing was armed"
+                )
         if not context.craft.firmware.needs_way:
             raise WrongVehicle("a line is followed under way; this vehicle is steered at rest. Use heading or depth")
 
@@ -371,8 +383,6 @@ class HoldPosition(Task):
 
 MOTIONS: Mapping[str, str] = {"ahead": "place ahead", "sideways": "place sideways", "distance": "distance to the wall"}
 """Axis -> what its relays oscillate about."""
-DISTANCE_RELAY = 130.0
-"""Expected time of the relay on the distance [s]: a VideoRay of 16 s period (Miskovic2010, section 7.6)."""
 DISTANCE_LEG = 30.0
 """Shortest time at one distance [s]. Chosen."""
 TASKS: Mapping[str, Callable[[HoldSettings], Task]] = {
@@ -388,7 +398,7 @@ TASKS: Mapping[str, Callable[[HoldSettings], Task]] = {
 def _loop(context: TuneContext, found: OwnMotion, step: float, omega_0: float | None = None) -> AxisLoop:
     """Return the loop of one motion, designed while the link is served, and report it."""
     loop = context.run_in_background(found.loop, step, context.settings.model, omega_0)
-    context.log.say(_told(loop.design))
+    context.log.say(told(loop.design))
     return loop
 
 
@@ -398,11 +408,3 @@ def _own(manoeuvre: Manoeuvre, loop: AxisLoop, context: TuneContext) -> UnderOwn
     own = SetPointLoop(law, names, throttle=context.throttle, output=loop.output)
     gains = {"structure": law.structure.name, "K_P": law.K_P, "K_I": law.K_I, "K_D": law.K_D, "drag": law.drag}
     return UnderOwnLoop(manoeuvre, own, gains, keeps_still=not context.craft.firmware.needs_way)
-
-
-def _told(design: OwnDesign) -> str:
-    law, wanted = design.law, design.wanted
-    return (
-        f"controller {law.structure.name}: K_P {law.K_P:.3g}, K_I {law.K_I:.3g}, K_D {law.K_D:.3g} for a "
-        f"{wanted.kind} loop of {wanted.omega_0:.2g} rad/s"
-    )

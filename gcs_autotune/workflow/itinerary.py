@@ -19,6 +19,7 @@ from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = [
     "TURNING",
+    "WALL_RELAY",
     "Itinerary",
     "Leg",
     "MissionLog",
@@ -153,6 +154,10 @@ def legs_of_experiment(dof: str, pace: Pace, *, dives: bool) -> tuple[Leg, ...]:
         first,
         replace(second, before=pace.turn),
     )
+
+
+WALL_RELAY = 130.0
+"""Expected time of the relay on the distance to a wall [s]: a VideoRay of 16 s period (Miskovic2010, section 7.6)."""
 
 
 def legs_beside(dof: str, pace: Pace, *, wall: float = 0.0) -> list[Leg]:

@@ -17,12 +17,14 @@ import numpy as np
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import (
     LINE_PARAMETERS,
+    STYLES,
     HullTurn,
     OnLeg,
     TrackMetrics,
     current_on,
     follows_better,
     line_changes,
+    pivots_wide,
     too_short,
     track_metrics,
 )
@@ -158,7 +160,8 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     runner = visit.runner(envelope, keep, gains=True)
     flights = _Flights(visit, runner, course, speed)
     names = ", ".join(name for name in LINE_PARAMETERS if name in present)
-    changes = f"write some of {names}, after asking again, and restore the old values unless the new ones prove better"
+    again = "" if settings.agreed else ", after asking again,"
+    changes = f"write some of {names}{again} and restore the old values unless the new ones prove better"
     ahead, back = course.reach + BEYOND * speed, BEYOND * speed
     free = f"{ahead:.0f} m of free water ahead and to starboard, and {back:.0f} m to port and astern"
     return Mission(
@@ -173,6 +176,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             Intention(f"need {free}. A smaller --leg-length needs less", "Space", free),
             how_long(itinerary),
             battery(now, envelope, itinerary.seconds),
+            f"choose parameters for style {settings.style}: {STYLES[settings.style].bandwidth:.0%} of the bandwidth",
         ),
         fly=fly,
         writes="write no parameter (dry run)" if settings.dry_run else changes,
@@ -451,8 +455,8 @@ class _Line:
         lag = abs(model.alpha) / max(abs(model.beta) + abs(model.beta_quadratic) * rate, 1e-6) + model.delay
         pivots = self._craft.skid and self._present.get("WP_PIVOT_ANGLE", 0.0) > 5.0
         before = self._log.track_before
-        wide = pivots and before is not None and before.corners[-1] > 0.5 * speed / rate
-        return HullTurn(speed, rate, lag, pivots, wide, _on_legs(self._before))
+        wide = pivots and before is not None and pivots_wide(before, speed / rate)
+        return HullTurn(speed, rate, lag, pivots, wide, _on_legs(self._before), STYLES[self._tune.style].bandwidth)
 
 
 JOB = TuneJob(tune_line, _declare)

@@ -60,7 +60,10 @@ class Visit(Generic[Log]):
         return ManoeuvreRunner(self.craft, envelope, self.log, keep, self.common.patience, ask, gains=gains)
 
     def agrees(self, question: str) -> bool:
-        """Return whether the operator agrees. A simulated vehicle needs no confirmation."""
+        """Return whether the operator agrees. A simulated vehicle needs no confirmation, nor a run of an agreed job."""
+        if self.common.agreed:
+            self.log.say(f"{question} yes (agreed for the whole job)")
+            return True
         return agreed(self.craft, self.operator, self.log, question)
 
 

@@ -145,14 +145,16 @@ def nominal_plant(
         sinks = like is None or like.sinks
         others["Z"] = replace(others["Z"], delta=_WEIGHT if sinks else -_WEIGHT)
     known: set[str] = set()
-    if settings.model is not None:
-        for dof in settings.model.model.base.form.dofs:
+    if settings.models:
+        for file, dof in ((m, dof) for m in reversed(settings.models) for dof in m.model.base.form.dofs):
             force = DOFS[dof].force
-            if force in settings.kind.drives or force == "N":
-                motion = motion_of(settings.model, dof, settings.full_scale)
+            if force in settings.kind.drives or force == "N" or settings.kind.layered:
+                motion = motion_of(file, dof, settings.full_scale)
                 yaw, others = (motion, others) if force == "N" else (yaw, {**others, force: motion})
                 known.add(force)
-        words = f"model '{settings.model.name}'"
+        if settings.kind.layered and firmware is not None and firmware.needs_way and settings.knows_its_cruise(present):
+            known.add("X")  # its cruise is enough for the thrust ahead
+        words = f"model '{settings.models[0].name}'"
     elif along == ["X"] and settings.knows_its_cruise(present):
         known.add("X")  # a straight run that takes more room than there is need not be tried
     missing = sorted(DOF_OF[f] for f in settings.kind.drives - known)

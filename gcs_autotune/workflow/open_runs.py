@@ -68,7 +68,8 @@ def _journals() -> Iterator[Path]:
         for note in sorted(_noted().iterdir()):
             with suppress(OSError, UnicodeDecodeError):
                 yield Path(note.read_text(encoding="utf-8").strip())
-    yield from sorted(path.absolute() for path in Path("runs").glob(f"*/{JOURNAL}"))
+    for pattern in (f"*/{JOURNAL}", f"*/*/{JOURNAL}"):  # a step of `tune all` is one deeper
+        yield from sorted(path.absolute() for path in Path("runs").glob(pattern))
 
 
 def open_runs() -> list[OpenRun]:

@@ -36,12 +36,14 @@ from gcs_autotune.workflow.flight_plan import FlySettings
 __all__ = [
     "CHECKED",
     "STAGE",
+    "await_position",
     "check_depth_is_reported",
     "check_signals",
     "check_signs",
     "check_throttle_is_free",
     "check_vehicle_suits",
     "checked_dof",
+    "checked_dofs",
     "crooked",
     "cure_of",
     "make_ready",
@@ -77,6 +79,19 @@ _MANUAL_SCALES = 1
 _CAP = "MOT_THR_MAX"
 _ROUNDING = 0.005
 """Excess of a throttle over the cap that is ignored as rounding [fraction of full output]."""
+
+
+def checked_dofs(kind: ManoeuvreKind, craft: MavlinkCraft) -> list[str]:
+    """Return the degrees of freedom whose actuators are checked before a manoeuvre of this *kind*.
+
+    For a layered manoeuvre these are all that its loops drive, except thrust towards a wall: its relay is its check.
+    """
+    if not kind.layered:
+        return [dof] if (dof := checked_dof(kind)) else []
+    forces = sorted(kind.drives - ({"X"} if kind.needs or craft.firmware.needs_way else set()))
+    sideways = "X" in kind.drives and "Y" not in forces and "Y" in craft.firmware.channels
+    forces += ["Y"] if sideways and craft.servos.driving("Y") else []
+    return [CHECKED[force] for force in forces]
 
 
 def checked_dof(kind: ManoeuvreKind) -> str:
@@ -310,6 +325,8 @@ _REPORT = "EKF_STATUS_REPORT"
 _POS_HORIZ_ABS = 1 << 4
 """Bits of ``flags`` for an absolute horizontal position: ESTIMATOR_POS_HORIZ_ABS, and the predicted one."""
 _PRED_POS_HORIZ_ABS = 1 << 9
+_POS_HORIZ_REL = 1 << 3
+"""Bit of ``flags`` for a position relative to the start, which is enough for an ROV with a DVL."""
 
 
 class _Estimator:
@@ -318,7 +335,7 @@ class _Estimator:
     def __init__(self, craft: MavlinkCraft) -> None:
         self.flags: int | None = None
         self._quiet_until = craft.clock.now() + _SILENT
-        self._clock = craft.clock
+        self._clock, self._needs_way = craft.clock, craft.firmware.needs_way
         self._stop = craft.session.listen(_REPORT, self._take)
         craft.rates.request({_REPORT: 2.0})
 
@@ -330,7 +347,8 @@ class _Estimator:
         """Whether the estimator has a position. True if the vehicle does not report a status."""
         if self.flags is None:
             return self._clock.now() >= self._quiet_until
-        return bool(self.flags & (_POS_HORIZ_ABS | _PRED_POS_HORIZ_ABS))
+        relative = 0 if self._needs_way else _POS_HORIZ_REL
+        return bool(self.flags & (_POS_HORIZ_ABS | _PRED_POS_HORIZ_ABS | relative))
 
     def close(self) -> None:
         self._stop()
@@ -349,7 +367,7 @@ def make_ready(craft: MavlinkCraft, observer: Observer) -> None:
     craft.send(Actuate())
     _await_checks(craft, observer)
     if craft.firmware.needs_position:
-        _await_position(craft, observer)
+        await_position(craft, observer, craft.firmware.hold_mode)
 
 
 def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
@@ -361,18 +379,26 @@ def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
         craft.observe()
 
 
-def _await_position(craft: MavlinkCraft, observer: Observer) -> None:
+def await_position(craft: MavlinkCraft, observer: Observer, mode: str) -> None:
+    """Wait until the vehicle's estimator has the horizontal position that *mode* needs.
+
+    Raises
+    ------
+    PreconditionFailed
+        It has none after a minute and a half.
+    """
     estimator, said = _Estimator(craft), False
+    source = "Check GPS (sky view, fix type)" if craft.firmware.floats else "Check the DVL or other position source"
     deadline = Deadline.after(craft.clock, _POSITION_PATIENCE)
     try:
         while not estimator.has_position:
             if estimator.flags is not None and not said:
-                observer.say(f"waiting for the vehicle's position estimate, which {craft.firmware.hold_mode} needs")
+                observer.say(f"waiting for the vehicle's position estimate, which {mode} needs")
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
-                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, which "
-                    f"{craft.firmware.hold_mode} needs. Check GPS (sky view, fix type) and compass, then try again"
+                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, which {mode} needs. "
+                    f"{source} and compass, then try again"
                 )
             craft.observe()
     finally:
@@ -382,6 +408,10 @@ def _await_position(craft: MavlinkCraft, observer: Observer) -> None:
 def _reasons(craft: MavlinkCraft) -> str:
     said = dict.fromkeys(t.text for t in craft.session.texts if t.text.startswith("PreArm:"))
     return f" (its message: {quoted(list(said)[-3:])})" if said else ""
+
+
+_AXES_OF: Mapping[str, str] = {"Y": "sideways", "Z": "up and down", "t": "in both directions"}
+"""First letter of what a manoeuvre needs -> in words."""
 
 
 def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
@@ -399,13 +429,24 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     if not kind.suits(firmware):
         other = "thrust in both directions" if kind.stays else "headway to steer"
         wanted = ", ".join(sorted(kind.drives - set(firmware.channels))) or other
-        fits = ", ".join(k.name for k in MANOEUVRES.values() if k.make is not None and k.suits(firmware))
+        fits = ", ".join(
+            k.name
+            for k in MANOEUVRES.values()
+            if k.make is not None and k.suits(firmware) and k.layered == kind.layered
+        )
+        if kind.layered:
+            raise WrongVehicle(
+                f"{kind.name} needs thrust {_AXES_OF[wanted[:1]]}, which this vehicle ({firmware.name}) lacks"
+                f"{'' if craft.servos.skid else f': it steers only above {LEAST_SPEED:g} m/s'}. It can fly: {fits}"
+            )
         raise WrongVehicle(
             f"this vehicle ({firmware.name}) cannot fly {kind.name}, which needs {wanted}. It can fly: {fits}"
         )
     idle = [force for force in sorted(kind.drives) if not craft.servos.driving(force)]
     if idle:
-        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} needs")
+        can = [k.name for k in MANOEUVRES.values() if k.layered and all(map(craft.servos.driving, k.drives))]
+        fits = f". It can fly: {', '.join(can)}" if kind.layered else ""
+        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} needs{fits}")
     if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
         raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering (normalised output)")
 

@@ -72,7 +72,7 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
     are skipped.
     """
     found = []
-    for summary in runs.glob(f"*/{SUMMARY}"):
+    for summary in (*runs.glob(f"*/{SUMMARY}"), *runs.glob(f"*/*/{SUMMARY}")):  # a step of `tune all` lies in its job
         try:
             told = read(summary)
             if told.get("axis") != axis or not told.get("kept"):

@@ -9,6 +9,7 @@ do. The journal is closed last.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -72,7 +73,8 @@ def link_of(run: Path | None) -> str:
         There is no journal to read it from.
     """
     folder = run if run is None or run.is_dir() or run.name == JOURNAL else run.parent
-    path = _journal_of(folder) if folder is None or folder.name == JOURNAL or (folder / JOURNAL).exists() else None
+    known = folder is None or folder.name == JOURNAL or any(folder.glob(JOURNAL)) or any(folder.glob(f"*/{JOURNAL}"))
+    path = _journal_of(folder, finished=folder is not None) if known else None
     link = Journal.read(path).link if path is not None else ""
     if not link:
         raise UsageError("no journal states the vehicle's link. Use --connect URI")
@@ -430,10 +432,18 @@ def _check_identity(session: Session, state: JournalState, parameters: Parameter
         )
 
 
-def _journal_of(run: Path | None) -> Path | None:
-    if run is None:
-        journals = sorted(Path("runs").glob(f"*/{JOURNAL}"), key=lambda p: p.stat().st_mtime, reverse=True)
-        return next((p for p in journals if not _is_finished(p)), None)
+def _journal_of(run: Path | None, *, finished: bool = False) -> Path | None:
+    """Return the journal of *run* (a directory or journal); of a job the newest one; None: of all runs.
+
+    finished : whether a finished journal counts among several. None if there is no such journal.
+    """
+    if run is None or (run.is_dir() and not (run / JOURNAL).exists()):
+        below = [Path("runs").glob(f"*/{JOURNAL}"), Path("runs").glob(f"*/*/{JOURNAL}")]
+        found = itertools.chain(*below) if run is None else run.glob(f"*/{JOURNAL}")  # of a job of several runs
+        journals = sorted(found, key=lambda p: p.stat().st_mtime, reverse=True)
+        if journals or run is None:
+            return next((p for p in journals if finished or not _is_finished(p)), None)
+    assert run is not None
     path = run / JOURNAL if run.is_dir() else run
     if not path.exists():
         raise UsageError(f"{path} does not exist. Give a run directory of `gcs-autotune tune`")

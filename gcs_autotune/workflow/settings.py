@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from gcs_autotune.design import STYLES
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import ModelFile, Structure
@@ -15,6 +16,7 @@ from gcs_autotune.link import Transport, open_link
 from gcs_autotune.manoeuvres import Envelope, StepSettings
 from gcs_autotune.mavlink import SigningKey
 from gcs_autotune.models import Form
+from gcs_autotune.registry import lookup
 from gcs_autotune.thrusters import PullTest
 
 __all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "StudySettings", "SuppliedGains", "TuneSettings"]
@@ -90,6 +92,7 @@ class CommonSettings:
     resume : directory of an earlier run to continue from.
     fetch_log : whether to fetch the vehicle's own log of the run afterwards.
     envelope : the safety limits.
+    agreed : whether the operator has agreed beforehand to what the run announces, as part of a longer job.
 
     Raises
     ------
@@ -108,6 +111,7 @@ class CommonSettings:
     resume: Path | None = None
     fetch_log: bool = False
     envelope: Envelope = field(default_factory=Envelope)
+    agreed: bool = False
 
     def __post_init__(self) -> None:
         """Check that the numbers are within their limits."""
@@ -141,6 +145,7 @@ class TuneSettings(CommonSettings):
     step, step_duration : size of the step that proves gains [rad, m, m/s or rad/s], and duration [s] of each half.
     relay_output, relay_hysteresis : amplitude of the relays [fraction of full output] and their hysteresis [rad or m].
     model : family of the reference model. settling_time [s], omega_0 [rad/s] : speed of the reference model.
+    style : margins and bandwidth, a name in ``design.STYLES``.
     given : a model to design from instead of flying experiments. full_scale : the model's input at full output, in its
         unit.
     dry_run : whether to write nothing.
@@ -168,6 +173,7 @@ class TuneSettings(CommonSettings):
     model: str = "bessel"
     settling_time: float | None = None
     omega_0: float | None = None
+    style: str = "normal"
     given: ModelFile | None = None
     full_scale: float | None = None
     dry_run: bool = False
@@ -182,6 +188,7 @@ class TuneSettings(CommonSettings):
         """Check that the numbers are within their limits and that the stop rule exists."""
         CommonSettings.__post_init__(self)
         _check_limits(self, _TUNE_NUMBERS, self.axis)
+        lookup(STYLES, self.style, "style")
         if self.stop_rule not in STOP_RULES:
             raise UsageError(f"unknown stop rule '{self.stop_rule}'. Use {' or '.join(STOP_RULES)}")
 

@@ -19,7 +19,7 @@ from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, proof_command, write_story
 from gcs_autotune.tunables import tunable
-from gcs_autotune.workflow.announcement import battery, how_long, room
+from gcs_autotune.workflow.announcement import battery, how_long, room, styled
 from gcs_autotune.workflow.autopilot_loop import autopilot_loop, learn_parameters
 from gcs_autotune.workflow.connection import axis_of
 from gcs_autotune.workflow.context import TuneContext, tune_runner
@@ -90,7 +90,8 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
-    changes = f"write some of {gains}, after asking again, and restore the old values unless the new ones are better"
+    again = "" if settings.agreed else ", after asking again,"
+    changes = f"write some of {gains}{again} and restore the old values unless the new ones are better"
 
     loop = autopilot_loop(context)
     return Mission(
@@ -101,6 +102,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
             room(axis.dof, context.speed, settings, now, whole),
             how_long(itinerary, patient.seconds),
             battery(now, settings.envelope, itinerary.seconds),
+            *([] if settings.gains is not None else [styled(settings.style)]),
         ),
         fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
         writes="write no parameter (dry run)" if settings.dry_run else changes,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_autotune.design import Change, Linearity, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, Linearity, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.observer import Intentions, Observer, Progress
@@ -17,6 +17,9 @@ from gcs_autotune.workflow.itinerary import MissionLog
 from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TuneLog"]
+
+POSITION_KINDS = ("step-position", "push-position")
+"""Manoeuvres of a tune of the position."""
 
 
 class TuneLog(MissionLog):
@@ -45,6 +48,8 @@ class TuneLog(MissionLog):
         self.thrust_after: Linearity | None = None
         self.track_before: TrackMetrics | None = None
         self.track_after: TrackMetrics | None = None
+        self.position_before: PositionMetrics | None = None
+        self.position_after: PositionMetrics | None = None
         self.verdict: tuple[bool | None, tuple[str, ...]] = (None, ())
         self.parameters_before: dict[str, float] = {}
         self.parameters_after: dict[str, float] = {}
@@ -141,6 +146,9 @@ class TuneLog(MissionLog):
             thrust_after=self.thrust_after,
             track_before=self.track_before,
             track_after=self.track_after,
+            stays=tuple(t for t in self._trials if t.meta.get("manoeuvre") in POSITION_KINDS),
+            position_before=self.position_before,
+            position_after=self.position_after,
             kept=kept,
             verdict_reasons=reasons,
             parameters_before=self.parameters_before,

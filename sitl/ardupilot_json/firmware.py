@@ -68,6 +68,7 @@ _BY_ACTUATORS: Mapping[str, Mapping[str, float]] = {
     "simple-rov-5": {**_ROV, "FRAME_CONFIG": 5, "BATT_MONITOR": 0},
     "rov-4-fore-aft": {**_ROV, "FRAME_CONFIG": 5, "BATT_MONITOR": 0},
     "bluerov1": {**_ROV, "FRAME_CONFIG": 0},
+    "ies-rov": {**_ROV, "FRAME_CONFIG": 6, "BATT_MONITOR": 0},
 }
 """The vehicle file's ``actuators`` -> parameters.
 

@@ -1,9 +1,9 @@
 """The hull and its data for ArduPilot's simulated sensors.
 
-Roll and pitch are held at zero, because the hull has no dynamics there and an attitude must not contradict the
-accelerometer. Sensor effects act where the interface allows: heading through ``attitude`` (compass), rates through
-``gyro``, speed and position through ``velocity`` and ``position`` (GPS, and pressure sensor for depth). The
-accelerometer is always exact.
+Roll and pitch of a hull that stays level are held at zero, because an attitude must not contradict the accelerometer. A
+body that tilts sends its own. Sensor effects act where the interface allows: heading through ``attitude`` (compass),
+rates through ``gyro``, speed and position through ``velocity`` and ``position`` (GPS, and pressure sensor for depth).
+The accelerometer is always exact.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Physics:
         craft = Craft(self._data, effects=self._effects, model=self._model)
         craft.plant.state.z = 0.0
         for effect in craft.effects:
-            _refuse(effect)
+            _refuse(effect, tilts=craft.plant.state.tilts)
         craft.begin(str(self._seed))
         if not craft.plant.water.over_ground:
             raise BadEffect(
@@ -100,9 +100,9 @@ class Physics:
     def _velocity(self) -> tuple[float, float, float]:
         """Return the true velocity over ground (3,) [m/s]: north, east, down."""
         plant = self.craft.plant
-        (u, v), psi = measured_speed(plant.state, plant.water), plant.state.psi
+        (u, v, w), psi = measured_speed(plant.state, plant.water), plant.state.psi
         c, s = math.cos(psi), math.sin(psi)
-        return c * u - s * v, s * u + c * v, plant.state.w
+        return c * u - s * v, s * u + c * v, w
 
     def _tell(self, force: tuple[float, float, float]) -> None:
         """Compute the reported state from the true one and the sensor effects."""
@@ -112,32 +112,36 @@ class Physics:
         state.voltage, state.current = self._battery.voltage(_FULL_BATTERY), self._battery.current
         state.force = force
         if self._tells_true:
-            state.gyro = (0.0, 0.0, true.r)
-            state.attitude = (0.0, 0.0, math.remainder(true.psi, math.tau))
+            state.gyro = (true.p, true.q, true.r) if true.tilts else (0.0, 0.0, true.r)
+            tilt = (true.phi, true.theta) if true.tilts else (0.0, 0.0)
+            state.attitude = (*tilt, math.remainder(true.psi, math.tau))
             state.position = (true.x, true.y, true.z)
             state.velocity = self._velocity()
             return
         reading.psi, reading.r = math.remainder(true.psi, math.tau), true.r
-        reading.u, reading.v = measured_speed(true, plant.water)
-        reading.x, reading.y, reading.z, reading.w = true.x, true.y, true.z, true.w
-        reading.p = reading.q = 0.0
+        reading.u, reading.v, reading.w = measured_speed(true, plant.water)
+        reading.x, reading.y, reading.z = true.x, true.y, true.z
+        reading.p, reading.q, reading.phi, reading.theta = (
+            (true.p, true.q, true.phi, true.theta) if true.tilts else (0.0, 0.0, 0.0, 0.0)
+        )
         self.craft.alter(self.seconds, reading)
         c, s = math.cos(true.psi), math.sin(true.psi)
         state.gyro = (reading.p, reading.q, reading.r)
-        state.attitude = (0.0, 0.0, math.remainder(reading.psi, math.tau))
+        tilt = (reading.phi, reading.theta) if true.tilts else (0.0, 0.0)
+        state.attitude = (*tilt, math.remainder(reading.psi, math.tau))
         state.position = (reading.x, reading.y, reading.z)
         state.velocity = (c * reading.u - s * reading.v, s * reading.u + c * reading.v, reading.w)
 
 
-def _refuse(effect: HiddenEffect) -> None:
-    """Raise ``BadEffect`` if *effect* cannot be passed to ArduPilot."""
+def _refuse(effect: HiddenEffect, *, tilts: bool) -> None:
+    """Raise ``BadEffect`` if *effect* cannot be passed to ArduPilot, for a body that *tilts* or not."""
     if effect.overrides("alter_report"):
         raise BadEffect(
             f"{effect.slug} acts on the record, which ArduPilot itself writes under --ardupilot-json. Use this "
             "simulator's own autopilot (omit --ardupilot-json)"
         )
     level = _LEVEL.intersection(effect.place.split("+"))
-    if level:
+    if level and not tilts:
         raise BadEffect(
             f"{effect.slug}@{effect.place} cannot be simulated, because roll and pitch are held level under "
             "--ardupilot-json"

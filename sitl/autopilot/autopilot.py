@@ -153,13 +153,14 @@ class Autopilot(ABC):
 
     ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``reached_items`` the
     mission items not yet reported as reached, ``last_gcs_ms`` when the ground station was last heard, ``failsafe``
-    whether one is in force. ``home`` follows the craft until it arms (north + i east [m]). ``scripts`` runs Lua
-    scripts, if SCR_ENABLE was set at boot.
+    whether one is in force. ``home`` follows the craft until it arms (north + i east [m]). ``tilts``: whether the craft
+    has roll and pitch to control. ``scripts`` runs Lua scripts, if SCR_ENABLE was set at boot.
     """
 
     firmware: str
     mav_type: int
     boot_mode: int
+    tilts = False
 
     def __init__(self, parameters: ParameterStore, dt: float, ready_ms: int) -> None:
         self.parameters = parameters

@@ -11,14 +11,14 @@ from sitl.autopilot.failsafes import SubFailsafe
 from sitl.autopilot.mode import Mode, WayReport
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.shaping import clamp
-from sitl.autopilot.sub_loops import SubDepthController, SubYawController
+from sitl.autopilot.sub_loops import SubAngleController, SubDepthController
 from sitl.autopilot.sub_motors import SubMotors
 from sitl.autopilot.sub_position import SubPositionController, SubWaypoint
 
 __all__ = ["Sub"]
 
-_THROTTLE, _YAW, _FORWARD, _LATERAL = 3, 4, 5, 6
-_YAW_STICK_FULL = 4500
+_PITCH, _ROLL, _THROTTLE, _YAW, _FORWARD, _LATERAL = 1, 2, 3, 4, 5, 6
+_STICK_FULL = 4500
 _TARGET_LIFE_MS = 5000
 _STOPPING_MS = 250
 _CM = 100.0
@@ -36,7 +36,8 @@ class Sub(Autopilot):
 
     def __init__(self, parameters: ParameterStore, dt: float, ready_ms: int) -> None:
         self.motors = SubMotors(parameters, dt)
-        self.yaw = SubYawController(parameters, dt)
+        self.yaw = SubAngleController(parameters, dt)
+        self.roll, self.pitch = (SubAngleController(parameters, dt, axis) for axis in ("RLL", "PIT"))
         self.depth = SubDepthController(parameters, dt)
         self.position = SubPositionController(parameters, dt)
         self.waypoint = SubWaypoint(parameters, self.position, dt)
@@ -46,6 +47,8 @@ class Sub(Autopilot):
         self._hold_heading = 0.0
         self._turned_ms = -_STOPPING_MS
         self._target_ms = -_TARGET_LIFE_MS
+        self._tilt_target: tuple[float, float] | None = None
+        self._goal: complex | None = None
 
     def _make_modes(self) -> Mapping[int, Mode]:
         kinds = (SubManualMode, StabilizeMode, AltHoldMode, PosHoldMode, SubGuidedMode)
@@ -92,12 +95,14 @@ class Sub(Autopilot):
         estimate = self.estimate
         self._hold_heading = estimate.yaw
         self.yaw.reset(estimate.yaw)
+        self.roll.reset(estimate.roll)
+        self.pitch.reset(estimate.pitch)
         self.depth.reset(-_CM * estimate.z, _CM * estimate.climb, self.motors.throttle)
 
-    def set_heading_target(self, heading: float) -> None:
-        """Hold *heading* [rad]. A target from the ground station has priority over the sticks for 5 s."""
+    def set_attitude_target(self, roll: float, pitch: float, heading: float) -> None:
+        """Hold these angles [rad]. A target from the ground station has priority over the sticks for 5 s."""
         self._target_ms = self.ms
-        self._hold_heading = heading
+        self._hold_heading, self._tilt_target = heading, (roll, pitch)
 
     def set_depth_target(self, altitude: float) -> None:
         """Hold *altitude* [m, up from the surface: negative under water]."""
@@ -106,7 +111,24 @@ class Sub(Autopilot):
     def go(self, place: complex, altitude: float) -> None:
         """Fly to *place* (north + i east) and *altitude* (up) [m] in GUIDED."""
         if self.mode.number == _GUIDED_MODE:
+            self._goal = None
             self.waypoint.go(self.depth.target, _CM * place, _CM * altitude)
+
+    def stay_at(self, place: complex, altitude: float, heading: float) -> None:
+        """Move to *place* (north + i east) and *altitude* (up) [m] in GUIDED, and hold *heading* [rad] there."""
+        if self.mode.number == _GUIDED_MODE:
+            if self._goal is None:
+                self.position.begin_shaping(_CM * self.estimate.place, _CM * self.estimate.velocity)
+                self.waypoint.stop()
+            self._goal = _CM * place
+            self.set_depth_target(altitude)
+            self.set_attitude_target(0.0, 0.0, heading)
+
+    def approach_goal(self) -> bool:
+        """Move the target of the position towards the place to stay at; return whether there is one."""
+        if self._goal is not None:
+            self.position.approach(self._goal)
+        return self._goal is not None
 
     def hold_place(self, *, anew: bool = False) -> tuple[float, float]:
         """Return the forward and lateral demand that hold the place, or where the craft comes to rest (*anew*)."""
@@ -117,6 +139,7 @@ class Sub(Autopilot):
 
     def start_position(self) -> None:
         """Hold from now on where the craft comes to rest."""
+        self._goal = None
         self.position.start(_CM * self.estimate.place, _CM * self.estimate.velocity)
         self.waypoint.stop()
 
@@ -136,6 +159,25 @@ class Sub(Autopilot):
         """Set the yaw demand to the stick position, without a dead zone."""
         self.motors.yaw = self.rc.fraction(_YAW)
 
+    def pass_tilt_sticks(self) -> None:
+        """Set the roll and pitch demands to the stick positions, without a dead zone."""
+        if self.tilts:
+            self.motors.roll, self.motors.pitch = self.rc.fraction(_ROLL), self.rc.fraction(_PITCH)
+
+    def hold_tilt(self) -> None:
+        """Hold the roll and pitch of the sticks, level with both centred."""
+        if not self.tilts:
+            return
+        estimate, most = self.estimate, math.radians(self.parameters["ANGLE_MAX"] / 100.0)
+        roll, pitch = (most * self.rc.angle(channel, _STICK_FULL, 0.0) / _STICK_FULL for channel in (_ROLL, _PITCH))
+        if self._tilt_target is not None and self.ms - self._target_ms < _TARGET_LIFE_MS:
+            roll, pitch = self._tilt_target
+        self.roll.hold(roll)
+        self.pitch.hold(pitch)
+        motors = self.motors
+        motors.roll = self.roll.run(estimate.roll, estimate.roll_rate, abs(motors.roll) >= 1.0)
+        motors.pitch = self.pitch.run(estimate.pitch, estimate.pitch_rate, abs(motors.pitch) >= 1.0)
+
     def pass_throttle_stick(self) -> None:
         """Set the throttle demand to the stick position, bypassing the depth loop."""
         self.motors.set_throttle(0.5 * (1.0 + self._throttle_stick()), 0.0)
@@ -150,10 +192,11 @@ class Sub(Autopilot):
 
     def steer(self) -> None:
         """Turn as commanded by the yaw stick. With the stick centred, stop the turn for 250 ms, then hold the
-        heading.
+        heading. Hold roll and pitch.
         """
+        self.hold_tilt()
         estimate, ms = self.estimate, self.ms
-        stick = self.rc.angle(_YAW, _YAW_STICK_FULL, self.parameters["RC4_DZ"] * self.gain)
+        stick = self.rc.angle(_YAW, _STICK_FULL, self.parameters["RC4_DZ"] * self.gain)
         if ms - self._target_ms < _TARGET_LIFE_MS:
             self.yaw.hold(self._hold_heading)
         elif stick != 0:
@@ -218,6 +261,7 @@ class SubManualMode(_SubMode):
     def run(self) -> None:
         """Set all demands to the stick positions."""
         self.sub.pass_yaw_stick()
+        self.sub.pass_tilt_sticks()
         self.sub.pass_throttle_stick()
         self.sub.pass_horizontal_sticks()
 
@@ -287,7 +331,9 @@ class SubGuidedMode(_PositionMode):
         """Run the yaw, depth and position loops."""
         sub = self.sub
         sub.steer()
-        if sub.waypoint.active:
+        if sub.approach_goal():
+            sub.run_depth()
+        elif sub.waypoint.active:
             sub.advance_waypoint()
             sub.run_depth()
         else:

@@ -1,7 +1,7 @@
 """Sub's inner loops.
 
-Yaw (as AC_AttitudeControl does): shaped heading target, square-root heading law, rate PID. Depth (as AC_PosControl
-does, cm inside): position -> climb rate -> acceleration -> throttle.
+Yaw, roll and pitch (as AC_AttitudeControl does): shaped target angle, square-root law of the angle, rate PID. Depth (as
+AC_PosControl does, cm inside): position -> climb rate -> acceleration -> throttle.
 """
 
 from __future__ import annotations
@@ -12,41 +12,43 @@ from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.pid import Pid
 from sitl.autopilot.shaping import clamp, invert_sqrt_controller, sqrt_controller, step_towards, wrap_pi
 
-__all__ = ["SubDepthController", "SubYawController"]
+__all__ = ["SubAngleController", "SubDepthController"]
 
 _LEAST_ACCELERATION, _MOST_ACCELERATION = math.radians(10.0), math.radians(120.0)
 """Bounds of the square-root controller's deceleration [rad/s^2], fixed in the firmware."""
 
 
-class SubYawController:
-    """Holds or turns the heading.
+class SubAngleController:
+    """Holds or turns the heading, or holds roll or pitch: *axis* is the part ``YAW``, ``RLL`` or ``PIT`` of its names.
 
-    Angles are in radians; the output is a fraction of full yaw output. ATC_RAT_YAW_FF has no effect.
+    Angles are in radians; the output is a fraction of full output of the axis. ATC_RAT_YAW_FF has no effect.
     """
 
-    def __init__(self, parameters: ParameterStore, dt: float) -> None:
+    def __init__(self, parameters: ParameterStore, dt: float, axis: str = "YAW") -> None:
         self._values = parameters.values
         self._dt = dt
-        self.pid = Pid(parameters, "ATC_RAT_YAW")
+        self.pid = Pid(parameters, f"ATC_RAT_{axis}")
+        self._p, letter = f"ATC_ANG_{axis}_P", axis[0]
+        self._most, self._top, self._slew = f"ATC_ACCEL_{letter}_MAX", f"ATC_RATE_{letter}_MAX", f"ATC_SLEW_{axis}"
         self._target = 0.0
         self._target_rate = 0.0
 
-    def reset(self, yaw: float) -> None:
-        """Reset the loop, with the present heading as target."""
+    def reset(self, angle: float) -> None:
+        """Reset the loop, with the present *angle* [rad] as target."""
         self.pid.reset()
-        self._target = yaw
+        self._target = angle
         self._target_rate = 0.0
 
-    def hold(self, heading: float) -> None:
-        """Move the target towards *heading* [rad], shaped by ATC_INPUT_TC, ATC_ACCEL_Y_MAX and ATC_SLEW_YAW."""
+    def hold(self, angle: float) -> None:
+        """Move the target towards *angle* [rad], shaped by ATC_INPUT_TC, ATC_ACCEL_*_MAX and, in yaw, ATC_SLEW_YAW."""
         values = self._values
-        error = wrap_pi(heading - self._target)
+        error = wrap_pi(angle - self._target)
         if not values["ATC_RATE_FF_ENAB"]:
-            self._target, self._target_rate = heading, 0.0
+            self._target, self._target_rate = angle, 0.0
             return
         wanted = sqrt_controller(error, 1.0 / max(values["ATC_INPUT_TC"], 0.01), self._acceleration(), self._dt)
         self._approach_rate(wanted)
-        top = math.radians(values["ATC_SLEW_YAW"] / 100.0)
+        top = math.radians(values.get(self._slew, 0.0) / 100.0)
         if top > 0.0:
             self._target_rate = clamp(self._target_rate, -top, top)
 
@@ -54,25 +56,25 @@ class SubYawController:
         """Turn the target heading at *rate* [rad/s]."""
         self._approach_rate(rate)
 
-    def run(self, yaw: float, rate: float, limited: bool) -> float:
-        """Return the yaw output (-1 to 1) for the measured *yaw* [rad] and *rate* [rad/s]."""
+    def run(self, angle: float, rate: float, limited: bool) -> float:
+        """Return the output (-1 to 1) for the measured *angle* [rad] and *rate* [rad/s]."""
         values, dt = self._values, self._dt
-        p = values["ATC_ANG_YAW_P"]
+        p = values[self._p]
         self._target = wrap_pi(self._target + self._target_rate * dt)
-        error = wrap_pi(self._target - yaw)
+        error = wrap_pi(self._target - angle)
         if p > 0.0 and abs(error) > _MOST_ACCELERATION / p:
             error = math.copysign(_MOST_ACCELERATION / p, error)
-            self._target = wrap_pi(yaw + error)
+            self._target = wrap_pi(angle + error)
         most = self._acceleration()
         limit = clamp(0.5 * most, _LEAST_ACCELERATION, _MOST_ACCELERATION) if most > 0.0 else 0.0
         wanted = sqrt_controller(error, p, limit, dt) + self._target_rate
-        top = math.radians(values["ATC_RATE_Y_MAX"])
+        top = math.radians(values[self._top])
         if top > 0.0:
             wanted = clamp(wanted, -top, top)
         return clamp(self.pid.update(wanted, rate, dt, limited), -1.0, 1.0)
 
     def _acceleration(self) -> float:
-        return math.radians(self._values["ATC_ACCEL_Y_MAX"] / 100.0)
+        return math.radians(self._values[self._most] / 100.0)
 
     def _approach_rate(self, wanted: float) -> None:
         limit = self._acceleration()

@@ -1,4 +1,4 @@
-"""Sub's mixer: converts demands in yaw, forward, lateral and throttle to thruster pulses."""
+"""Sub's mixer: converts demands in yaw, forward, lateral, throttle, roll and pitch to thruster pulses."""
 
 from __future__ import annotations
 
@@ -11,22 +11,30 @@ from sitl.autopilot.shaping import clamp, low_pass_share
 
 __all__ = ["SubMotors"]
 
-_PLANE = ((1, -1, 1, 0), (-1, -1, -1, 0), (-1, 1, 1, 0), (1, 1, -1, 0))
-_PAIR = ((-1, 1, 0, 0), (1, 1, 0, 0))
-_UP, _DOWN, _SIDE = (0, 0, 0, 1), (0, 0, 0, -1), (0, 0, 1, 0)
-_FRAMES: Mapping[int, Sequence[tuple[float, float, float, float]]] = {
-    0: (*_PAIR, (0, 0, 0, 0.45), (0, 0, 0, 0.45), _UP, _SIDE),
-    1: (*_PLANE, _DOWN, _DOWN),
-    2: (*_PLANE, _DOWN, _DOWN, _DOWN, _DOWN),
-    3: (_UP, (1, 1, 0, 0), _UP, _SIDE, _SIDE, _UP, (-1, 1, 0, 0), _UP),
-    4: (*_PAIR, _DOWN),
-    5: (*_PAIR, _DOWN, _DOWN, _SIDE),
-    6: (*_PAIR, _DOWN, _DOWN, _SIDE),
-    7: (*_PAIR, _DOWN),
+_PLANE = ((1, -1, 1, 0, 0, 0), (-1, -1, -1, 0, 0, 0), (-1, 1, 1, 0, 0, 0), (1, 1, -1, 0, 0, 0))
+_PAIR = ((-1, 1, 0, 0, 0, 0), (1, 1, 0, 0, 0, 0))
+_SIDE = (0, 0, 1, 0, 0, 0)
+
+
+def _upright(throttle: float, roll: float = 0.0, pitch: float = 0.0) -> tuple[float, ...]:
+    return 0, 0, 0, throttle, roll, pitch
+
+
+_FRAMES: Mapping[int, Sequence[Sequence[float]]] = {
+    0: (*_PAIR, _upright(0.45, -0.5, 0.5), _upright(0.45, 0.5, 0.5), _upright(1, 0, -1), (0, 0, 1, 0, -0.25, 0)),
+    1: (*_PLANE, _upright(-1, 1), _upright(-1, -1)),
+    2: (*_PLANE, _upright(-1, 1, -1), _upright(-1, -1, -1), _upright(-1, 1, 1), _upright(-1, -1, 1)),
+    3: (
+        *(_upright(1, 1, 1), (1, 1, 0, 0, 0, 0), _upright(1, 1, -1), _SIDE, _SIDE),
+        *(_upright(1, -1, 1), (-1, 1, 0, 0, 0, 0), _upright(1, -1, -1)),
+    ),
+    4: (*_PAIR, _upright(-1)),
+    5: (*_PAIR, _upright(-1, 1), _upright(-1, -1), _SIDE),
+    6: (*_PAIR, _upright(-1, 1), _upright(-1, -1), _SIDE),
+    7: (*_PAIR, _upright(-1)),
 }
-"""FRAME_CONFIG -> each motor's (yaw, forward, lateral, throttle) factors: 0 BlueROV1, 1 vectored, 2 vectored 6-DOF, 3
-vectored 6-DOF at right angles, 4 to 6 SimpleROV-3 to -5, 7 custom. Roll and pitch are not controlled here and have no
-factors."""
+"""FRAME_CONFIG -> each motor's (yaw, forward, lateral, throttle, roll, pitch) factors: 0 BlueROV1, 1 vectored, 2
+vectored 6-DOF, 3 vectored 6-DOF at right angles, 4 to 6 SimpleROV-3 to -5, 7 custom."""
 _FIRST_MOTOR_FUNCTION, _LAST_MOTOR_FUNCTION = 33, 40
 _SPAN_PWM = 400.0
 _NEUTRAL_PWM = 1500
@@ -35,8 +43,8 @@ _ROUNDING = 1e-6
 
 
 class SubMotors:
-    """Demands as fractions: ``yaw``, ``forward``, ``lateral`` -1..1; ``throttle`` 0..1, where 0.5 is neutral and 1 is
-    full up.
+    """Demands as fractions: ``yaw``, ``forward``, ``lateral``, ``roll``, ``pitch`` -1..1; ``throttle`` 0..1, where 0.5
+    is neutral and 1 is full up.
 
     ``throttle_in`` is the demand before the low-pass, ``throttle`` after it.
     """
@@ -44,15 +52,15 @@ class SubMotors:
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
         self._parameters = parameters
         self._version = -1
-        self._motors: list[tuple[float, float, float, float, float]] = []
+        self._motors: list[tuple[float, ...]] = []
         self._which: list[int] = []
         self._lowest, self._highest = 0, 0
         self._dt = dt
-        self.yaw = self.forward = self.lateral = 0.0
+        self.yaw = self.forward = self.lateral = self.roll = self.pitch = 0.0
         self.throttle_in = self.throttle = 0.5
         self._cutoff = 0.0
         self._pulses: list[int] = []
-        self._written = (math.nan,) * 4
+        self._written = (math.nan,) * 6
 
     @property
     def limit_yaw(self) -> bool:
@@ -71,7 +79,7 @@ class SubMotors:
 
     def stop(self) -> None:
         """Clear all demands."""
-        self.yaw = self.forward = self.lateral = 0.0
+        self.yaw = self.forward = self.lateral = self.roll = self.pitch = 0.0
         self.throttle_in = self.throttle = 0.5
 
     def output(self, rail: ServoRail, *, armed: bool) -> None:
@@ -81,7 +89,7 @@ class SubMotors:
         self.throttle += low_pass_share(self._cutoff, self._dt) * (self.throttle_in - self.throttle)
         up = 2.0 * self.throttle - 1.0
         self.yaw = clamp(self.yaw, -1.0, 1.0)
-        demands = self.yaw, self.forward, self.lateral, up
+        demands = self.yaw, self.forward, self.lateral, up, self.roll, self.pitch
         if self._version != self._parameters.version:
             self._read_frame()
         elif demands == self._written and not rail.is_overridden:
@@ -103,14 +111,23 @@ class SubMotors:
         self._which = [self._motors.index(motor) for motor in motors]
 
     def _pulse_of(
-        self, yaw: float, ahead: float, side: float, up: float, motor: tuple[float, float, float, float, float]
+        self,
+        yaw: float,
+        ahead: float,
+        side: float,
+        up: float,
+        roll: float,
+        pitch: float,
+        motor: Sequence[float],
     ) -> int:
         output = yaw * motor[0] + ahead * motor[1] + side * motor[2] + up * motor[3]
+        if roll or pitch:
+            output += roll * motor[4] + pitch * motor[5]
         if output > 1.0:
             output = 1.0
         elif output < -1.0:
             output = -1.0
-        pulse = int(_NEUTRAL_PWM + motor[4] * output + _ROUNDING)
+        pulse = int(_NEUTRAL_PWM + motor[6] * output + _ROUNDING)
         return max(self._lowest, min(self._highest, pulse))
 
     def _pulse(self, function: int, low: int, trim: int, high: int, sign: int) -> int:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from sitl.autopilot.parameters import ParameterStore
-from sitl.autopilot.plane import PlanePid, PositionP, clip, dot, to_body, unit
-from sitl.autopilot.scurve import Limits, SCurve
+from sitl.autopilot.plane import PlanePid, PositionP, clip, dot, shape_position, to_body, unit
+from sitl.autopilot.scurve import Limits, Motion, SCurve
 from sitl.autopilot.shaping import clamp, invert_sqrt_controller, low_pass_share
 
 __all__ = ["SubPositionController", "SubWaypoint"]
@@ -74,6 +74,19 @@ class SubPositionController:
         speed = min(abs(velocity), self.speed)
         self.target = place + invert_sqrt_controller(speed, self.gain, self.limit) * unit(velocity)
         self.velocity = self.acceleration = 0j
+
+    def begin_shaping(self, place: complex, velocity: complex) -> None:
+        """Start the target where the craft is and as fast as it moves; the present thrust stays."""
+        self._velocity.reset_filters()
+        self._velocity.integrator = self._wanted - self._values["PSC_VELXY_FF"] * velocity
+        self.target, self.velocity, self.acceleration = place, velocity, 0j
+
+    def approach(self, goal: complex) -> None:
+        """Move the target towards *goal* [cm] with limited speed, acceleration and jerk."""
+        now = Motion(self.target, self.velocity, self.acceleration)
+        jerk = 100.0 * self._values["PSC_JERK_XY"]
+        shape_position(Motion(goal), now, (self.speed, self.limit, jerk), self._dt)
+        self.target, self.velocity, self.acceleration = now.place, now.velocity, now.acceleration
 
     def run(self, place: complex, velocity: complex, yaw: float, throttle: float) -> tuple[float, float]:
         """Return the forward and lateral demand (-1 to 1) at *place* [cm] with *velocity* [cm/s] and *yaw* [rad]."""

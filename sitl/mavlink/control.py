@@ -23,6 +23,8 @@ _IGNORE, _RELEASE, _RELEASE_HIGH = 65535, 0, 65534
 _FIRST_HIGH_CHANNEL = 9
 _UNUSED_AXIS = 32767
 _NEUTRAL_PWM = 1500
+_PITCH_SENT, _ROLL_SENT = 1, 2
+"""Bits of MANUAL_CONTROL.enabled_extensions: ``s`` is the pitch, ``t`` the roll."""
 _ALT_HOLD, _GUIDED_SUB = 2, 4
 _RATE_IGNORED, _THROTTLE_IGNORED, _ATTITUDE_IGNORED = 4, 64, 128
 _Z_IGNORED, _POSITION_IGNORED, _VELOCITY_IGNORED, _ACCELERATION_IGNORED = 4, 7, 56, 448
@@ -82,7 +84,9 @@ def _override_axis(rover: Rover, channel: int, value: int) -> None:
 def _override_sub_sticks(sub: Sub, message: Message) -> None:
     side, up = 0.4 * sub.gain, 0.8 * sub.gain * sub.parameters["JS_THR_GAIN"]
     sticks = ((5, side * message.x), (6, side * message.y), (4, side * message.r), (3, up * (message.z - 500)))
-    for channel, offset in (*sticks, (1, 0.0), (2, 0.0)):
+    extended = message.enabled_extensions
+    tilts = ((1, side * message.s * bool(extended & _PITCH_SENT)), (2, side * message.t * bool(extended & _ROLL_SENT)))
+    for channel, offset in (*sticks, *tilts):
         sub.rc.override(channel, int(max(1100.0, min(1900.0, _NEUTRAL_PWM + offset))), sub.ms)
 
 
@@ -90,21 +94,24 @@ def _all_finite(*numbers: float) -> bool:
     return all(math.isfinite(number) for number in numbers)
 
 
-def _yaw_of(q: Sequence[float]) -> float | None:
-    """Return the yaw [rad] of a quaternion (w, x, y, z), or None if it is invalid."""
+def _angles_of(q: Sequence[float]) -> tuple[float, float, float] | None:
+    """Return roll, pitch and yaw [rad] of a quaternion (w, x, y, z), or None if it is invalid."""
     if not _all_finite(*q) or not any(q):
         return None
-    w, x, y, z = q
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    norm = math.hypot(*q)
+    w, x, y, z = (part / norm for part in q)
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    return roll, pitch, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def handle_attitude_target(port: Port, message: Message) -> None:
-    """Process SET_ATTITUDE_TARGET: heading (or turn rate) and speed on Rover, heading on Sub."""
+    """Process SET_ATTITUDE_TARGET: heading (or turn rate) and speed on Rover, attitude on Sub."""
     autopilot, mask = port.vehicle.autopilot, message.type_mask
-    yaw = _yaw_of(message.q)
+    angles = _angles_of(message.q)
     if isinstance(autopilot, Sub):
-        if yaw is not None and mask & _THROTTLE_IGNORED and not mask & _ATTITUDE_IGNORED:
-            autopilot.set_heading_target(yaw)
+        if angles is not None and mask & _THROTTLE_IGNORED and not mask & _ATTITUDE_IGNORED:
+            autopilot.set_attitude_target(*angles)
         return
     if not isinstance(autopilot, Rover) or autopilot.mode is not autopilot.guided:
         return
@@ -113,12 +120,15 @@ def handle_attitude_target(port: Port, message: Message) -> None:
     speed = max(-1.0, min(1.0, message.thrust)) * autopilot.parameters["WP_SPEED"]
     if not mask & _RATE_IGNORED:
         autopilot.guided.follow(GuidedTarget(autopilot.ms, speed, None, message.body_yaw_rate))
-    elif yaw is not None:
-        autopilot.guided.follow(GuidedTarget(autopilot.ms, speed, yaw))
+    elif angles is not None:
+        autopilot.guided.follow(GuidedTarget(autopilot.ms, speed, angles[2]))
 
 
 def handle_local_target(port: Port, message: Message) -> None:
-    """Take SET_POSITION_TARGET_LOCAL_NED in GUIDED: a place, on Rover also a velocity, yaw or yaw rate."""
+    """Take SET_POSITION_TARGET_LOCAL_NED in GUIDED: a place, on Rover also a velocity, yaw or yaw rate.
+
+    On Sub a place with a velocity of zero is held with the yaw; other velocities are not simulated.
+    """
     autopilot = port.vehicle.autopilot
     if message.coordinate_frame not in (*_BODY_FRAMES, mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED):
         return
@@ -130,9 +140,13 @@ def handle_local_target(port: Port, message: Message) -> None:
             place += estimate.place
     if isinstance(autopilot, Rover):
         _guide_rover(autopilot, message, place, estimate.yaw if in_body else 0.0)
-    elif isinstance(autopilot, Sub) and place is not None and _is_place_alone(message):
+    elif isinstance(autopilot, Sub) and place is not None and message.type_mask & _ACCELERATION_IGNORED:
         is_offset = message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED
-        autopilot.go(place, -message.z - (estimate.z if is_offset else 0.0))
+        altitude = -message.z - (estimate.z if is_offset else 0.0)
+        if message.type_mask & _VELOCITY_IGNORED:
+            autopilot.go(place, altitude)
+        elif not (message.vx or message.vy or message.vz):
+            autopilot.stay_at(place, altitude, estimate.yaw if message.type_mask & _YAW_IGNORED else message.yaw)
 
 
 def handle_global_target(port: Port, message: Message) -> None:

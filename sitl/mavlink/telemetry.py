@@ -16,9 +16,9 @@ from sitl.vehicle import Vehicle
 
 __all__ = ["MESSAGES", "available_messages", "make_heartbeat", "make_mission_current", "make_pid_tuning"]
 
-_YAW_AXIS, _ACCZ_AXIS, _STEER_AXIS = 3, 4, 5
+_ROLL_AXIS, _PITCH_AXIS, _YAW_AXIS, _ACCZ_AXIS, _STEER_AXIS = 1, 2, 3, 4, 5
 _ROVER_STEER, _ROVER_SPEED = 1, 2
-_SUB_YAW, _SUB_ACCZ = 4, 8
+_SUB_ROLL, _SUB_PITCH, _SUB_YAW, _SUB_ACCZ = 1, 2, 4, 8
 _HUNDREDTH = 0.01
 """Scale of ArduSub's values, as if they still were centidegrees. The desired rate is then in hundredths of rad/s."""
 
@@ -46,13 +46,18 @@ def _rover(rover: Rover, mask: int) -> Iterator[Message]:
 
 
 def _sub(sub: Sub, mask: int) -> Iterator[Message]:
-    if mask & _SUB_YAW:
-        pid = sub.yaw.pid
-        achieved = math.degrees(sub.estimate.yaw_rate)
-        yield _message(_YAW_AXIS, _HUNDREDTH * pid.target, achieved, pid.feed_forward, pid, _HUNDREDTH)
+    at = sub.estimate
+    for bit, axis, loop, rate in (
+        (_SUB_ROLL if sub.tilts else 0, _ROLL_AXIS, sub.roll, at.roll_rate),
+        (_SUB_PITCH if sub.tilts else 0, _PITCH_AXIS, sub.pitch, at.pitch_rate),
+        (_SUB_YAW, _YAW_AXIS, sub.yaw, at.yaw_rate),
+    ):
+        if mask & bit:
+            pid = loop.pid
+            yield _message(axis, _HUNDREDTH * pid.target, math.degrees(rate), pid.feed_forward, pid, _HUNDREDTH)
     if mask & _SUB_ACCZ:
         pid = sub.depth.acceleration
-        achieved = sub.estimate.climb_acceleration
+        achieved = at.climb_acceleration
         yield _message(_ACCZ_AXIS, _HUNDREDTH * pid.target, achieved, pid.feed_forward, pid, _HUNDREDTH)
 
 
@@ -221,10 +226,43 @@ def _position_target(vehicle: Vehicle) -> Iterable[Message]:
     return (mavlink.MAVLink_position_target_global_int_message(vehicle.ms, frame, _ONLY_POSITION, *where, *nothing),)
 
 
+_ESC_GROUP = 4
+"""ESCs per message. This is the telemetry of ArduPilot's own dialect, which has no ESC_STATUS."""
+_MINUTE = 60.0
+_LARGEST_16 = 65535
+
+
+def _shafts(vehicle: Vehicle) -> list[float]:
+    """Return the speed of each propeller [1/min], none on a craft whose file gives no thrusters with a place."""
+    rotors = getattr(vehicle.plant, "rotors", ())
+    return [_MINUTE * float(n) for n in rotors]
+
+
+def _esc_telemetry(vehicle: Vehicle) -> Iterable[Message]:
+    """Return ESC_TELEMETRY_1_TO_4 and _5_TO_8. Like the firmware's, it has no direction of turning."""
+    centivolts = max(0, min(_LARGEST_16, round(100.0 * vehicle.autopilot.battery.voltage)))
+    kinds = (mavlink.MAVLink_esc_telemetry_1_to_4_message, mavlink.MAVLink_esc_telemetry_5_to_8_message)
+    speeds, nothing = _shafts(vehicle), [0] * _ESC_GROUP
+    for make, first in zip(kinds, range(0, len(speeds), _ESC_GROUP), strict=False):
+        rpm = [min(_LARGEST_16, round(abs(speed))) for speed in speeds[first : first + _ESC_GROUP]]
+        filled = [*rpm, *[0] * (_ESC_GROUP - len(rpm))]
+        yield make(nothing, [centivolts * (k < len(rpm)) for k in range(_ESC_GROUP)], nothing, nothing, filled, nothing)
+
+
+def _rpm(vehicle: Vehicle) -> Iterable[Message]:
+    """Return RPM with the first two shafts."""
+    speeds = [*_shafts(vehicle), 0.0, 0.0]
+    return (mavlink.MAVLink_rpm_message(fit_float(speeds[0]), fit_float(speeds[1])),)
+
+
 def _one(make: Callable[[Vehicle], Message]) -> Callable[[Vehicle], Iterable[Message]]:
     return lambda vehicle: (make(vehicle),)
 
 
+_OF_SHAFTS = {
+    mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4,
+    mavlink.MAVLINK_MSG_ID_RPM,
+}
 _SUB_ONLY = mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2
 
 MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
@@ -245,6 +283,8 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: (_position_target, 1.0),
     mavlink.MAVLINK_MSG_ID_PID_TUNING: (make_pid_tuning, 2.0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (_one(_autopilot_version), 0.0),
+    mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4: (_esc_telemetry, 1.0),
+    mavlink.MAVLINK_MSG_ID_RPM: (_rpm, 1.0),
 }
 """Message id -> (builder, rate [Hz] at boot; 0: only on request)."""
 
@@ -252,8 +292,10 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
 def available_messages(vehicle: Vehicle) -> Iterable[int]:
     """Return the ids of the messages that this craft sends.
 
-    Only Sub sends water pressure, and only a craft with a rangefinder sends a distance.
+    Only Sub sends water pressure. Only a craft with a rangefinder sends a distance. Only one with thrusters in their
+    places sends the speeds of its shafts.
     """
     without = set() if isinstance(vehicle.autopilot, Sub) else {_SUB_ONLY}
     without |= set() if vehicle.rangefinder is not None else {mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR}
+    without |= set() if _shafts(vehicle) else _OF_SHAFTS
     return [m for m in MESSAGES if m not in without]

@@ -1,7 +1,9 @@
 """Bodies in water: the protocol used by the rest of the simulator, and the bodies that implement it."""
 
-from sitl.plants.planar import AxisDynamics, Coupling, PlanarHull, PlanarTerm, coupling_of
+from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed
+from sitl.plants.propulsion import propeller_rows, static_thrust, thruster_count
+from sitl.plants.rigid_body import AxisDynamics, Ballast, Coupling, RigidBody, coupling_of
 from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, make_plant, values_of
 
 __all__ = [
@@ -10,16 +12,20 @@ __all__ = [
     "RUDDER",
     "TWIN_THRUSTER",
     "AxisDynamics",
+    "Ballast",
     "Coupling",
     "Parameters",
     "PlanarHull",
-    "PlanarTerm",
     "Plant",
+    "RigidBody",
     "State",
     "Water",
     "Wrench",
     "coupling_of",
     "make_plant",
     "measured_speed",
+    "propeller_rows",
+    "static_thrust",
+    "thruster_count",
     "values_of",
 ]

@@ -29,7 +29,8 @@ class State:
     """Position and motion of a body: SI, NED, SNAME.
 
     ``x y z`` [m]; ``phi theta psi`` [rad], ``psi`` continuous; ``u v w`` [m/s] through the water and ``p q r`` [rad/s],
-    in body axes; ``wdot`` [m/s^2], the acceleration along the body's z axis.
+    in body axes; ``wdot`` [m/s^2], the acceleration down. ``tilts``: whether velocities and forces follow roll and
+    pitch. Otherwise the body moves as if level, and its roll and pitch are only a slight lean.
     """
 
     x: float = 0.0
@@ -45,6 +46,7 @@ class State:
     q: float = 0.0
     r: float = 0.0
     wdot: float = 0.0
+    tilts: bool = False
 
 
 @dataclass(slots=True)
@@ -92,9 +94,18 @@ class Plant(Protocol):
         """Return the reading of an accelerometer at the origin [m/s^2] in body axes, as the mean over the last step."""
 
 
-def measured_speed(state: State, water: Water) -> tuple[float, float]:
-    """Return the speeds ahead and to starboard [m/s] that a speed sensor measures in *state* and *water*."""
+def measured_speed(state: State, water: Water) -> tuple[float, float, float]:
+    """Return the speeds ahead, to starboard and down [m/s] that a speed sensor measures in *state* and *water*.
+
+    They are in the axes of the heading, as an autopilot reports them, over the ground or through the water.
+    """
+    ahead, aside, down = state.u, state.v, state.w
+    if state.tilts:
+        u, v, w = ahead, aside, down
+        (c, s), (d, e) = ((math.cos(angle), math.sin(angle)) for angle in (state.phi, state.theta))
+        across = s * v + c * w
+        ahead, aside, down = d * u + e * across, c * v - s * w, d * across - e * u
     if not water.over_ground:
-        return state.u, state.v
+        return ahead, aside, down
     c, s = math.cos(state.psi), math.sin(state.psi)
-    return state.u + water.V_x * c + water.V_y * s, state.v + (water.V_y * c - water.V_x * s)
+    return ahead + water.V_x * c + water.V_y * s, aside + (water.V_y * c - water.V_x * s), down

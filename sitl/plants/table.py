@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from sitl.plants.planar import AxisDynamics, Coupling, PlanarHull, coupling_of
+import numpy as np
+
+from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import Plant, Water
+from sitl.plants.propulsion import propeller_rows, rudder_rows
+from sitl.plants.rigid_body import DOFS, Array, AxisDynamics, Ballast, Coupling, RigidBody, coupling_of
 
 __all__ = ["PLANTS", "RUDDER", "TWIN_THRUSTER", "make_plant", "values_of"]
 
@@ -35,9 +39,9 @@ def make_plant(tables: Tables) -> Plant:
 
 def planar_hull(tables: Tables) -> PlanarHull:
     """Return a hull with those of surge, sway, heave, pitch and yaw for which the file has tables."""
-    floats = tables["actuators"] in (RUDDER, TWIN_THRUSTER)
-    water = Water(bottom=values_of(tables["start"])["bottom"], floats=floats)
-    by_propeller = tables["actuators"] == RUDDER
+    water = _water(tables)
+    floats = water.floats
+    by_propeller = tables["actuators"] == RUDDER and "rudder" not in tables
     yaw = AxisDynamics(1.0, 0.0, 0.0) if by_propeller else _axis(tables["yaw"])
     heave = AxisDynamics(1.0, 0.0, 0.0) if floats else _axis(tables["heave"])
     sways, pitches = "sway" in tables, "pitch" in tables
@@ -50,11 +54,49 @@ def planar_hull(tables: Tables) -> PlanarHull:
         coupling=_coupling(tables["coupling"]) if sways else None,
         pitch=_axis(tables["pitch"]) if pitches else None,
         righting=values_of(tables["pitch"])["righting"] if pitches else 0.0,
+        **_propulsion(tables),
     )
 
 
+def rigid_body(tables: Tables) -> RigidBody:
+    """Return a body with those of the six degrees of freedom for which the file has tables.
+
+    Raises
+    ------
+    ValueError
+        Its inertia is not symmetric and positive.
+    """
+    axes = {dof: _axis(tables[dof]) for dof in DOFS if dof in tables}
+    at = values_of(tables["body"])
+    centre, lift = (tuple(at.get(f"{axis}_{point}", 0.0) for axis in "xyz") for point in "GB")
+    ballast = Ballast(
+        at["mass"],
+        (centre[0], centre[1], centre[2]),
+        (at.get("I_xy", 0.0), at.get("I_xz", 0.0), at.get("I_yz", 0.0)),
+        at.get("weight", 0.0),
+        at.get("buoyancy", 0.0),
+        (lift[0], lift[1], lift[2]),
+        at.get("waterplane", 0.0),
+        (at.get("righting_roll", 0.0), at.get("righting_pitch", 0.0)),
+    )
+    speeds = "".join("uvwpqr"[DOFS.index(dof)] for dof in axes)
+    coupling = _coupling(tables["coupling"], speeds)
+    made = RigidBody(axes, _water(tables), coupling=coupling, ballast=ballast, **_propulsion(tables))
+    held = [DOFS.index(dof) for dof in axes]
+    inertia = made.body[:6][np.ix_(held, held)]
+    if not np.allclose(inertia, inertia.T, rtol=1e-9):
+        raise ValueError("coupling: the inertia is not symmetric. Give a derivative and its mirror the same value")
+    least = float(np.linalg.eigvalsh(inertia).min())
+    if least <= 0.0:
+        raise ValueError(
+            f"body: the inertia has the eigenvalue {least:.3g}, but a body needs all above 0. Check mass, centre and "
+            "products of inertia against alpha"
+        )
+    return made
+
+
 PLANAR_HULL = "planar-hull"
-PLANTS: dict[str, Callable[[Tables], Plant]] = {PLANAR_HULL: planar_hull}
+PLANTS: dict[str, Callable[[Tables], Plant]] = {PLANAR_HULL: planar_hull, "rigid-body": rigid_body}
 """Name in a vehicle file -> function that makes the plant from the file. A file without a name has the first plant."""
 
 
@@ -68,7 +110,23 @@ def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
     return AxisDynamics(values["alpha"], values["beta"], values["beta2"])
 
 
-def _coupling(table: Mapping[str, Mapping[str, Any]]) -> Coupling:
+def _coupling(table: Mapping[str, Mapping[str, Any]], speeds: str = "uvr") -> Coupling:
     derivatives = values_of(table)
     coriolis = bool(derivatives.pop("coriolis"))
-    return coupling_of(derivatives, coriolis=coriolis)
+    return coupling_of(derivatives, coriolis=coriolis, speeds=speeds)
+
+
+def _water(tables: Tables) -> Water:
+    floats = tables["actuators"] in (RUDDER, TWIN_THRUSTER)
+    return Water(bottom=values_of(tables["start"])["bottom"], floats=floats)
+
+
+def _propulsion(tables: Tables) -> dict[str, Array]:
+    """Return the propellers and rudders of the file, as arguments of a body."""
+    if "thrusters" not in tables:
+        return {}
+    parts = (values_of(tables.get(heading, {})) for heading in ("thrusters", "propeller", "motor"))
+    propellers = propeller_rows(*parts)
+    if "rudder" not in tables:
+        return {"propellers": propellers}
+    return {"propellers": propellers, "rudders": rudder_rows(values_of(tables["rudder"]), len(propellers))}

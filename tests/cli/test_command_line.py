@@ -465,5 +465,5 @@ def test_recheck_heading_tells_of_the_loop_as_it_is_and_writes_no_parameter(tmp_
     assert main(["recheck", "heading", "--connect", "sitl:blueboat", "--out", str(out)]) == 0
     told = capsys.readouterr()
     assert "heading loop" in told.out
-    assert "write no parameter" in " ".join(told.err.split())
+    assert "Writes no parameter" in " ".join(told.err.split())
     assert (out / "report.html").exists()

@@ -12,6 +12,7 @@ import pytest
 
 from gcs_autotune.api import example_run, save_trial
 from gcs_autotune.cli import main
+from gcs_autotune.cli.hold_cmd import LAWS
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.models import SingleDof
 
@@ -87,7 +88,7 @@ def test_our_own_loop_keeps_the_required_margin_and_is_slower_for_it(capsys, tmp
     wide = told(capsys, model, "--for", "heading", "--own", "--gain-margin", "3.5")
     assert wide["loop"]["margins"]["gain"] > 3.5 > fast["loop"]["margins"]["gain"]
     assert wide["wanted"]["omega_0"] < fast["wanted"]["omega_0"]
-    line = told(capsys, model, "--for", "line", "--speed", "1.5")
+    line = told(capsys, model, "--for", "line", "--speed", "1.5", "--guidance", "indirect")
     assert line["wanted"] == fast["wanted"]
     assert {"K_psi", "K_r", "K_d", "K_I"} < set(line["line"])
 
@@ -142,3 +143,27 @@ def test_what_cannot_be_designed_is_rejected_with_what_to_do(capsys, tmp_path, a
 def test_a_relay_weaker_than_the_constant_force_is_rejected(capsys, tmp_path):
     model = written(tmp_path / "boat.json", replace(YAW, delta=0.2))
     assert "Use a larger output" in refused(capsys, model, "--for", "relay", "--relay-output", "0.1")
+
+
+def test_a_line_is_designed_by_default_as_hold_flies_it(capsys, tmp_path):
+    found = told(capsys, written(tmp_path / "boat.json", YAW), "--for", "line", "--speed", "1.5")
+    assert found["guidance"] == LAWS[0]
+
+
+@pytest.mark.parametrize(("loop", "more"), [("heading", ("--speed", "1.2")), ("heading", ("--own",))])
+def test_a_gentle_loop_has_wider_margins_and_about_half_the_bandwidth(capsys, tmp_path, loop, more):
+    model = written(tmp_path / "boat.json", YAW)
+    normal, gentle = (told(capsys, model, "--for", loop, "--style", s, *more) for s in ("normal", "gentle"))
+    loops = [found.get("after", found.get("loop")) for found in (normal, gentle)]
+    worst = [loop["worst_margins"] for loop in loops]
+    assert worst[1]["gain"] > max(3.4, worst[0]["gain"])
+    if "--own" in more:
+        assert gentle["wanted"]["omega_0"] <= 0.51 * normal["wanted"]["omega_0"]
+    else:
+        assert gentle["gains"] != normal["gains"]
+
+
+def test_style_and_a_frequency_contradict_each_other(capsys, tmp_path):
+    model = written(tmp_path / "boat.json", YAW)
+    said = refused(capsys, model, "--for", "heading", "--style", "gentle", "--omega-0", "1")
+    assert "--style gentle and --omega-0 both set the speed of the loop" in said

@@ -92,7 +92,7 @@ def test_every_method_that_the_command_line_knows_is_where_the_table_says():
         ("identify a.csv --dof yow", "Did you mean yaw?"),
         ("identify a.csv --method instrumental", "Did you mean instrumental-variables?"),
         ("tune headin", "Did you mean heading?"),
-        ("tun heading", "Did you mean tune?"),
+        ("tun heading", "Did you mean tune"),
     ],
 )
 def test_the_nearest_spelling_is_told_of_a_name_there_is_not(typed, meant, capsys):

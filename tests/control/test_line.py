@@ -160,3 +160,14 @@ def test_a_slower_model_function_moves_the_rudder_less() -> None:
 def test_a_current_that_is_too_strong_for_the_approach_is_refused_with_the_nearest_one() -> None:
     with pytest.raises(NoGainsMeetSpec, match=r"must be below 0\.64 m/s"):
         design_direct(YAW, SPEED, "bessel", 0.3, current=0.7)
+
+
+@pytest.mark.parametrize("d", [4.0, 8.0, 20.0])
+def test_indirect_control_takes_over_at_its_heading_and_does_not_overshoot_the_line(d: float) -> None:
+    law = design_indirect(simplify(IPD.closed_loop(YAW)), SPEED, "bessel", 0.211, approach=math.radians(45.0))
+    guidance = LineGuidance(law, LINE)
+    assert guidance.update(LINE.state(-d, 0.0, EAST + 0.1, 0.0, (0.0, SPEED)), 0.0) == pytest.approx(EAST + 0.1)
+    guidance, heading = LineGuidance(law, LINE), IPD.started()
+    flown = sail(lambda state, psi, r, t: heading.update(guidance.update(state, t), psi, r, t), d)
+    beyond = -float(np.min(flown[:, 1] * math.copysign(1.0, flown[0, 1])))
+    assert beyond < 0.1 * d

@@ -15,6 +15,7 @@ from gcs_autotune.design import (
     current_on,
     follows_better,
     line_changes,
+    pivots_wide,
     too_short,
     track_metrics,
 )
@@ -41,7 +42,8 @@ def test_the_radius_holds_the_place_at_which_the_target_passes_a_u_turn() -> Non
 def test_a_quicker_hull_has_shorter_corners_and_a_higher_position_gain() -> None:
     slow, quick = chosen(SLOW), chosen(replace(SLOW, rate=math.radians(40.0), lag=0.5))
     assert quick["WP_ACCEL"] > 3.0 * slow["WP_ACCEL"]
-    assert quick["PSC_POS_P"] > slow["PSC_POS_P"]
+    assert slow["PSC_POS_P"] < PRESENT["PSC_POS_P"]
+    assert "PSC_POS_P" not in quick  # it has the greatest gain already
 
 
 def test_a_boat_that_turns_on_the_spot_keeps_doing_so_unless_it_moves_away_meanwhile() -> None:
@@ -139,3 +141,18 @@ def test_corners_that_do_not_fit_on_a_leg_are_refused_with_the_leg_that_is_enoug
     assert f"the legs are 20 m. Use --leg-length {enough} or more" in why
     assert too_short(SLOW, enough) == ""
     assert too_short(replace(SLOW, pivots=True), 20.0) == ""  # it turns on the spot
+
+
+def test_a_gentle_line_turns_more_slowly_and_corrects_less() -> None:
+    hull = HullTurn(1.2, math.radians(20.0), 1.5)
+    normal, gentle = (
+        {c.parameter: c.new for c in line_changes(h, PRESENT)} for h in (hull, replace(hull, bandwidth=0.5))
+    )
+    assert gentle["WP_ACCEL"] < normal["WP_ACCEL"]
+    assert gentle["WP_RADIUS"] > normal["WP_RADIUS"]
+    assert gentle["PSC_POS_P"] < normal.get("PSC_POS_P", PRESENT["PSC_POS_P"])
+
+
+def test_a_pivoting_boat_that_a_current_carries_away_at_one_corner_moves_away() -> None:
+    assert pivots_wide(replace(BEFORE, corners=(4.04, 1.68, 1.74)), 3.5)  # a BlueBoat that sways, in 0.3 m/s
+    assert not pivots_wide(replace(BEFORE, corners=(0.4, 0.6, 1.0)), 3.5)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gcs_autotune.design import Linearity, MotorLaw, fit_motor_law, is_more_linear, linearity, motor_changes
+from gcs_autotune.design import Linearity, MotorFit, MotorLaw, fit_motor_law, is_more_linear, linearity, motor_changes
 from gcs_autotune.design.motor_law import law_of_effects
 from gcs_autotune.errors import NotInformative
 from sitl.autopilot.parameters import ParameterStore
@@ -106,12 +106,32 @@ def test_the_cruise_throttle_and_the_cap_keep_their_thrust() -> None:
         "CRUISE_THROTTLE": 50.0,
         "MOT_THR_MAX": 80.0,
     }
-    changes = {c.parameter: c.new for c in motor_changes(MotorLaw(0.0, 1.0), present, skid=True)}
+    found = MotorFit(MotorLaw(0.0, 1.0), MotorLaw(0.0, 1.0), 0.01)
+    changes = {c.parameter: c.new for c in motor_changes(found, present, skid=True)}
     assert changes == {"MOT_THST_EXPO": 1.0, "CRUISE_THROTTLE": 25.0, "MOT_THR_MAX": 64.0}
 
 
+@pytest.mark.parametrize(("throttle", "factor"), [(25.0, 0.5), (50.0, 1.0), (80.0, 1.6)])
+def test_the_loop_gain_at_cruise_stays(throttle: float, factor: float) -> None:
+    present = {
+        "MOT_THR_MIN": 0.0,
+        "MOT_THST_EXPO": 0.0,
+        "CRUISE_THROTTLE": throttle,
+        "ATC_SPEED_P": 0.2,
+        "ATC_SPEED_I": 0.3,
+        "ATC_STR_RAT_P": 0.4,
+    }
+    found = MotorFit(MotorLaw(0.0, 1.0), MotorLaw(0.0, 1.0), 0.01)  # thrust goes with the square
+    for skid in (False, True):
+        changes = {c.parameter: c.new for c in motor_changes(found, present, skid=skid)}
+        assert changes.get("ATC_SPEED_P", 0.2) == pytest.approx(0.2 * factor, rel=0.01)
+        assert changes.get("ATC_SPEED_I", 0.3) == pytest.approx(0.3 * factor, rel=0.01)
+        assert changes.get("ATC_STR_RAT_P", 0.4) == pytest.approx(0.4 * (factor if skid else 1.0), rel=0.01)
+
+
 def test_a_missing_parameter_is_left_out() -> None:
-    assert not motor_changes(MotorLaw(0.0, 0.0, 2.0), {"MOT_THR_MIN": 0.0, "MOT_THST_EXPO": 0.0}, skid=True)
+    found = MotorFit(MotorLaw(0.0, 0.0, 2.0), MotorLaw(0.0, 0.0, 2.0), 0.01)
+    assert not motor_changes(found, {"MOT_THR_MIN": 0.0, "MOT_THST_EXPO": 0.0}, skid=True)
 
 
 def test_a_difference_within_the_noise_is_no_gain() -> None:

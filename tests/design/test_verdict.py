@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.design import StepMetrics, is_better, scatter_of
+from gcs_autotune.design import StepMetrics, is_better, is_no_worse, scatter_of
 
 OLD = StepMetrics(itae=2.0, overshoot=0.0, rise=1.0, settling=3.0, steady_error=0.0, travel=0.1)
 NEW = replace(OLD, itae=1.0)
@@ -107,3 +107,27 @@ def test_scatter_does_not_widen_the_limits_that_hold_whatever_was_before() -> No
 def test_the_other_modes_gain_pays_for_no_loss_beyond_a_trifle() -> None:
     for itae, other, is_kept in ((2.1, 0.8, True), (2.11, 0.1, False), (2.0, 0.81, False), (1.9, 2.0, True)):
         assert is_better(OLD, replace(NEW, itae=itae), other=(1.0, other)).better is is_kept
+
+
+@pytest.mark.parametrize(
+    ("changed", "good"),
+    [
+        ({"itae": 2.19}, True),
+        ({"itae": 2.21}, False),
+        ({"itae": math.nan}, False),
+        ({"overshoot": 0.149}, True),
+        ({"overshoot": 0.151}, False),
+        ({"oscillation": 0.051}, False),
+        ({"steady_error": 0.051}, False),
+        ({"travel": 1.1}, False),
+    ],
+)
+def test_a_change_with_another_aim_may_leave_tracking_as_it_was(changed: dict[str, float], good: bool) -> None:
+    assert is_no_worse(OLD, replace(OLD, **changed), {}).better is good
+
+
+def test_what_two_equal_steps_differ_by_is_no_worse() -> None:
+    old = replace(OLD, overshoot=0.4, oscillation=0.2, steady_error=0.2)
+    assert is_no_worse(old, replace(old, overshoot=0.42, oscillation=0.22, steady_error=0.22), {}).better
+    assert not is_no_worse(old, replace(old, steady_error=0.24), {}).better
+    assert is_no_worse(old, replace(old, steady_error=0.24), {"steady_error": 0.02}).better

@@ -437,3 +437,11 @@ def test_without_an_answer_a_wait_ends_after_the_time_that_was_spent_listening(b
 
     assert session.wait_for(never, 2.0) is None
     assert session.liveness.listened - begun == pytest.approx(2.0, abs=0.11)
+
+
+def test_a_wait_shorter_than_the_resolution_of_simulated_time_ends() -> None:
+    session = Session(MemoryLink(Babbler()))
+    session.pause(160.1)
+    session.liveness.listened = 0.0  # the session began late in the life of the link
+    session.pause(1e-14)
+    assert session.clock.now() < 160.2

@@ -12,6 +12,7 @@ from gcs_autotune.craft import Actuate, DepthTarget, HeadingTarget
 from gcs_autotune.manoeuvres import SPEED_TIME, Envelope, NominalPlant, OpenLoopProgramme, Relay, RelaySettings, preview
 from gcs_autotune.manoeuvres.preview import _pushed, _steered
 from gcs_autotune.models import SingleDof
+from gcs_autotune.report import preview_document, to_html
 from gcs_autotune.workflow.excursion import Ahead
 
 FREE = Envelope(heading_excursion=math.inf, speed=math.inf)
@@ -148,3 +149,13 @@ def test_the_preview_of_a_relay_tells_its_limit_cycle_if_the_model_is_known() ->
     size = f"limit cycle at 40 % output: amplitude {math.degrees(cycle.X_m):.3g} deg, period {cycle.period:.3g} s"
     assert size in seen.told()
     assert preview(relay_of(0.4), NominalPlant(YAW, 0.0, "a guess", assumed=True), FREE).cycle() is None
+
+
+def test_the_page_of_a_preview_plots_the_limit_cycle_of_a_relay() -> None:
+    seen = preview(relay_of(0.4), NominalPlant(YAW, 0.0, "a test"), FREE)
+    cycle = seen.cycle()
+    assert cycle is not None and seen.motion is not None
+    runs = [("relay", seen.trial, seen.told(), "")]
+    page = to_html(preview_document("Preview", "2026-11-20T12:00:00", runs, {"relay": (seen.motion, cycle)}))
+    assert "Limit cycle of relay" in page and "-1/N(X) of the relay" in page
+    assert page.count("<svg") == to_html(preview_document("Preview", "2026-11-20T12:00:00", runs)).count("<svg") + 1

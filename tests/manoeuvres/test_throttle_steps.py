@@ -208,3 +208,17 @@ def test_a_speed_that_is_lost_for_a_moment_is_left_out() -> None:
     _, rows, marks = told(lambda t, X: math.nan if 5.0 <= t < 6.0 else 1.0)
     assert [m.t for m in marks if m.kind == "level"][:2] == [103.0, 107.0]
     assert all(command.N == 0.0 for _, command in rows)
+
+
+def test_levels_astern_brake_the_boat_and_are_not_steered() -> None:
+    boat = Boat()
+    manoeuvre = ThrottleSteps(ThrottleStepsSettings(0.6, (-0.8, 1.0, -0.4), most_speed=1.1))
+    seen = fly(boat, manoeuvre)
+    assert manoeuvre.outcome is not None
+    assert manoeuvre.outcome.ending == "completed"
+    orders = [(m.t, m.detail["X"]) for m in manoeuvre.take_marks() if m.kind == "level"]
+    assert [round(float(x), 2) for _, x in orders] == [-0.48, 0.6, -0.24]
+    assert all(now.output["N"] == 0.0 for now in seen if now.output["X"] < 0.0)
+    assert min(now.u for now in seen) > -0.7, "a level astern ends when the boat goes astern"
+    (begin, _), (end, _) = orders[1:]
+    assert max(now.u for now in seen if begin <= now.t <= end) < 1.2, "a level ahead ends at the largest speed"

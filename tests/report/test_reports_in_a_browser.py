@@ -70,6 +70,7 @@ def test_on_paper_pictures_stand_two_abreast_and_can_be_read(browser: Any, repor
     page = browser.new_page(viewport=PAPER, color_scheme="dark")
     page.emulate_media(media="print")
     page.goto(reports[kind].as_uri())
+    page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     figures = page.evaluate(FIGURES)  # kept whole: what is higher leaves pages half empty
     assert figures
     assert [f for f in figures if f["high"] > 0.4 * PAPER["height"]] == []

@@ -11,6 +11,7 @@ import pytest
 
 from sitl import VEHICLES, BadEffect, load_vehicle
 from sitl.__main__ import main
+from sitl.actuators import FRAMES
 from sitl.ardupilot_json import JsonServer, Physics, needed_parameters, parameter_text, start_commands
 from sitl.ardupilot_json.wire import BadPacket, State, read_servos, write_state
 from sitl.effects import EFFECTS, parse_effect
@@ -302,7 +303,8 @@ def test_a_frame_of_fewer_than_six_thrusters_has_no_simulated_battery():
     for name in VEHICLES:
         data = load_vehicle(name)
         if not data.is_boat:
-            watched[name] = (len(data.make_actuators().motors) >= 6, needed_parameters(data)["BATT_MONITOR"] > 0)
+            motors = FRAMES[data.tables["actuators"]]
+            watched[name] = (len(motors) >= 6, needed_parameters(data)["BATT_MONITOR"] > 0)
     assert len(set(watched.values())) == 2, "both kinds are there"
     assert all(thrusters == battery for thrusters, battery in watched.values())
 
@@ -337,3 +339,14 @@ def test_a_physics_port_in_use_is_explained_in_one_line(capsys):
     error = capsys.readouterr().err
     assert "the port is in use" in error
     assert error.count("\n") == 1
+
+
+def test_a_body_that_tilts_sends_its_attitude_and_gravity_along_its_axes():
+    physics = Physics(load_vehicle("bluerov2-6dof"))
+    at = physics.craft.plant.state
+    at.z, at.theta = 5.0, 0.4
+    told = physics.step(0.0025, [1500] * 16)
+    assert told.attitude[1] == pytest.approx(0.4, abs=1e-3)
+    assert told.gyro[1] == pytest.approx(at.q)
+    assert told.force[0] == pytest.approx(9.80665 * math.sin(0.4), abs=0.6)
+    assert load_vehicle("bluerov2").make_plant().state.tilts is False

@@ -6,17 +6,22 @@ import math
 
 import pytest
 
-from sitl.plants import AxisDynamics, PlanarHull, Water, Wrench
+from sitl.plants import AxisDynamics, PlanarHull, RigidBody, Water, Wrench
 
 DT = 0.02
 
 
 def _run(axis: AxisDynamics, force: float, seconds: float, nu: float = 0.0) -> tuple[float, float]:
-    travelled = 0.0
-    for _ in range(round(seconds / DT)):
-        nu, step = axis.step(nu, force, DT)
-        travelled += step
-    return nu, travelled
+    return _flown(axis, force, round(seconds / DT), DT, nu)
+
+
+def _flown(axis: AxisDynamics, force: float, steps: int, dt: float, nu: float = 0.0) -> tuple[float, float]:
+    """Return velocity and way of a body that only surges."""
+    body = RigidBody({"surge": axis})
+    body.state.u = nu
+    for _ in range(steps):
+        body.step(Wrench(X=force), dt)
+    return body.state.u, body.state.x
 
 
 def _body(world: Water | None = None) -> PlanarHull:
@@ -57,10 +62,7 @@ def test_the_step_is_of_fourth_order():
     exact = math.sqrt(0.06 / 0.07) * math.tanh(math.sqrt(0.06 * 0.07) / 0.04 * 0.8)
 
     def error(steps: int) -> float:
-        nu = 0.0
-        for _ in range(steps):
-            nu, _ = axis.step(nu, 0.06, 0.8 / steps)
-        return abs(nu - exact)
+        return abs(_flown(axis, 0.06, steps, 0.8 / steps)[0] - exact)
 
     assert error(4) / error(8) > 12.0
 

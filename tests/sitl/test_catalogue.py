@@ -45,6 +45,8 @@ def test_every_number_of_a_vehicle_says_where_it_comes_from(name):
                         "jankristia",
                         "Skjetne2004",
                         "ZhaoUSV",
+                        "Gomes2003",
+                        "Erunsal2017",
                     )
                 ), (heading, key)
 
@@ -58,7 +60,9 @@ def test_every_vehicle_opens_and_rests(name):
 
 
 def test_an_unknown_vehicle_names_the_nearest():
-    with pytest.raises(UnknownVehicle, match=r"unknown vehicle 'chrlie'; did you mean charlie or charlie-sway\?"):
+    with pytest.raises(
+        UnknownVehicle, match=r"unknown vehicle 'chrlie'; did you mean charlie or charlie-sway or charlie-rudders\?"
+    ):
         load_vehicle("chrlie")
 
 
@@ -114,6 +118,7 @@ def test_a_vehicle_like_another_differs_in_what_its_file_says_only():
 def test_a_vehicle_that_sways_drifts_outwards_in_a_turn_ahead(name):
     body, wrench = load_vehicle(name).make_plant(), Wrench()
     actuators = load_vehicle(name).make_actuators()
+    actuators.attach(body)
     for _ in range(1500):
         actuators.apply({"N": 0.3, "X": 0.5, "Z": 0.0}, body.parameters, wrench)
         body.step(wrench, 0.02)

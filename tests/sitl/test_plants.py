@@ -115,7 +115,7 @@ def test_the_specific_force_adds_up_to_the_velocity_over_ground(sways):
         velocity[0] += (c * ahead - s * aside) * DT
         velocity[1] += (s * ahead + c * aside) * DT
         velocity[2] += (down + GRAVITY) * DT
-    u, v = measured_speed(body.state, body.water)
+    u, v, _ = measured_speed(body.state, body.water)
     c, s = math.cos(body.state.psi), math.sin(body.state.psi)
     assert velocity == pytest.approx([c * u - s * v, s * u + c * v, body.state.w], abs=1e-9)
 

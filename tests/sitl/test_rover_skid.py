@@ -54,3 +54,7 @@ def test_the_throttle_is_lifted_over_the_least_and_bent_then() -> None:
 def test_a_slow_slew_rate_is_kept_below_one_percent_a_loop() -> None:
     pair, _ = outputs(0.5, 0.0, MOT_SLEWRATE=25)
     assert pair == pytest.approx([0.005, 0.005], abs=2e-3)
+
+
+def test_a_floor_above_twenty_percent_counts_as_twenty() -> None:
+    assert outputs(0.5, 0.0, MOT_THR_MIN=60)[0] == pytest.approx(outputs(0.5, 0.0, MOT_THR_MIN=20)[0], abs=2e-3)

@@ -196,3 +196,35 @@ def test_disarming_in_poshold_ends_every_output():
     ground.command(400, 0)
     ground.run(0.1)
     assert set(ground.servos[:6]) == {1500}
+
+
+def _stay(ground: Ground, target: complex, altitude: float, yaw: float) -> None:
+    frame, place_and_yaw = mavlink.MAV_FRAME_LOCAL_NED, 0b100111000000
+    way = (target.real, target.imag, -altitude)
+    ground.send(
+        mavlink.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, frame, place_and_yaw, *way, 0, 0, 0, 0, 0, 0, yaw, 0
+        )
+    )
+
+
+def test_guided_stays_at_a_place_that_is_repeated_and_keeps_the_heading_that_is_given():
+    ground = _holding(mode=SUB_GUIDED)
+    here, heading = place(ground), ground.vehicle.state.psi
+    for _ in range(150):
+        _stay(ground, here + 1 - 1j, -4.0, heading + 0.3)
+        ground.run(0.1)
+    assert abs(place(ground) - here - (1 - 1j)) < 0.15
+    assert ground.vehicle.state.psi == pytest.approx(heading + 0.3, abs=0.05)
+    assert ground.vehicle.state.z == pytest.approx(4.0, abs=0.2)
+
+
+def test_a_stick_within_a_tenth_pushes_and_leaves_the_place():
+    ground = _holding()
+    ground.run(10.0)
+    here = place(ground)
+    ground.sticks[5] = 1536
+    ground.run(2.0)
+    assert 0.02 < abs(place(ground) - here) < 0.4
+    ground.run(40.0)
+    assert abs(place(ground) - here) < 0.1

@@ -41,6 +41,7 @@ ahrs = { get_yaw = function() return py.yaw() end, get_gyro = function() return 
   get_roll = function() return py.roll() end, get_pitch = function() return py.pitch() end,
   get_relative_position_NED_origin = pos,
   get_velocity_NED = function() if py.has_position() then return vector(py.velocity()) end end }
+baro = { get_altitude = function() return py.altitude() end }
 arming = { is_armed = function() return py.armed() end }
 vehicle = { get_mode = function() return py.mode() end }
 rc = { has_valid_input = function() return py.rc_ok() end, get_pwm = function(_, c) return py.pwm(c) end }
@@ -58,7 +59,7 @@ class LuaHost:
     breaches, charge, has_position : what the simulated autopilot reports of fence, battery [%] and position.
     moved : RC channel -> PWM [us] of a stick that somebody moves.
     log : bytes of the dataflash log. rows : (time [s], name, values) of the rows logged.
-    error : text of the last Lua error.
+    error : text of the last Lua error. is_hung : scripts never run again. lateness [ms] : scripts run that late.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -72,6 +73,7 @@ class LuaHost:
         self.rows: list[tuple[float, str, tuple[float, ...]]] = []
         self.error = ""
         self.is_hung = False
+        self.lateness = 0
         self._types: dict[str, tuple[int, str]] = {}
         vehicle.autopilot.scripts = self
         self._format("FMT", "Type,Length,Name,Format,Columns", "BBnNZ")
@@ -96,7 +98,7 @@ class LuaHost:
         if self.is_hung:
             return
         for k, (due, update) in enumerate(self._run):
-            if now >= due:
+            if now >= due + self.lateness:
                 self._step(k, update)
 
     def load(self, text: str) -> None:
@@ -141,6 +143,7 @@ class LuaHost:
             "has_position": lambda: self.has_position,
             "position": lambda: (estimate.x, estimate.y, estimate.z),
             "velocity": lambda: (estimate.vx, estimate.vy, estimate.vz),
+            "altitude": lambda: -estimate.z,
             "armed": lambda: autopilot.armed,
             "mode": lambda: autopilot.mode.number,
             "rc_ok": lambda: not autopilot.failsafe,

@@ -134,8 +134,10 @@ def test_the_run_and_the_log_alone_are_identified_like_any_other(tmp_path, capsy
         assert found["alpha_r"]["value"] == pytest.approx(fit.parameters["alpha_r"].value, rel=0.05)
 
 
-def test_an_rov_is_identified_in_depth(tmp_path):
+def test_an_rov_that_knows_its_position_late_is_identified_in_depth(tmp_path):
     harness = Scripted(tmp_path, "falcon", SCHED_LOOP_RATE=100.0)
+    harness.host.has_position = False
+    harness.when("second self-oscillation", lambda: setattr(harness.host, "has_position", True))
     fit = harness.aboard("depth")
     assert fit.dof == "heave"
     harness.assert_gone()

@@ -65,6 +65,6 @@ def test_a_link_lost_on_leaving_is_said_when_nothing_else_went_wrong() -> None:
 def test_a_craft_that_steers_by_thrust_is_not_promised_to_be_twitched_without(vehicle: str, twitched: str) -> None:
     with Session(MemoryLink(open_vehicle(vehicle, seed=1), quantum=0.02)) as session:
         craft = open_craft(session)
-        said = connection.arming(craft)
+        said = connection.arming(craft).text
     assert said.startswith("arm the vehicle, and disarm it at the end; move ")
     assert twitched in said

@@ -101,11 +101,13 @@ def test_the_nearest_feasible_distance_is_found_between_none_and_the_most():
 
 def test_the_announcement_has_the_whole_of_it_with_its_stages():
     whole = Excursion(130.0, 75.0, (("sign check", 40.0), ("zig-zag", 54.0)))
-    told = whole_of(whole, Envelope(), "a test")
+    told = whole_of(whole, Envelope(), "a test").text
     assert told == (
         "need up to 90 m from the start, and up to 2 min 20 s: sign check 40 s, zig-zag 55 s; predicted from a test"
     )
-    assert "up to 80 m from the start (--max-distance ends the run there)" in whole_of(whole, Envelope(distance=80.0))
+    assert (
+        "up to 80 m from the start (--max-distance ends the run there)" in whole_of(whole, Envelope(distance=80.0)).text
+    )
     loop = replace(whole, usual=Excursion(60.0, 30.0))
     assert whole_of(loop, Envelope(), "a test") == (
         "usually need about 40 m from the start, and about 1 min 10 s (predicted from a test). "

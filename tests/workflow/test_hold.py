@@ -19,6 +19,7 @@ from gcs_autotune.workflow.own_loops import supplied, supplied_motion
 from sitl.effects import parse_effect
 
 from .sitl_harness import WHEN, Ear, SitlHarness
+from .test_fly_area import square
 
 
 def held(
@@ -223,3 +224,11 @@ def test_models_of_a_run_replace_every_relay_and_their_dead_zones_are_inverted(t
     assert "relay" not in " ".join(again.said).replace("relay-", "")
     loop = supplied_motion(supplied(models, "sideways", None)).loop(0.3)
     assert loop.output(0.01) > 0.1
+
+
+def test_a_line_through_the_fence_is_refused_with_the_distance(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "blueboat", parameters={"FENCE_ENABLE": 1.0, "FENCE_TYPE": 4.0})
+    harness.server.fence = [(5001, 4.0, *corner) for corner in square(40.0)]
+    with pytest.raises(PreconditionFailed, match=r"the line goes .* outside its own fence"):
+        line(harness, length=80.0)
+    assert not harness.vehicle.autopilot.armed

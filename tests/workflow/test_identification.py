@@ -65,8 +65,19 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         def of(cls, *_: object) -> Relays:
             return cls()
 
-        def relay(self, name: str, output: float | None, **options: Any) -> Any:
-            return SimpleNamespace(name=name, **options)
+        against_wall = False
+
+        def relay(self, number: int, output: float | None, **options: Any) -> Any:
+            return SimpleNamespace(name=self.name(number), **options)
+
+        def name(self, number: int) -> str:
+            return f"relay-{number}"
+
+        def stage(self, which: str) -> str:
+            return f"{which} self-oscillation"
+
+        def second_output(self, first: Any) -> float:
+            return 0.2
 
     def fitted(context: Any, plain: Any, trials: Any, step: Any, **_: Any) -> Identified:
         return Identified(SimpleNamespace(unexplained=context.left), trials)  # type: ignore[arg-type]
@@ -76,7 +87,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(identification, "_plain", lambda context, trials: plain)
     monkeypatch.setattr(identification, "_with_curve", fitted)
     context.fly = fly
-    context.settings = SimpleNamespace(relay_output=None, structure=None, most_relays=2)
+    context.settings = SimpleNamespace(relay_output=None, structure=None, most_relays=2, pull_test=None)
     context.log = SimpleNamespace(say=lambda text: None, fit=None)
     context.craft = SimpleNamespace(firmware=SimpleNamespace(needs_way=False), least_period=0.0)
     context.axis = FIRMWARE["ardusub"].axes["heading"]

@@ -46,7 +46,7 @@ def test_the_stages_of_a_tune_are_told_with_their_times():
     ]
     assert itinerary.legs[1].seconds == pytest.approx(30.0)
     assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
-    told = how_long(itinerary)
+    told = how_long(itinerary).text
     assert told.startswith("take about 8 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
     assert "turning around 3 times 32 s" in told
 
@@ -57,8 +57,8 @@ def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_ti
         Itinerary(legs_of_tune(settings("depth", **how), "heave", p, moving=False, given=False, dives=True))
         for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of("rov", restless=True)))
     )
-    assert how_long(usual, patient.seconds).startswith("take about 110 s of the vehicle's time, up to 7 min if ")
-    assert "up to" not in how_long(patient, patient.seconds)
+    assert how_long(usual, patient.seconds).text.startswith("take about 110 s of the vehicle's time, up to 7 min if ")
+    assert "up to" not in how_long(patient, patient.seconds).text
 
 
 def test_a_dry_run_a_given_model_a_dive_and_an_rov_change_the_stages():
@@ -180,28 +180,28 @@ def test_the_line_has_step_bar_time_since_the_start_time_left_and_the_signal_at_
 def test_the_room_is_that_of_the_craft():
     here = Observation(0.0, 0.0, z=0.2)
     whole, deep = Excursion(200.0, 182.0), Observation(0.0, 0.0, z=10.0)
-    assert room("yaw", 1.2, settings(stop_rule="settled"), here, whole).startswith(
+    assert room("yaw", 1.2, settings(stop_rule="settled"), here, whole).text.startswith(
         "need up to 220 m from the start. It turns around before each stage. A smaller"
     )
-    assert room("yaw", 1.2, settings(), here, whole).startswith(
+    assert room("yaw", 1.2, settings(), here, whole).text.startswith(
         "need up to 228 m from the start (usually about 220 m). Between stages it turns around if it is more"
     )
     small = settings(envelope=Envelope(distance=150.0))
-    assert room("yaw", 1.2, small, here, whole).startswith("need up to 150 m from the start. Between stages")
-    near = room("surge", 1.5, settings("speed"), here, Excursion(100.0, 90.0, usual=Excursion(80.0, 37.0)))
+    assert room("yaw", 1.2, small, here, whole).text.startswith("need up to 150 m from the start. Between stages")
+    near = room("surge", 1.5, settings("speed"), here, Excursion(100.0, 90.0, usual=Excursion(80.0, 37.0))).text
     assert near == "need up to 110 m from the start (usually about 45 m). A smaller --max-distance reduces this"
-    assert room("yaw", 0.0, settings(), here, whole) == "need about 2 m of free water around the vehicle"
+    assert room("yaw", 0.0, settings(), here, whole).text == "need about 2 m of free water around the vehicle"
     assert (
-        room("heave", 0.0, settings("depth"), here, whole)
+        room("heave", 0.0, settings("depth"), here, whole).text
         == "need about 2 m of free water around the vehicle, and 4 m of depth"
     )
-    assert room("heave", 0.0, settings("depth", step=-3.0), deep, whole).endswith("and 14 m of depth")
-    assert room("heave", 0.0, settings("depth"), Observation(0.0, 0.0), whole).endswith("and 4 m of depth")
+    assert room("heave", 0.0, settings("depth", step=-3.0), deep, whole).text.endswith("and 14 m of depth")
+    assert room("heave", 0.0, settings("depth"), Observation(0.0, 0.0), whole).text.endswith("and 4 m of depth")
 
 
 def test_the_battery_is_told_as_far_as_it_is_known_with_what_is_assumed():
-    known = battery(Observation(0.0, 0.0, battery_remaining=0.87, battery_voltage=15.9), Envelope(), 540.0)
+    known = battery(Observation(0.0, 0.0, battery_remaining=0.87, battery_voltage=15.9), Envelope(), 540.0).text
     assert "87 % now, limit 10 %" in known and "15.9 V now" in known
     assert "about 15 % of a battery that lasts an hour" in known and "assumed" in known
-    unknown = battery(Observation(0.0, 0.0), Envelope(), 540.0)
+    unknown = battery(Observation(0.0, 0.0), Envelope(), 540.0).text
     assert "not monitored" in unknown

@@ -221,7 +221,18 @@ def test_a_script_that_hangs_leaves_neutral_outputs():
     pond = Pond()
     pond.until_relay()
     pond.host.is_hung = True
-    pond.run(0.3)
+    pond.run(0.6)
+    assert not pond.is_driven
+
+
+def test_a_script_that_runs_too_rarely_ends():
+    pond = Pond()
+    pond.until_relay()
+    pond.host.lateness = 300
+    assert not pond.run(10.0, lambda: pond.word == "late")
+    pond.host.lateness = 700
+    assert pond.run(10.0, lambda: pond.word == "late")
+    pond.run(0.1)
     assert not pond.is_driven
 
 

@@ -377,7 +377,7 @@ def test_no_module_of_the_missions_but_the_loop_of_the_autopilot_writes_paramete
             own = called and ast.unparse(node.value).endswith("parameters")
             if own or (isinstance(node, ast.Name) and node.id == "ParameterTransaction"):
                 writers.add(path.stem)
-    assert writers == {"autopilot_loop", "restore"}
+    assert writers == {"aboard", "autopilot_loop", "restore"}
 
 
 def test_gains_of_a_controller_of_our_own_go_back_when_its_proof_fails(context: Any) -> None:

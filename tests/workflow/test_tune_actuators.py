@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gcs_autotune.cli import main
 from gcs_autotune.errors import AutotuneError, BadFile, NotInformative, OperatorStopped, ParameterMissing, WrongVehicle
 from gcs_autotune.link import Journal, Parameters
 from gcs_autotune.thrusters import PullTest
@@ -180,6 +182,8 @@ def test_a_pull_test_in_pulses_shows_trim_and_ends(tmp_path: Path) -> None:
     new = {c.parameter: c.new for c in story.changes}
     assert new["SERVO1_TRIM"] == new["SERVO3_TRIM"] == pytest.approx(1520.0, abs=3.0)
     assert new["SERVO1_MAX"] == pytest.approx(1920.0, abs=50.0)
+    assert story.ending == "restored", "the thrusters of this boat have another middle"
+    harness.assert_as_found()
 
 
 def test_an_experiment_takes_the_thrust_curve_of_a_pull_test(tmp_path: Path) -> None:
@@ -187,3 +191,26 @@ def test_an_experiment_takes_the_thrust_curve_of_a_pull_test(tmp_path: Path) -> 
     curve = np.sign(LEVELS) * (0.7 * np.abs(LEVELS) + 0.3 * LEVELS**2)
     fit = experiment(harness.settings("speed", pull_test=pulls(10.0 * curve)), Unattended(), Ear(harness.said), WHEN)
     assert fit.extra["thrust_curve"]["square"] == pytest.approx(0.3, abs=0.02)
+
+
+def test_an_experiment_with_an_rov_takes_no_pull_test(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "bluerov2")
+    with pytest.raises(WrongVehicle, match="--pull-test is for the throttle of a boat"):
+        experiment(harness.settings("surge", pull_test=pulls(LEVELS)), Unattended(), Ear(harness.said), WHEN)
+
+
+@pytest.mark.parametrize(
+    ("axis", "table", "words"),
+    [
+        ("actuators", "command[1],force[V]\n0,0\n", r"force\[V\]|\[V\]"),
+        ("actuators", "command[1],force[N]\n0.5,3\n", "only 1 different commands"),
+        ("heading", "command[1],force[N]\n0.5,3\n", "`tune heading` does not use --pull-test"),
+    ],
+)
+def test_the_command_line_refuses_a_bad_table(
+    axis: str, table: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "pulls.csv").write_text(table)
+    line = ["tune", axis, "--connect", "sitl:blueboat", "--quiet", "--pull-test", str(tmp_path / "pulls.csv")]
+    assert main([*line, "--out", str(tmp_path / "run")]) != 0
+    assert re.search(words, capsys.readouterr().err)

@@ -69,7 +69,7 @@ def test_better_parameters_are_kept_and_the_mission_is_restored(tmp_path: Path) 
     assert flown(harness) == theirs()
     assert harness.vehicle.autopilot.mission.current == 2
     changed = {n for n, v in harness.vehicle.parameters.values.items() if v != harness.parameters[n]}
-    assert changed == {"WP_ACCEL", "WP_RADIUS", "WP_PIVOT_ANGLE", "PSC_POS_P", "PSC_VEL_P"}
+    assert changed == {"WP_ACCEL", "WP_RADIUS", "WP_PIVOT_ANGLE", "PSC_VEL_P"}
     assert not harness.vehicle.autopilot.armed
     assert Journal.read(harness.directory / "journal.jsonl").is_settled
     summary = json.loads((harness.directory / "summary.json").read_text())
@@ -85,7 +85,7 @@ def test_a_dry_run_flies_once_and_writes_nothing(tmp_path: Path) -> None:
     harness = tuned(tmp_path)
     story = line(harness, dry_run=True)
     assert (story.ending, story.track_after) == ("dry-run", None)
-    assert {c.parameter for c in story.changes} >= {"WP_ACCEL", "PSC_POS_P"}
+    assert {c.parameter for c in story.changes} >= {"WP_ACCEL", "PSC_VEL_P"}
     assert dict(harness.vehicle.parameters.values) == harness.parameters
     assert flown(harness) == theirs()
 

@@ -36,6 +36,9 @@ class Transport(ABC):
     is_simulated = False
     """Whether the link's time is simulated, so that a record is reproducible bit for bit."""
 
+    stays_open = False
+    """Whether :meth:`close` leaves the link open, because a later run of the same job uses it."""
+
     origin = ""
     """Sender of the bytes returned by the last :meth:`read`, on links with several senders; else empty."""
 
@@ -112,8 +115,8 @@ class Transport(ABC):
         """
 
     def close(self) -> None:
-        """Close the port, socket or process. It may be called twice."""
-        if not self._closed:
+        """Close the port, socket or process, unless it stays open. It may be called twice."""
+        if not (self._closed or self.stays_open):
             self._closed = True
             self._close()
 

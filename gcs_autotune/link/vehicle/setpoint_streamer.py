@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from gcs_autotune.clock import Clock
-from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, TurnRateTarget
+from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, PositionTarget, TurnRateTarget
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.latency import Latency
@@ -16,7 +17,15 @@ from gcs_autotune.link.vehicle.telemetry import Telemetry
 from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
 from gcs_autotune.mavlink import Message, mavlink
 
-__all__ = ["ATTITUDE_TARGETS", "FOLLOW_TIMEOUT", "SendRate", "SetpointStreamer", "depth_target", "turn_rate_target"]
+__all__ = [
+    "ATTITUDE_TARGETS",
+    "FOLLOW_TIMEOUT",
+    "SendRate",
+    "SetpointStreamer",
+    "depth_target",
+    "position_target",
+    "turn_rate_target",
+]
 
 _IGNORE_BODY_RATES = 0b111
 _IGNORE_THRUST = 1 << 6
@@ -24,6 +33,9 @@ _YAW_RATE_ONLY = 0b10000011
 """ATTITUDE_TARGET_TYPEMASK that ignores attitude and body roll and pitch rates, and uses yaw rate and thrust."""
 _ONLY_Z = 0b110111111011
 """POSITION_TARGET_TYPEMASK that ignores everything except z. Its force bit selects acceleration, which is ignored."""
+_POSITION_AND_YAW = 0b100111000000
+"""POSITION_TARGET_TYPEMASK that ignores accelerations and the yaw rate. The velocity is zero: without it ArduSub turns
+towards the target (WP_YAW_BEHAVIOR)."""
 _HALF = 0.5
 """Thrust value that ArduSub interprets as neither up nor down, if it reads this field."""
 
@@ -76,6 +88,21 @@ def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
     nothing = [0.0] * 8
     return mavlink.MAVLink_set_position_target_global_int_message(
         0, *ids, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, _ONLY_Z, 0, 0, -target.z, *nothing
+    )
+
+
+def position_target(ids: tuple[int, int], target: PositionTarget) -> Message:
+    """Return SET_POSITION_TARGET_LOCAL_NED for a position below and beside the estimator's origin."""
+    where, nothing = (target.x, target.y, target.z), [0.0] * 6
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0,
+        *ids,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        _POSITION_AND_YAW,
+        *where,
+        *nothing,
+        math.remainder(target.psi, math.tau),
+        0.0,
     )
 
 
@@ -322,3 +349,6 @@ class SetpointStreamer:
         elif isinstance(command, DepthTarget):
             below_origin = DepthTarget(command.z + self._telemetry.depth_offset)
             self._session.send(depth_target(self._ids, below_origin))
+        elif isinstance(command, PositionTarget):
+            where = replace(command, z=command.z + self._telemetry.depth_offset)
+            self._session.send(position_target(self._ids, where))

@@ -164,6 +164,11 @@ class Telemetry:
         """The vehicle's time since boot [s] by the latest stamp; NaN before any."""
         return self._clock.now
 
+    @property
+    def has_local_position(self) -> bool:
+        """Whether ``x`` and ``y`` count from the estimator's origin (LOCAL_POSITION_NED)."""
+        return self._position_source == "local"
+
     def value(self, name: str) -> float:
         """Return the latest value of the signal *name* [SI], or NaN if none was received."""
         return self.latest.get(name, math.nan)

@@ -42,7 +42,7 @@ from gcs_autotune.trial import Trial
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-__all__ = ["ComparedRun", "Comparison", "comparison_document"]
+__all__ = ["ComparedRun", "Comparison", "comparison_document", "reference_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,14 +84,6 @@ class Comparison(Displayed):
     changes: Mapping[str, tuple[CraftComparison, ...]] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()
 
-    def reference(self, dof: str) -> ComparedRun | None:
-        """Return the run with which models of *dof* are compared; None if no run has one."""
-        return next((run for run in self.runs if dof in run.fits), None)
-
-    def number(self, run: ComparedRun) -> str:
-        """Return the number of *run* in the tables, from 1."""
-        return str(1 + self.runs.index(run))
-
     @property
     def changed(self) -> bool:
         """Whether any model changed by more than noise explains."""
@@ -105,7 +97,7 @@ class Comparison(Displayed):
             return "The runs have no model in common, so only their loops are compared."
         if not self.changed:
             return "The craft has not changed: every difference between the models is within its interval."
-        changed = list(dict.fromkeys(self.number(run) for run, row in rows if row.changed))
+        changed = list(dict.fromkeys(_number(self, run) for run, row in rows if row.changed))
         return f"The craft has changed in run {' and '.join(changed)}: the difference is larger than the intervals."
 
     def _display(self) -> Display:
@@ -113,6 +105,16 @@ class Comparison(Displayed):
         tables = tuple(PlainTable(part.heads, part.rows) for part in parts if isinstance(part, Table) and part.rows)
         said = tuple(part.text for part in parts if isinstance(part, Note) and part.kind == "bullet")
         return Display(self.told, tables, (*said, *self.doubts))
+
+
+def reference_of(runs: Sequence[ComparedRun], dof: str) -> ComparedRun | None:
+    """Return the first of *runs* with a model of *dof*, with which the others are compared; None if there is none."""
+    return next((run for run in runs if dof in run.fits), None)
+
+
+def _number(found: Comparison, run: ComparedRun) -> str:
+    """Return the number of *run* in the tables, from 1."""
+    return str(1 + found.runs.index(run))
 
 
 _METRICS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
@@ -141,14 +143,14 @@ def comparison_document(found: Comparison, when: str = "") -> Document:
 def _sections(found: Comparison) -> Iterator[Section]:
     runs = found.runs
     rows = tuple(
-        (found.number(run), run.name, run.when[:16].replace("T", " "), run.title or "log", run.ending) for run in runs
+        (_number(found, run), run.name, run.when[:16].replace("T", " "), run.title or "log", run.ending) for run in runs
     )
     yield Section("runs", "Runs", (Table(("", "run", "date", "what", "ending"), "rllll", rows),), facts=IN_RESULT)
     told = tuple(
-        f"run {found.number(run)} against run {found.number(first)}, {row.dof}: {row.told}"
+        f"run {_number(found, run)} against run {_number(found, first)}, {row.dof}: {row.told}"
         for run in runs
         for row in found.changes.get(run.name, ())
-        if (first := found.reference(row.dof)) is not None
+        if (first := reference_of(found.runs, row.dof)) is not None
     )
     yield Section("changes", "What changed", tuple(bullets(told)), facts=IN_RESULT)
     for dof in dict.fromkeys(dof for run in runs for dof in run.fits):
@@ -165,7 +167,7 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
     outside = {run.name: _outside(found, run, dof) for run in runs}
     rows = tuple(
         (
-            f"run {found.number(run)}",
+            f"run {_number(found, run)}",
             *(_value(run, dof, name) + (" *" if _number_of(name) in outside[run.name] else "") for name in parameters),
         )
         for run in runs
@@ -195,7 +197,7 @@ def _value(run: ComparedRun, dof: str, name: str) -> str:
 
 def _loop(found: Comparison, axis: str) -> Iterator[Part]:
     runs = [run for run in found.runs if run.axis == axis and (run.metrics or run.gains)]
-    heads, align = tuple(f"run {found.number(run)}" for run in runs), "l" + "r" * len(runs)
+    heads, align = tuple(f"run {_number(found, run)}" for run in runs), "l" + "r" * len(runs)
     names = dict.fromkeys(name for run in runs for name in run.gains)
     gains = tuple((n, *(format_number(run.gains[n]) if n in run.gains else "" for run in runs)) for n in names)
     yield Table(("gain after the run", *heads), align, gains)
@@ -212,7 +214,7 @@ def _loop(found: Comparison, axis: str) -> Iterator[Part]:
     )
     if any(run.step is not None for run in runs):
         caption = "Measured steps with the gains that each run left on the vehicle, as fractions of the step."
-        yield Figure(f"steps-{axis}", caption, partial(_draw_steps, [(found.number(run), run) for run in runs], axis))
+        yield Figure(f"steps-{axis}", caption, partial(_draw_steps, [(_number(found, run), run) for run in runs], axis))
 
 
 def _draw_steps(runs: Sequence[tuple[str, ComparedRun]], axis: str) -> Drawing | None:

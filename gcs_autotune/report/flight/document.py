@@ -6,11 +6,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gcs_autotune.identify import Fit, Model, Validation
+from gcs_autotune.models import SingleDof
 from gcs_autotune.report.plots import label_as_read
 from gcs_autotune.report.study.document import damping_section, model_section
 from gcs_autotune.report.study.study import answer_sentences
@@ -31,6 +33,7 @@ from gcs_autotune.report.toolkit.document import (
     notes,
 )
 from gcs_autotune.report.toolkit.figures import draw_fit, draw_inputs, draw_track, finite, thin
+from gcs_autotune.report.toolkit.goldfarb import goldfarb_figure
 from gcs_autotune.report.toolkit.wording import (
     format_moment,
     format_percent,
@@ -43,6 +46,8 @@ from gcs_autotune.trial import Trial
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
+
+    from gcs_autotune.identify.relay import PredictedCycle
 
 __all__ = ["FlightModel", "FlightStory", "TrialSummary", "flight_document", "preview_document"]
 
@@ -133,9 +138,16 @@ def flight_document(story: FlightStory) -> Document:
     )
 
 
-def preview_document(title: str, when: str, seen: Sequence[tuple[str, Trial, str, str]]) -> Document:
+def preview_document(
+    title: str,
+    when: str,
+    seen: Sequence[tuple[str, Trial, str, str]],
+    cycles: Mapping[str, tuple[SingleDof, PredictedCycle]] = MappingProxyType({}),
+) -> Document:
     """Return the report of a preview: for each run its name, signals, time and space, and the reason not to fly it, if
     any.
+
+    cycles : run -> model and predicted limit cycle of its relay.
     """
     troubles = [trouble if len(seen) == 1 else f"{name}: {trouble}" for name, _, _, trouble in seen if trouble]
     good = f"Predicted: {seen[0][2]}." if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
@@ -147,7 +159,18 @@ def preview_document(title: str, when: str, seen: Sequence[tuple[str, Trial, str
         title=title,
         when=format_moment(when),
         verdict=Verdict(troubles[0] if troubles else good, "bad" if troubles else "good", rest),
-        sections=(Section("record", "Prediction", (*figures, track), facts=IN_RESULT),),
+        sections=(
+            Section("record", "Prediction", (*figures, track), facts=IN_RESULT),
+            *(
+                Section(
+                    f"cycle-{name}",
+                    f"Limit cycle of {name}",
+                    (goldfarb_figure(*pair, f"goldfarb-{name}"),),
+                    facts=IN_RESULT,
+                )
+                for name, pair in cycles.items()
+            ),
+        ),
     )
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from gcs_autotune.design import Linearity, StepMetrics, TrackMetrics
+from gcs_autotune.design import Linearity, PositionMetrics, StepMetrics, TrackMetrics
 from gcs_autotune.report.tune.story import TuneStory
 
 __all__ = ["SCHEMA", "summarise"]
@@ -36,6 +37,9 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "track": None
         if story.track_before is None
         else {"before": story.track_before.to_dict(), "after": _told(story.track_after)},
+        "position": None
+        if story.position_before is None
+        else {"before": _position(story.position_before), "after": _position(story.position_after)},
         "gains": {c.parameter: [c.old, c.new] for c in story.changes} if story.changes or proposal else None,
         "stable": None
         if proposal is None
@@ -49,6 +53,13 @@ def summarise(story: TuneStory) -> dict[str, Any]:
 
 def _told(metrics: TrackMetrics | Linearity | None) -> dict[str, object] | None:
     return None if metrics is None else metrics.to_dict()
+
+
+def _position(metrics: PositionMetrics | None) -> dict[str, float | None] | None:
+    """Return the figures, with None for those that were not measured."""
+    if metrics is None:
+        return None
+    return {name: value if math.isfinite(value) else None for name, value in metrics.to_dict().items()}
 
 
 def _metrics(metrics: StepMetrics | None) -> dict[str, float] | None:

@@ -46,6 +46,7 @@ from gcs_autotune.report.tune.figures import (
     model_figures,
     relay_figures,
     route_figure,
+    stays_figure,
     step_figure,
     track_figure,
 )
@@ -56,6 +57,7 @@ from gcs_autotune.report.tune.tables import (
     gains_table,
     margins_table,
     metrics_table,
+    position_table,
     rates_table,
     route_table,
     thrust_table,
@@ -123,6 +125,17 @@ def _line(story: TuneStory) -> Iterator[Section]:
     yield Section("line", "Mission before and after", parts, facts=IN_RESULT)
 
 
+def _position(story: TuneStory) -> Iterator[Section]:
+    if story.position_before is None:
+        return
+    parts: tuple[Part, ...] = (
+        stays_figure(story),
+        position_table(story.position_before, story.position_after),
+        Note("Distances are of positions averaged over one second.", kind="quiet"),
+    )
+    yield Section("position", "Position before and after", parts, facts=IN_RESULT)
+
+
 def _thrust(story: TuneStory) -> Iterator[Section]:
     if story.thrust_before is None:
         return
@@ -132,7 +145,7 @@ def _thrust(story: TuneStory) -> Iterator[Section]:
 
 
 def _step(story: TuneStory) -> Iterator[Section]:
-    if story.missions:
+    if story.missions or story.stays:
         return
     measured = metrics_table(story.metrics_before, story.metrics_after)
     beside = "The same gains also control turn rate. This turn-rate step was flown with the old and the new gains."
@@ -246,7 +259,7 @@ def _margins(story: TuneStory) -> Iterator[Section]:
 
 
 def _track(story: TuneStory) -> Iterator[Section]:
-    if story.missions:
+    if story.missions or story.stays:
         return
     yield Section("track", "Track", (track_figure(story),), facts=IN_RESULT)
 
@@ -275,7 +288,7 @@ def _files(story: TuneStory) -> Iterator[Section]:
     yield Section("files", "Files of this run", tuple(bullets(story.files)), detail=True, facts=IN_RESULT)
 
 
-FRONT = (_gains, _line, _thrust, _step, _proof, _undo)
+FRONT = (_gains, _line, _position, _thrust, _step, _proof, _undo)
 """Functions that return the sections that a reader sees first: what changed, the one figure, and how to undo it."""
 
 SECTIONS = (_reasons, _design, _model, _relays, _fit, _margins, _track, _vehicle, _events, _parameters, _files)

@@ -63,6 +63,7 @@ __all__ = [
     "relay_figures",
     "relay_series",
     "route_figure",
+    "stays_figure",
     "step_figure",
     "step_series",
     "track_figure",
@@ -282,6 +283,12 @@ def _draw_route(missions: Sequence[Trial]) -> Drawing | None:
     x, y = (np.asarray(meta[name][1:-1], dtype=float) for name in ("waypoints_x", "waypoints_y"))
     axes.plot(y, x, color=INK, linewidth=0.8, zorder=0)
     return drawing
+
+
+def stays_figure(story: TuneStory) -> Figure:
+    """Return the tracks of the steps and pushes of a position tune."""
+    runs = {trial.name: trial for trial in story.stays}
+    return Figure("stays", "Track over ground, north up: steps and pushes.", partial(draw_track, runs))
 
 
 def _levels(story: TuneStory) -> list[float]:

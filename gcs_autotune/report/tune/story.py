@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gcs_autotune.axes import AXES, OTHER_NAMES
-from gcs_autotune.design import Change, Linearity, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, Linearity, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
@@ -54,6 +54,8 @@ class TuneStory:
     missions : the flights of a tune of the line.
     thrust_before, thrust_after : how thrust followed the command in a tune of the actuators.
     track_before, track_after : how they followed their route, with old and new parameters.
+    stays : the steps and pushes of a tune of the position.
+    position_before, position_after : how the position was held, with old and new gains.
     kept : whether the new gains stayed; None if undecided; ``verdict_reasons`` has the reasons.
     parameters_before, parameters_after : as read from the vehicle; empty if not read.
     events : (vehicle time [s] or NaN, what happened).
@@ -88,6 +90,9 @@ class TuneStory:
     thrust_after: Linearity | None = None
     track_before: TrackMetrics | None = None
     track_after: TrackMetrics | None = None
+    stays: tuple[Trial, ...] = ()
+    position_before: PositionMetrics | None = None
+    position_after: PositionMetrics | None = None
     kept: bool | None = None
     verdict_reasons: tuple[str, ...] = ()
     parameters_before: Mapping[str, float] = field(default_factory=dict)

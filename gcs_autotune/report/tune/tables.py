@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.design import Change, Linearity, Margins, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, Linearity, Margins, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     MOST_FACTOR,
@@ -27,6 +27,7 @@ __all__ = [
     "gains_table",
     "margins_table",
     "metrics_table",
+    "position_table",
     "rates_table",
     "route_table",
     "thrust_table",
@@ -131,6 +132,30 @@ def route_table(before: TrackMetrics, after: TrackMetrics | None) -> Table:
     )
     if after is None:
         return Table(("lower is better", "present parameters"), "lr", rows)
+    return Table(("lower is better", "before", "after", "change"), "lrrr", rows)
+
+
+_POSITION: tuple[tuple[str, str, Callable[[PositionMetrics], str]], ...] = (
+    ("itae", "step error (ITAE per unit step)", lambda m: _with_unit(m.itae, "s²")),
+    ("rise", "rise time (to 90 %)", lambda m: format_seconds(m.rise, "not reached")),
+    ("overshoot", "overshoot", lambda m: format_share(m.overshoot)),
+    ("hold", "distance while holding, rms", lambda m: _with_unit(m.hold, "m")),
+    ("push", "distance under the push, rms", lambda m: _with_unit(m.push, "m")),
+    ("excursion", "distance under the push, greatest", lambda m: _with_unit(m.excursion, "m")),
+    ("travel", "actuator travel per second", lambda m: format_share(m.travel)),
+)
+"""Field of PositionMetrics -> its label and its format."""
+
+
+def position_table(before: PositionMetrics, after: PositionMetrics | None) -> Table:
+    """Return how the position was stepped and held, before and after."""
+    shown = [row for row in _POSITION if math.isfinite(getattr(before, row[0])) or row[0] == "rise"]
+    if after is None:
+        return Table(("lower is better", "present gains"), "lr", tuple((what, show(before)) for _, what, show in shown))
+    rows = tuple(
+        (what, show(before), show(after), format_change(getattr(before, name), getattr(after, name)))
+        for name, what, show in shown
+    )
     return Table(("lower is better", "before", "after", "change"), "lrrr", rows)
 
 

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 
-from gcs_autotune.design import Margins, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Margins, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.report.toolkit.document import Tone, Verdict
 from gcs_autotune.report.toolkit.wording import (
     format_change,
@@ -64,6 +64,8 @@ def verdict_of(story: TuneStory) -> Verdict:
             sentences.append(turn_rates(*story.beside))
     elif story.track_before is not None:
         sentences.append(route_words(story.track_before, story.track_after))
+    elif story.position_before is not None:
+        sentences.append(position_words(story.position_before, story.position_after))
     elif story.ending == "unchanged" and story.metrics_before is not None:
         sentences.append(as_it_is(story.metrics_before))
     elif story.proposal is not None:
@@ -94,6 +96,17 @@ def route_words(before: TrackMetrics, after: TrackMetrics | None) -> str:
         f"Distance from the route (measured): {format_quantity(now.rms, 'm', 2)} rms; corners off by "
         f"{_metres(now.corners)}{was}."
     )
+
+
+def position_words(before: PositionMetrics, after: PositionMetrics | None) -> str:
+    """Return one sentence on the step and the push."""
+    now = before if after is None else after
+    was = "" if after is None else f" (before: {format_quantity(before.itae, 's^2', 2)})"
+    words = f"Position (measured): step error {format_quantity(now.itae, 's^2', 2)}{was}"
+    if math.isfinite(now.push):
+        was = "" if after is None else f" (before: {format_quantity(before.push, 'm', 2)})"
+        words += f"; {format_quantity(now.push, 'm', 2)} rms off under the push{was}"
+    return f"{words}."
 
 
 def _metres(corners: Sequence[float]) -> str:

@@ -1,0 +1,141 @@
+"""Speed of the simulator's kernel, and of a session with it, in one run.
+
+Run from the repository root: ``python -m benchmarks.simulator_speed``. Steps are of fourth order. Times are processor
+seconds of one core. The ratio is to the same equations written in NumPy matrices, with the same integrator.
+PythonVehicleSimulator is not on the package index, so it is not compared here.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.results import Figure, headline
+from sitl import load_vehicle, open_vehicle
+from sitl.plants import RigidBody, kernel
+
+Array = np.ndarray
+
+DT = 0.01
+SESSION = 60.0
+"""Simulated seconds of the session."""
+COLD = (
+    "import time\nbegin = time.process_time()\nimport numba\nfrom numba import njit\n"
+    "import numpy\nimported = time.process_time()\n"
+    "from sitl import load_vehicle\nload_vehicle('ies-rov').make_plant()\n"
+    "print(time.process_time() - imported)"
+)
+
+
+def steps_per_second(plant: RigidBody, *, bodies: int = 1, intervals: int = 100, steps: int = 1000) -> float:
+    """Return the steps per second of *bodies* copies of *plant* at half of full command, in one call."""
+    states = np.zeros((bodies, 13))
+    states[:, 3] = 1.0
+    drag = np.linspace(0.8, 1.2, bodies)[:, None, None]
+    numbers = np.repeat(plant.body[None], bodies, axis=0)
+    numbers[:, kernel.DRAG : kernel.DRAG + 6] *= drag
+    arguments = (
+        states,
+        np.zeros((bodies, len(plant.rotors))),
+        numbers,
+        np.repeat(plant.propellers[None], bodies, axis=0),
+        np.repeat(plant.rudders[None], bodies, axis=0),
+        np.full((intervals, len(plant.commands)), 0.3),
+        np.tile([5.0, 1.0, 0.0, 0.0, 0.0, 0.5], (intervals, 1)),
+        np.zeros((kernel.WORK, kernel.COLUMNS)),
+    )
+    out = np.zeros((bodies, intervals, 13))
+    begin = time.process_time()
+    kernel.fly(*arguments, DT, steps, out)
+    spent = time.process_time() - begin
+    assert np.isfinite(out).all()
+    return bodies * intervals * steps / spent
+
+
+def in_matrices(plant: RigidBody, steps: int = 2000) -> float:
+    """Return the steps per second of the same body without propellers, in NumPy matrices."""
+    body = plant.body
+    inverse, momentum = np.linalg.inv(body[:6]), body[6:12]
+    linear, quadratic = body[12:18], body[kernel.QUADRATIC]
+    g, b, tau = body[kernel.GRAVITY], body[kernel.BUOYANCY], np.array([5.0, 1.0, 0.0, 0.0, 0.0, 0.5])
+
+    def skew(a: Array) -> Array:
+        return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+    def rates(s: Array) -> Array:
+        (phi, theta, psi), nu = s[3:6], s[6:]
+        (c, d, e), (f, h, k) = np.cos([phi, theta, psi]), np.sin([phi, theta, psi])
+        J1 = np.array(
+            [[e * d, -k * c + e * h * f, k * f + e * c * h], [k * d, e * c + f * h * k, -e * f + h * k * c],
+             [-h, d * f, d * c]]
+        )  # fmt: skip
+        J2 = np.array([[1.0, f * h / d, c * h / d], [0.0, c, -f], [0.0, f / d, c / d]])
+        p = momentum @ nu
+        C = np.block([[np.zeros((3, 3)), -skew(p[:3])], [-skew(p[:3]), -skew(p[3:])]])
+        weight, lift = g[3] * J1[2], -b[3] * J1[2]
+        restoring = np.concatenate([weight + lift, np.cross(g[:3], weight) + np.cross(b[:3], lift)])
+        nudot = inverse @ (tau + restoring - linear @ nu - quadratic * np.abs(nu) * nu - C @ nu)
+        return np.concatenate([J1 @ nu[:3], J2 @ nu[3:], nudot])
+
+    s = np.zeros(12)
+    begin = time.process_time()
+    for _ in range(steps):
+        k1 = rates(s)
+        k2 = rates(s + 0.5 * DT * k1)
+        k3 = rates(s + 0.5 * DT * k2)
+        k4 = rates(s + DT * k3)
+        s = s + DT / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return steps / (time.process_time() - begin)
+
+
+def session() -> float:
+    """Return simulated seconds per processor second of a session with a craft in six degrees of freedom."""
+    server = open_vehicle("bluerov2-6dof")
+    server.advance_to(5.0)
+    server.vehicle.autopilot.set_mode(0)
+    server.vehicle.autopilot.arm(force=True)
+    begin = time.process_time()
+    server.advance_to(5.0 + SESSION)
+    return SESSION / (time.process_time() - begin)
+
+
+def cold_start() -> float:
+    """Return the processor seconds from an empty cache to a body that can fly, without the import of numba."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": folder, "PYTHONPATH": str(Path.cwd())}
+        run = subprocess.run([sys.executable, "-c", COLD], env=environment, capture_output=True, text=True, check=True)
+    return float(run.stdout)
+
+
+def main() -> None:
+    """Print the figures."""
+    planar, sub, heavy = (load_vehicle(name).make_plant() for name in ("bluerov2-sway", "ies-rov", "bluerov2-6dof"))
+    bare = RigidBody({dof: heavy.axis(dof) for dof in heavy.dofs}, ballast=heavy.ballast, coupling=heavy._coupling)
+    for body in (planar, sub, bare):
+        steps_per_second(body, intervals=2, steps=2)
+    three = max(steps_per_second(planar) for _ in range(3))
+    six = max(steps_per_second(sub) for _ in range(3))
+    batch = max(steps_per_second(sub, bodies=10_000, intervals=2, steps=20) for _ in range(2))
+    alone, matrices = (max(measure(bare) for _ in range(2)) for measure in (steps_per_second, in_matrices))
+    headline(
+        "simulator_speed",
+        "fourth-order steps of the simulator's hull per second of one core",
+        [
+            Figure("six degrees of freedom, four propellers with DC motors", six, "steps/s", least=500_000.0),
+            Figure("three degrees of freedom", three, "steps/s", least=2e6),
+            Figure("batch of 10,000 parameter sets in one call", batch, "steps/s", least=1e6),
+            Figure("ratio to the same equations in NumPy matrices", alone / matrices, "times", least=300.0),
+            Figure("session of the 6-DOF sub against real time", session(), "times", least=100.0),
+            Figure("compilation from an empty cache", cold_start(), "s", most=2.0),
+        ],
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,206 @@
+"""The report of ``tune all``: one verdict, one table of all loops, and how to undo or continue."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any
+
+from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, Tone, Verdict, bullets
+from gcs_autotune.report.toolkit.wording import format_moment, format_number, format_seconds, format_share, sentence
+
+__all__ = ["JobStep", "JobStory", "job_document"]
+
+FLOWN = ("kept", "restored", "unchanged", "dry-run", "declined")
+"""Endings of a step that is done. A step with any other ending is flown when the job is resumed."""
+RECHECK = "recheck "
+WORSE = ("degraded", "poorly damped", "oscillates")
+"""Verdicts of a recheck that call for another tune."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobStep:
+    """One step of a job, from its own summary.
+
+    Attributes
+    ----------
+    name : what was tuned, or ``recheck`` and an axis.
+    directory : its run directory, relative to that of the job; empty: not flown.
+    ending : that of the tune, or ``rejected`` by its checks, ``skipped``, or ``open`` if it was not reached; the
+        verdict of a recheck.
+    gains : parameter -> (old, new).
+    before, after : metrics of the proof, by the names of ``summary.json``; empty if not measured.
+    seconds, took : announced and actual duration [s] of the vehicle's time, with the return before it.
+    """
+
+    name: str
+    directory: str = ""
+    ending: str = "open"
+    reason: str = ""
+    gains: Mapping[str, tuple[float, float]] | None = None
+    before: Mapping[str, Any] | None = None
+    after: Mapping[str, Any] | None = None
+    seconds: float = 0.0
+    took: float = 0.0
+
+    @property
+    def is_recheck(self) -> bool:
+        """Whether it only flies the loop of an earlier step again."""
+        return self.name.startswith(RECHECK)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it needs not be flown when the job is resumed."""
+        return self.ending in FLOWN or (self.is_recheck and self.ending not in ("open", "aborted", "rejected"))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(frozen=True, slots=True)
+class JobStory:
+    """A ``tune all`` as far as it came.
+
+    ``announced``: the announcement. ``stopped``: why it ended early; empty if it did not. ``link``: connection of the
+    vehicle. ``options``: further options of the command.
+    """
+
+    when: str
+    vehicle: str
+    simulated: bool
+    link: str
+    directory: str
+    steps: tuple[JobStep, ...] = ()
+    announced: tuple[str, ...] = ()
+    stopped: str = ""
+    options: str = ""
+
+    @property
+    def seconds(self) -> tuple[float, float]:
+        """Announced and actual duration [s] of the steps that were flown."""
+        flown = [step for step in self.steps if step.took > 0.0]
+        return sum(step.seconds for step in flown), sum(step.took for step in flown)
+
+    @property
+    def undo(self) -> str:
+        """The command that restores the parameters of before the job."""
+        return (
+            f"gcs-autotune params restore {_path(self, 'parameters_before.param')} --connect {shlex.quote(self.link)}"
+        )
+
+    @property
+    def resume(self) -> str:
+        """The command that continues at the next step that is not done; empty if all are."""
+        if all(step.is_done for step in self.steps) and not self.stopped:
+            return ""
+        return f"gcs-autotune tune all{self.options} --connect {shlex.quote(self.link)} --resume {_path(self)}"
+
+    @property
+    def ending(self) -> str:
+        """``kept`` if a step kept its gains, ``aborted`` if the job ended early, ``unchanged`` otherwise."""
+        if self.stopped:
+            return "aborted"
+        return "kept" if any(step.ending == "kept" for step in self.steps) else "unchanged"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "schema": 1,
+            "title": "tune all",
+            "when": self.when,
+            "vehicle": self.vehicle,
+            "ending": self.ending,
+            "reason": self.stopped,
+            "seconds": {"announced": self.seconds[0], "took": self.seconds[1]},
+            "steps": [step.to_dict() for step in self.steps],
+        }
+
+
+def _path(story: JobStory, *names: str) -> str:
+    return shlex.quote(str(PurePath(story.directory, *names)))
+
+
+def job_document(story: JobStory) -> Document:
+    """Return the report of a ``tune all``."""
+    return Document(
+        title=f"Tune all: {story.ending}",
+        about=(story.vehicle or "vehicle not identified",),
+        when=format_moment(story.when),
+        badge="simulated vehicle" if story.simulated else "",
+        verdict=_verdict(story),
+        sections=tuple(_sections(story)),
+        facts=story.to_dict(),
+    )
+
+
+def _verdict(story: JobStory) -> Verdict:
+    tuned = [step for step in story.steps if not step.is_recheck]
+    counts = Counter(step.ending for step in tuned)
+    told = ", ".join(f"{counts[e]} {e}" for e in (*FLOWN, "aborted", "rejected", "skipped", "open") if counts[e])
+    worse = [s for s in story.steps if s.is_recheck and s.ending in WORSE]
+    text = f"{len(tuned)} loop{'s' * (len(tuned) != 1)}: {told}." if tuned else "Nothing was tuned."
+    bad = bool(story.stopped or worse or counts["aborted"] or counts["rejected"] or counts["skipped"])
+    tone: Tone = "bad" if bad else "good" if counts["kept"] else "neutral"
+    sentences = [sentence(story.stopped)] if story.stopped else []
+    sentences += [sentence(f"{step.name}: {step.reason or step.ending}") for step in worse]
+    return Verdict(text, tone, tuple(sentences))
+
+
+def _sections(story: JobStory) -> Iterator[Section]:
+    rows = tuple(row for step in story.steps for row in _rows(step))
+    heads = ("loop", "gain", "old -> new", "error", "overshoot", "settling", "result")
+    errors = Note(
+        "Error: ITAE of the unit step [s²]; of a line, the rms distance from the route, and as overshoot the farthest "
+        "corner. Before and after; predicted only where no proof was flown.",
+        kind="quiet",
+    )
+    yield Section("loops", "Loops", (Table(heads, "lllllll", rows, wide=heads[4:6]), errors), facts=IN_RESULT)
+    reasons = tuple(f"{s.name}: {s.reason}" for s in story.steps if s.reason and s.ending != "kept")
+    if reasons:
+        yield Section("reasons", "Remarks", tuple(bullets(reasons)), facts=IN_RESULT)
+    if story.resume:
+        yield Section(
+            "resume", "How to continue", (Note(story.resume, "The next step:", kind="command"),), facts=IN_RESULT
+        )
+    if any(step.ending == "kept" for step in story.steps):
+        undo = Note(story.undo, "This restores the parameters of before all steps:", kind="command")
+        yield Section("undo", "How to undo", (undo,), facts=IN_RESULT)
+    yield Section("details", "Time and steps", tuple(_details(story)), detail=True, facts=IN_RESULT)
+
+
+def _details(story: JobStory) -> Iterator[Part]:
+    announced, took = story.seconds
+    if took:
+        yield Note(f"Announced {format_seconds(announced)}, took {format_seconds(took)} of the vehicle's time.")
+    yield from bullets(tuple(f"{s.name}: {s.directory}/report.html" for s in story.steps if s.directory))
+    yield Section("announced", "Announced before the start", tuple(bullets(story.announced)))
+
+
+def _rows(step: JobStep) -> Iterator[tuple[str, ...]]:
+    measured = [_pair(step, *names) for names in (("itae", "rms"), ("overshoot", "corners"), ("settling", ""))]
+    gains = [(name, " -> ".join(map(format_number, pair))) for name, pair in (step.gains or {}).items()]
+    for k, (name, change) in enumerate(gains or [("", "")]):
+        first = k == 0
+        cells = measured if first else ["", "", ""]
+        yield (step.name if first else "", name, change, *cells, step.ending if first else "")
+
+
+def _pair(step: JobStep, name: str, of_line: str) -> str:
+    shown = [_cell(metrics, name, of_line) for metrics in (step.before, step.after) if metrics]
+    return " -> ".join(text for text in shown if text)
+
+
+def _cell(metrics: Mapping[str, Any], name: str, of_line: str) -> str:
+    value = metrics.get(name, metrics.get(of_line))
+    if isinstance(value, (list, tuple)):
+        value = max(value, default=math.nan)
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        return "-" if name in metrics or of_line in metrics else ""
+    if name not in metrics:
+        return f"{format_number(value, 2)} m"
+    return format_share(value) if name == "overshoot" else format_number(value, 3) + " s" * (name == "settling")

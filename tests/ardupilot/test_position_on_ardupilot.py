@@ -1,0 +1,54 @@
+"""`tune position` and `hold` on ArduPilot's own firmware with our hulls, in lock step."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from firmware_process import KINDS, binary_of
+from tuning import free_ports, summary_of
+
+from benchmarks.rivals.sea import Sea
+from sitl import load_vehicle
+
+pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(900)]
+
+WARM_UP = {"sub": 90.0, "rover": 240.0}
+"""Seconds before anybody does anything: the estimator needs a position, a boat's also a steady heading."""
+
+
+def fly(name: str, folder: Path, *words: str) -> tuple[int, str]:
+    """Run a command on our hull under the firmware; return its exit code and what it printed."""
+    data = load_vehicle(name)
+    kind = "rover" if data.is_boat else "sub"
+    if binary_of(KINDS[kind]) is None:
+        pytest.skip(f"{KINDS[kind].variable} is not set")
+    sea = Sea(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
+    try:
+        sea.run(WARM_UP[kind])
+        command = [*words, "--connect", sea.tuner_uri, "--yes", "--quiet", "--out", str(folder / "run")]
+        code = sea.host(command, folder / "said.txt")
+    finally:
+        sea.close()
+    return code, (folder / "said.txt").read_text()
+
+
+def test_the_position_of_an_rov_is_tuned_and_kept(tmp_path: Path) -> None:
+    code, said = fly("bluerov2-sway", tmp_path, "tune", "position")
+    assert code == 0, said[-2000:]
+    told = summary_of(tmp_path / "run")
+    assert told["ending"] == "kept"
+    before, after = told["position"]["before"], told["position"]["after"]
+    assert after["itae"] < before["itae"]
+    assert after["push"] < before["push"]
+
+
+HELD = [("bluerov2-sway", "position"), ("bluerov2", "heading"), ("bluerov2", "depth"), ("blueboat", "heading")]
+
+
+@pytest.mark.parametrize(("name", "what"), HELD)
+def test_our_own_loop_holds(name: str, what: str, tmp_path: Path) -> None:
+    code, said = fly(name, tmp_path, "hold", what)
+    assert code == 0, said[-2000:]
+    assert "mode and armed state restored" in said

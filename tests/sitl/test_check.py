@@ -1,0 +1,72 @@
+"""``sitl --check FILE``: file, line and quantity of what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import sitl
+from sitl import VEHICLES
+from sitl.__main__ import main
+from sitl.check import check_vehicle
+
+FILES = Path(sitl.__file__).parent / "vehicles"
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_every_vehicle_of_the_table_passes(name, capsys):
+    assert main(["--check", str(FILES / VEHICLES[name])]) == 0
+    assert "no faults found" in capsys.readouterr().out
+
+
+def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
+    """Write a changed copy, and return it with the line of the change."""
+    text = (FILES / VEHICLES[name]).read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    return path, text[: text.index(old)].count("\n") + 1
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "quantity", "said"),
+    [
+        ("blueboat", "value = 41.77", "value = -41.77", "surge.alpha", "expected a number > 0"),
+        ("blueboat", "value = 41.77", 'value = "heavy"', "surge.alpha", "expected a number, got text"),
+        ("blueboat", 'value = 41.77, unit = "kg"', 'value = 41.77, unit = "lb"', "surge.alpha", "is in 'lb'. Use kg"),
+        ("blueboat", "value = 41.77", "value = 1e308", "surge.alpha", "is not a finite number"),
+        ("blueboat", "value = 41.77", "value = 1e99", "surge.alpha", "expected a number <= 1000000000.0"),
+        ("charlie", "value = [16.0, 25.0,", "value = [25.0, 16.0,", "yaw.n2", "Sort the table so that n2 rises"),
+        ("charlie", "[10.795, 8.755,", "[10.795,", "yaw.alpha", "4 values for 5 values of n2"),
+        ("bluerov2-6dof", "mass = { value = 13.5", "mass = { value = -13.5", "body.mass", "expected a number > 0"),
+        ("bluerov2-6dof", "x = { value = [0.156,", 'x = { value = ["a",', "thrusters.x", "expected a number"),
+        ("tugboat", 'I_xz = { value = 0.05, unit = "kg m^2"', 'I_xz = { value = 0.05, unit = "g"', "body.I_xz", "'g'"),
+        ("ies-rov", "resistance = {", "resistence = {", "motor", "unknown entry 'resistence'"),
+    ],
+)  # fmt: skip
+def test_a_fault_is_named_with_file_line_and_quantity(name, old, new, quantity, said, tmp_path, capsys):
+    path, line = changed(tmp_path / "mine.toml", name, old, new)
+    assert main(["--check", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"{path}:" in error and quantity in error and said in error
+    if "unknown entry" not in said:
+        assert error.startswith(f"sitl: {path}:{line}: {quantity}")
+
+
+def test_all_faulty_entries_are_listed(tmp_path):
+    path, _ = changed(tmp_path / "mine.toml", "blueboat", "value = 41.77", "value = -41.77")
+    path.write_text(path.read_text(encoding="utf-8").replace("value = 25.65", 'value = "x"'), encoding="utf-8")
+    assert [fault.split(": ")[1] for fault in check_vehicle(path)] == ["yaw.alpha.value", "surge.alpha.value"]
+
+
+def test_what_is_no_toml_is_named_with_its_line(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('title = "x"\nfirmware = = "rover"\n', encoding="utf-8")
+    assert check_vehicle(path) == [f"{path}:2: Invalid value"]
+
+
+def test_what_is_missing_is_named(tmp_path):
+    path, _ = changed(tmp_path / "mine.toml", "blueboat", "arm = {", "# arm = {")
+    assert "lacks 'arm'" in check_vehicle(path)[0]
+    assert "cannot be read" in check_vehicle(tmp_path / "none.toml")[0]
