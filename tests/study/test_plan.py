@@ -37,7 +37,7 @@ def test_more_cases_of_a_drawn_design_begin_with_the_same_cases(design: str, tmp
 
 
 def test_no_two_cases_of_a_drawn_design_are_the_same(tmp_path: Path) -> None:
-    """Equal values are likely among few or many: of 1000 numbers with six digits, two are equal in every other study."""
+    """Equal values are likely: of 1000 numbers with six digits, two are equal in every other study."""
     plan = plan_of(tmp_path, 'design = "random"\ncases = 300\nrepeats = 2\nvary.argument.x = [1, 2]')
     assert len({case.point(plan.do) for case in plan}) == 600
 
