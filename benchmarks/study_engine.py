@@ -166,7 +166,8 @@ def kills(folder: Path, cases: int, times: int, seed: int) -> list[Figure]:
                 before = len(set(rows_in(out)))
                 wait = time.monotonic() + 120.0
                 while run.poll() is None and len(set(rows_in(out))) == before and time.monotonic() < wait:
-                    time.sleep(0.2)  # a kill counts once it interrupts something
+                    time.sleep(0.5)  # a kill counts once it interrupts something
+                    cluster.mend()
                 time.sleep(draw.uniform(0.0, 3.0))
                 name = draw.choice(("scheduler", "worker 1", "worker 2", "study run"))
                 if name == "study run":

@@ -30,13 +30,15 @@ __all__ = ["MOST_CASES", "Axis", "Case", "Goal", "Plan", "ReportSpec", "load_pla
 
 Value = float | str | bool
 """A value of a case: a number, a text, or true or false."""
-DIGITS = 6
+DIGITS = 12
 """Significant digits of a number that is not listed in the file. Project choice."""
 MOST_CASES = 10_000_000
 """Largest number of cases; their keys then need a gigabyte of memory. Project choice."""
 MOST_SOBOL = 2**20
 """Largest number of points of a Sobol design, which is held in memory. Project choice."""
 DESIGNS = ("grid", "random", "sobol")
+_NEXT_REPEAT = MOST_CASES + 19
+"""Distance of the seeds of two repeats of a drawn case, so that no two cases have the same seed. Project choice."""
 _CHUNK = 1024
 """Points of a random design that are drawn together. Their number does not change the points. Project choice."""
 
@@ -148,14 +150,18 @@ class Plan(Sequence[Case]):
     @overload
     def __getitem__(self, index: slice) -> list[Case]: ...
     def __getitem__(self, index: int | slice) -> Case | list[Case]:
-        """Return case number *index*. The repeats, with further seeds, follow after all points."""
+        """Return case number *index*. The repeats, with further seeds, follow after all points.
+
+        In a drawn design each case has a seed of its own. So two cases differ, even if the same values are drawn.
+        """
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not 0 <= index < len(self):
             raise IndexError(index)
         repeat, at = divmod(index, self.points)
         varied = self._grid(at) if self.design == "grid" else self._drawn(at)
-        seed = {} if "seed" in self.fixed or "seed" in self.vary else {"seed": self.seed + repeat}
+        own = repeat if self.design == "grid" else at + _NEXT_REPEAT * repeat
+        seed = {} if "seed" in self.fixed or "seed" in self.vary else {"seed": (self.seed + own) % 2**32}
         return Case(index, {**self.fixed, **seed, **varied})
 
     def __iter__(self) -> Iterator[Case]:

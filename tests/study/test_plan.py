@@ -36,6 +36,12 @@ def test_more_cases_of_a_drawn_design_begin_with_the_same_cases(design: str, tmp
     assert 0.3 < sum(c.given["argument.x"] for c in few) / 30 < 0.7
 
 
+def test_no_two_cases_of_a_drawn_design_are_the_same(tmp_path: Path) -> None:
+    """Equal values are likely: of 1000 numbers with six digits, two are equal in every other study."""
+    plan = plan_of(tmp_path, 'design = "random"\ncases = 300\nrepeats = 2\nvary.argument.x = [1, 2]')
+    assert len({case.point(plan.do) for case in plan}) == 600
+
+
 def test_the_same_values_are_the_same_point_however_they_are_written(tmp_path: Path) -> None:
     one, other = (plan_of(tmp_path, f"fixed.argument.x = {x}")[0].point("m:f") for x in ("2", "2.0"))
     assert one == other
