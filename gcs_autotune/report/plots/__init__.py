@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.design import Proposal
 from gcs_autotune.diagnose import Diagnosis
@@ -67,8 +68,8 @@ def _let_notebooks_show_figures() -> None:
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is None:
         return
-    from IPython.core.pylabtools import select_figure_formats
     from matplotlib.figure import Figure
 
     if Figure not in shell.display_formatter.formatters["image/png"].type_printers:
-        select_figure_formats(shell, {"png"})  # type: ignore[no-untyped-call]
+        tools: Any = import_module("IPython.core.pylabtools")
+        tools.select_figure_formats(shell, {"png"})
