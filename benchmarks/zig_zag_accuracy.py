@@ -49,7 +49,8 @@ def truth(craft: str, share: float) -> tuple[float, float]:
     def rates(v: float, r: float, part: float) -> np.ndarray:
         actuators.apply({"N": part, "X": throttle}, body.parameters, wrench)
         wrench.Y, wrench.N = wrench.Y - Y_0, wrench.N - N_0
-        return np.array(body.acceleration(u, v, r, wrench)[1:])
+        _, vdot, _, _, _, rdot = body.acceleration((u, v, 0.0, 0.0, 0.0, r), wrench)
+        return np.array([vdot, rdot])
 
     A = np.column_stack([rates(NUDGE, 0.0, 0.0), rates(0.0, NUDGE, 0.0)]) / NUDGE
     b = (rates(0.0, 0.0, share) - rates(0.0, 0.0, -share)) / (2.0 * share)

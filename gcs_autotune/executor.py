@@ -209,9 +209,13 @@ class DaskExecutor:
     def _submitted(self, order: _Order, task: Any, ended: queue.SimpleQueue[Any]) -> Any:
         """Submit a task, to suited workers only if there are others. Its future is put into *ended*."""
         only = [w for w in self._threads if w not in self._refused] if self._refused else None
-        future = self._client.submit(
-            _on_worker, order, self._unsuited, task, pure=False, workers=only, allow_other_workers=bool(only)
-        )
+        try:
+            future = self._client.submit(
+                _on_worker, order, self._unsuited, task, pure=False, workers=only, allow_other_workers=bool(only)
+            )
+        except Exception:  # Dask has a class of its own for a client whose scheduler has closed
+            self._verify_connected()
+            raise
         future.add_done_callback(ended.put)
         return future
 

@@ -11,6 +11,7 @@ import pytest
 import gcs_autotune
 from gcs_autotune.axes import AXES, OTHER_NAMES, axis_kind
 from gcs_autotune.cli import make_parser
+from gcs_autotune.cli.tune_cmd import ALL
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import LIMITS
 from gcs_autotune.tunables import TUNABLES
@@ -31,7 +32,7 @@ def test_no_room_but_the_firmware_asks_for_the_kind_of_craft() -> None:
 
 
 def test_every_command_has_the_same_words_for_axes() -> None:
-    assert choices("tune") == {*AXES, *TUNABLES}
+    assert choices("tune") == {*AXES, *TUNABLES, ALL}
     assert choices("experiment") == set(AXES) | set(OTHER_NAMES)
 
 

@@ -268,6 +268,8 @@ DROPPED = {"axis", "what", "command", "out", "yes", "dry_run", "json", "remote",
         "structure",
         "gains",
         "pull_test",
+        "directory",
+        "uri",
     )
 }
 """Names of the options that have no effect when supplied gains are proved."""

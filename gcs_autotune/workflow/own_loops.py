@@ -16,7 +16,7 @@ import numpy as np
 from gcs_autotune.axes import OWN_AXES, axis_kind
 from gcs_autotune.control import AxisLoop, OwnDesign, Uncertainty, design_own, uncertainty_of
 from gcs_autotune.design import Actuator
-from gcs_autotune.errors import BadFile
+from gcs_autotune.documents import model_file
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import ModelFile, load_model, save_model
 from gcs_autotune.identify.thrust import with_actuator
@@ -263,9 +263,7 @@ def load_models(path: Path) -> tuple[ModelFile, ...]:
     """
     if not path.is_dir():
         return (load_model(path),)
-    files = sorted(path.glob("model*.json"))
-    if not files:
-        raise BadFile(f"{path} contains no model file (model.json). Use the directory of hold, fly or experiment")
+    files = sorted(path.glob("model*.json")) or [model_file(path)]
     return tuple(replace(load_model(file), name=f"{path.name}/{file.name}") for file in files)
 
 

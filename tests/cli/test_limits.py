@@ -18,6 +18,8 @@ from gcs_autotune.manoeuvres import Envelope, RelaySettings
 from gcs_autotune.workflow import Connection, TuneSettings
 
 POSITIONALS = {
+    "authority": ("a.json",),
+    "design": ("a.json", "--for", "heading"),
     "tune": ("heading",),
     "experiment": ("heading",),
     "aboard": ("heading",),

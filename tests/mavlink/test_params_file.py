@@ -92,8 +92,10 @@ def test_the_line_is_named(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_opened_are_bad_files(tmp_path: Path) -> None:
-    with pytest.raises(BadFile, match="cannot be read"):
+    with pytest.raises(BadFile, match="does not exist"):
         load_params(tmp_path / "none.param")
+    with pytest.raises(BadFile, match="cannot be read"):
+        load_params(tmp_path)
     with pytest.raises(BadFile, match="cannot be written"):
         save_params(tmp_path / "no" / "a.param", VALUES)
 

@@ -109,7 +109,7 @@ def test_the_announcement_has_the_whole_of_it_with_its_stages():
         "up to 80 m from the start (--max-distance ends the run there)" in whole_of(whole, Envelope(distance=80.0)).text
     )
     loop = replace(whole, usual=Excursion(60.0, 30.0))
-    assert whole_of(loop, Envelope(), "a test") == (
+    assert whole_of(loop, Envelope(), "a test").text == (
         "usually need about 40 m from the start, and about 1 min 10 s (predicted from a test). "
         "A poorly damped loop needs up to 90 m and up to 2 min 20 s"
     )

@@ -208,7 +208,7 @@ def test_a_way_out_that_tells_no_model_by_itself_ends_nothing_and_the_boat_is_fl
         return manoeuvre.name
 
     context = SimpleNamespace(
-        settings=SimpleNamespace(structure=None, delay=None),
+        settings=SimpleNamespace(structure=None, delay=None, pull_test=None),
         log=SimpleNamespace(say=lambda text: None),
         throttle=0.4,
         earlier=SimpleNamespace(has=lambda name: False),

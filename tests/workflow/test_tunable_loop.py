@@ -50,7 +50,7 @@ def step(itae: float) -> StepMetrics:
 def test_gains_are_refused_unproved_only_when_they_promise_less_than_both_what_was_predicted_and_what_was_flown(
     promised: float, predicted_now: float, flown_now: float, is_refused: bool
 ) -> None:
-    offer = _offer_of(proposed(promised, [CHANGE], predicted_now), step(flown_now))
+    offer = _offer_of(proposed(promised, [CHANGE], predicted_now), step(flown_now), 1.0)
     assert bool(offer.refusal) is is_refused
 
 
@@ -98,7 +98,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
     )
     context = SimpleNamespace(
         log=log,
-        settings=SimpleNamespace(dry_run=False),
+        settings=SimpleNamespace(dry_run=False, style="normal"),
         agrees=lambda question: done.append(question) or context.answer,
         answer=True,
         flies=0.5,
@@ -229,13 +229,13 @@ def test_a_proposal_ends_without_writing_when_there_is_none_it_promises_less_or_
     context: Any, promised: float, changes: list[Change], dry: bool, answer: bool, ending: list[str]
 ) -> None:
     context.settings.dry_run, context.answer = dry, answer
-    tuned(context, _offer_of(proposed(promised, changes), step(1.0)))
+    tuned(context, _offer_of(proposed(promised, changes), step(1.0), 1.0))
     assert done == ending
     assert ("predicted: ITAE 1 -> " in " ".join(context.log.said)) is bool(changes)
 
 
 def test_a_proposal_that_proves_better_is_kept(context: Any) -> None:
-    tuned(context, _offer_of(proposed(0.5, [CHANGE]), step(1.0)))
+    tuned(context, _offer_of(proposed(0.5, [CHANGE]), step(1.0), 1.0))
     assert done[-3:] == ["kept", "kept", "left"]
 
 
@@ -246,7 +246,7 @@ def test_gains_whose_turn_rates_oscillate_go_back_though_headings_are_better(
     compared = Compared(step(1.0), swinging, is_followed(step(1.0), swinging, {}, "turn rates"))
     beside = SimpleNamespace(compared=lambda context: compared)
     monkeypatch.setattr(autopilot_loop_module.AccompanyingStep, "flown", lambda context, known: beside)
-    tuned(context, _offer_of(proposed(0.5, [CHANGE]), step(1.0)))
+    tuned(context, _offer_of(proposed(0.5, [CHANGE]), step(1.0), 1.0))
     assert done[-2:] == ["given back", "restored"]
     better, reasons = context.log.verdict
     assert not better
@@ -261,7 +261,7 @@ def test_gains_that_hold_headings_as_well_as_before_are_kept_for_turn_rates_that
     beside = SimpleNamespace(compared=lambda context: compared)
     monkeypatch.setattr(autopilot_loop_module.AccompanyingStep, "flown", lambda context, known: beside)
     context.flies = 1.02
-    tuned(context, _offer_of(proposed(0.9, [CHANGE]), step(1.0)))
+    tuned(context, _offer_of(proposed(0.9, [CHANGE]), step(1.0), 1.0))
     assert done[-3:] == ["kept", "kept", "left"]
     assert "the other mode's error is 90% lower" in context.log.verdict[1][0]
 
