@@ -54,15 +54,14 @@ from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPr
 from gcs_autotune.workflow.experiment import learn
 from gcs_autotune.workflow.experiments import measure, measure_halves, noise_in, resolution
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, Pace, pace_of
-from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
+from gcs_autotune.workflow.mission import Mission, Visit
 from gcs_autotune.workflow.nominal_plant import assumed_crafts, assumed_plant
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import STAGE, sign_check_for
 from gcs_autotune.workflow.pull_map import PulledMap, pulled_map
-from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tune_loop
-from gcs_autotune.workflow.tune import TuneJob, leave_report, read_back
+from gcs_autotune.workflow.tune import TuneJob, fly_job, read_back
 from gcs_autotune.workflow.tune_log import TuneLog
 
 __all__ = ["tune_actuators"]
@@ -96,13 +95,7 @@ def tune_actuators(settings: TuneSettings, operator: Operator, observer: Observe
     AutotuneError
         What ended it early. By then the vehicle is as before (or ``NotAsFound`` states what is not).
     """
-    record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer, "actuators")
-    visit = visiting(settings, operator, log, record, settings.axis, dofs=("surge",))
-    try:
-        run_mission(visit, partial(_declare, settings), log)
-    finally:
-        leave_report(log, record)
-    return log.story()
+    return fly_job(_declare, settings, operator, observer, when, name="actuators", dofs=("surge",))
 
 
 def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:

@@ -50,13 +50,12 @@ from gcs_autotune.workflow.background import run_in_background
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.identification import delay_of
 from gcs_autotune.workflow.itinerary import Itinerary, Leg
-from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
+from gcs_autotune.workflow.mission import Mission, Visit
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tune_loop
-from gcs_autotune.workflow.tune import TuneJob, leave_report, read_back
+from gcs_autotune.workflow.tune import TuneJob, fly_job, read_back
 from gcs_autotune.workflow.tune_log import TuneLog
 
 __all__ = ["JOB", "tune_line"]
@@ -101,13 +100,7 @@ def tune_line(settings: TuneSettings, operator: Operator, observer: Observer, wh
     AutotuneError
         What ended it early. By then vehicle and mission are as before (or ``NotAsFound`` states what is not).
     """
-    record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer, "line")
-    visit = visiting(settings, operator, log, record, settings.axis, dofs=("yaw",))
-    try:
-        run_mission(visit, partial(_declare, settings), log)
-    finally:
-        leave_report(log, record)
-    return log.story()
+    return fly_job(_declare, settings, operator, observer, when, name="line", dofs=("yaw",))
 
 
 def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:

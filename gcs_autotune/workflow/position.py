@@ -49,14 +49,13 @@ from gcs_autotune.workflow.experiments import Relays
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.identification import delay_of
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, pace_of
-from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
+from gcs_autotune.workflow.mission import Mission, Visit
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.preflight import await_position
-from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tune_loop
-from gcs_autotune.workflow.tune import TuneJob, leave_report, read_back
+from gcs_autotune.workflow.tune import TuneJob, fly_job, read_back
 from gcs_autotune.workflow.tune_log import TuneLog
 
 __all__ = ["tune_position"]
@@ -104,13 +103,7 @@ def tune_position(tune: TuneSettings, operator: Operator, observer: Observer, wh
     AutotuneError
         What ended it early. By then the vehicle is as before (or ``NotAsFound`` states what is not).
     """
-    record, log = RunDirectory(tune.directory), TuneLog(tune, when, observer, "position")
-    visit = visiting(tune, operator, log, record, tune.axis, dofs=tuple(DOFS))
-    try:
-        run_mission(visit, partial(_declare, tune), log)
-    finally:
-        leave_report(log, record)
-    return log.story()
+    return fly_job(_declare, tune, operator, observer, when, name="position", dofs=tuple(DOFS))
 
 
 def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:

@@ -37,7 +37,7 @@ from gcs_autotune.workflow.tunable_loop import tune_loop
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of, movements_of, tune_legs
 
-__all__ = ["TuneJob", "job_of", "leave_report", "read_back", "tune"]
+__all__ = ["TuneJob", "fly_job", "job_of", "leave_report", "read_back", "tune"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +57,30 @@ def job_of(name: str) -> TuneJob:
     module, _, attribute = tunable(name).job.partition(":")
     job: TuneJob = getattr(import_module(module), attribute)
     return job
+
+
+def fly_job(
+    declare: Callable[[TuneSettings, Visit[TuneLog]], Mission],
+    settings: TuneSettings,
+    operator: Operator,
+    observer: Observer,
+    when: str,
+    *,
+    name: str,
+    dofs: tuple[str, ...],
+) -> TuneStory:
+    """Fly the mission that *declare* returns, and return its story. However it ends, the run directory has its files.
+
+    name : of the row of ``TUNABLES``. dofs : degrees of freedom whose code is compiled before the link is opened.
+    Errors are those of :func:`tune`.
+    """
+    record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer, name)
+    visit = visiting(settings, operator, log, record, settings.axis, dofs=dofs)
+    try:
+        run_mission(visit, partial(declare, settings), log)
+    finally:
+        leave_report(log, record)
+    return log.story()
 
 
 def tune(settings: TuneSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
