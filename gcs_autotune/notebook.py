@@ -21,7 +21,6 @@ ARGUMENTS: Mapping[str, str] = {
     "--robust": 'loss="soft_l1"',
     "--validate": "unseen=",
     "--system-id": "system=",
-    "--run-with": "jobs=",
 }
 """Option of a command -> argument of ``gcs_autotune.api``, if the argument is not the name of the option."""
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
+from gcs_autotune.documents import MODEL
 from gcs_autotune.errors import UsageError
 from gcs_autotune.methods import METHOD_PLACES
 from gcs_autotune.registry import lookup
@@ -198,7 +199,7 @@ def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | Non
     from gcs_autotune.identify import load_model
 
     asked = (args.dof, args.structure, args.known, args.effects, args.option, args.choose, args.start)
-    file = args.runs[0] / "model.json"
+    file = args.runs[0] / MODEL
     alone = all(run.meta.get("thrust_curve") is True for run in runs)
     if alone or len(args.runs) > 1 or any(asked) or args.method != "output-error" or not file.is_file():
         return None

@@ -31,7 +31,7 @@ from gcs_autotune.report.cases import (
     case_study_document,
 )
 from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document
-from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_document
+from gcs_autotune.report.diagnosis.document import diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
 from gcs_autotune.report.flight.authority import authority_document
@@ -78,7 +78,6 @@ from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.wording import proof_command
 
 __all__ = [
-    "MODEL_FILE",
     "BoundCheck",
     "CaseStudy",
     "ComparedRun",

@@ -18,7 +18,9 @@ from gcs_autotune.report import ComparedRun, Comparison, reference_of
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.untrusted_text import visible
+from gcs_autotune.workflow.recheck import AFTER
 from gcs_autotune.workflow.record import SUMMARY
+from gcs_autotune.workflow.resuming import SETTING_OUT
 from gcs_autotune_files import Refused, read
 
 __all__ = ["COMPARED", "compare", "fits_in"]
@@ -29,7 +31,8 @@ COMPARED = ("yaw", "surge", "heave")
 MOST_RUNS = 12
 """Most runs of one comparison: more columns cannot be read. Project choice."""
 
-SETTING_OUT, AFTER, BEFORE = "setting_out.json", "parameters_after.json", "parameters_before.json"
+BEFORE = "parameters_before.json"
+"""File of a tune with the parameters that it found."""
 
 
 def compare(

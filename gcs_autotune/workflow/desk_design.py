@@ -30,6 +30,7 @@ from gcs_autotune.design import (
     pulse_of,
     turn_rate_step,
 )
+from gcs_autotune.documents import MODEL
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 from gcs_autotune.identify import ModelFile, fit_axis, load_model, model_file_of
@@ -127,7 +128,7 @@ def _model(settings: DeskSettings, dof: str) -> ModelFile:
     path = settings.source
     if not path.is_dir():
         return load_model(path)
-    for name in (f"model-{dof}.json", "model.json"):
+    for name in (f"model-{dof}.json", MODEL):
         if (path / name).is_file():
             return replace(load_model(path / name), name=path.name)
     return replace(model_file_of(fit_axis(load_runs(path), dof=dof)), name=path.name)

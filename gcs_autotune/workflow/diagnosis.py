@@ -10,14 +10,14 @@ from pathlib import Path
 
 from gcs_autotune import __version__
 from gcs_autotune.diagnose import Diagnosis, diagnose
-from gcs_autotune.documents import model_file
+from gcs_autotune.documents import MODEL, model_file
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import load_model
 from gcs_autotune.kept_results import KeptResults, fingerprint, keeping
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
-from gcs_autotune.report import MODEL_FILE, diagnosis_document, to_html, to_json
+from gcs_autotune.report import diagnosis_document, to_html, to_json
 from gcs_autotune.trial import Trial
 
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
@@ -156,7 +156,7 @@ def write_diagnosis(told: Diagnosis, directory: Path, when: str, runs: Sequence[
     page.write_text(to_html(document), encoding="utf-8")
     (directory / "diagnosis.json").write_text(json_text(to_json(document)), encoding="utf-8")
     if told.verdict == "unfinished":
-        (directory / MODEL_FILE).unlink(missing_ok=True)
+        (directory / MODEL).unlink(missing_ok=True)
     else:
-        (directory / MODEL_FILE).write_text(json_text(told.extended_model.to_dict()), encoding="utf-8")
+        (directory / MODEL).write_text(json_text(told.extended_model.to_dict()), encoding="utf-8")
     return page

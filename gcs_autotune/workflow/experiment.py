@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 from gcs_autotune.axes import axis_kind
+from gcs_autotune.documents import MODEL
 from gcs_autotune.errors import WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import AxisFit, save_model
@@ -62,7 +63,7 @@ def experiment(settings: TuneSettings, operator: Operator, observer: Observer, w
 def leave_experiment(record: RunDirectory, fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> None:
     """Write the *fit* of *runs*, its model and its report to the run directory."""
     record.save_json("fit.json", fit.to_dict())
-    save_model(fit, record.path / "model.json")
+    save_model(fit, record.path / MODEL)
     study = study_of(fit, [run.proper for run in runs], title, when)
     (record.path / "report.html").write_text(to_html(study_document(study)), encoding="utf-8")
 

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from gcs_autotune.diagnose import Cause, Diagnosis, Portrait
+from gcs_autotune.documents import MODEL
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import Trace
 from gcs_autotune.report.diagnosis.cause_wording import cause_notes, cause_title, not_distinguished
@@ -69,7 +70,7 @@ from gcs_autotune.report.toolkit.wording import (
 )
 from gcs_autotune.trial import Trial
 
-__all__ = ["MODEL_FILE", "diagnosis_document"]
+__all__ = ["diagnosis_document"]
 
 
 MOST_RUNS = 2
@@ -81,8 +82,6 @@ MOST_SIGNALS = 6
 MOST_CURVES = 2
 """Largest number of curves of the missing force plotted, the most informative first. Project choice."""
 
-MODEL_FILE = "model.json"
-
 _SURE = 0.05
 """Fraction of a residual, beyond chance, below which a view is not plotted. Project choice."""
 
@@ -93,7 +92,7 @@ class _Examined:
 
     diagnosis: Diagnosis
     flown: Mapping[str, Trial] = field(default_factory=dict)
-    model_file: str = MODEL_FILE
+    model_file: str = MODEL
 
 
 def diagnosis_document(
@@ -106,7 +105,7 @@ def diagnosis_document(
         inputs
     and tracks are plotted.
     """
-    model_file = f"{directory}/{MODEL_FILE}" if directory else MODEL_FILE
+    model_file = f"{directory}/{MODEL}" if directory else MODEL
     examined = _Examined(diagnosis, {run.name: run for run in runs}, model_file)
     return Document(
         title=title,

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gcs_autotune.documents import MODEL
 from gcs_autotune.identify import model_document
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report.toolkit.data import to_json
@@ -48,10 +49,10 @@ def write_story(story: TuneStory, directory: Path) -> Path:
 def _parts(story: TuneStory) -> Mapping[str, Any]:
     parts: dict[str, Any] = {}
     if story.fit is not None:
-        parts["model.json"] = model_document(story.fit)
+        parts[MODEL] = model_document(story.fit)
         parts["fit.json"] = story.fit.to_dict()
     if story.given is not None:
-        parts["model.json"] = story.given
+        parts[MODEL] = story.given
     if story.proposal is not None:
         parts["gains.json"] = story.proposal.to_dict()
     if story.parameters_before:
