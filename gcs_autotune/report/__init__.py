@@ -65,6 +65,7 @@ from gcs_autotune.report.summaries import (
     sheets_document,
     thruster_document,
 )
+from gcs_autotune.report.toolkit.chart import script_digest
 from gcs_autotune.report.toolkit.data import to_json
 from gcs_autotune.report.toolkit.document import Document
 from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
@@ -143,6 +144,7 @@ __all__ = [
     "propeller_document",
     "recheck_document",
     "reference_of",
+    "script_digest",
     "sheets_document",
     "study_document",
     "thruster_document",

@@ -54,8 +54,11 @@ VERBS: Mapping[str, Callable[[Path, Path, str, Path], list[str]]] = {
     ],
 }
 """Operation on a record -> our command line for it, also with the record of another run."""
-REPORTS = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox"
-"""Content security policy of the pages in the folder of runs: any style is allowed, but no script."""
+REPORTS = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; "
+    "sandbox allow-scripts allow-downloads; script-src "
+)
+"""Content security policy of the pages in the folder of runs, except the permitted script: any style is allowed."""
 
 
 class Desk:
@@ -155,7 +158,9 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
         kind = KINDS.get(path.suffix.lower())
         if kind is None:
             return JSONResponse({"error": "files of this type are not available"}, 404)
-        headers = {"Content-Security-Policy": REPORTS}
+        from gcs_autotune.report import script_digest  # imported with the first report: it takes a second
+
+        headers = {"Content-Security-Policy": REPORTS + script_digest()}
         if kind == "application/octet-stream":
             return FileResponse(path, media_type=kind, headers=headers, filename=path.name)
         return FileResponse(path, media_type=kind, headers=headers)
