@@ -30,7 +30,7 @@ from gcs_autotune.report.cases import (
     WorstCase,
     case_study_document,
 )
-from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document
+from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document, styles_compared
 from gcs_autotune.report.diagnosis.document import diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
@@ -147,6 +147,7 @@ __all__ = [
     "script_digest",
     "sheets_document",
     "study_document",
+    "styles_compared",
     "thruster_document",
     "to_html",
     "to_json",
