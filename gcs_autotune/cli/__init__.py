@@ -67,6 +67,7 @@ COMMANDS: Mapping[str, Verb] = {
     "study": Verb("run many simulated cases over ranges of numbers (needs gcs-autotune[study])", "study_cmd"),
     "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),
     "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),
+    "navigate": Verb("fuse the sensors of a log into motion at the centre of gravity, for identify", "navigate_cmd"),
     "export": Verb(
         "export a model to ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table", "export_cmd"
     ),

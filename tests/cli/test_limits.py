@@ -34,6 +34,7 @@ POSITIONALS = {
     "study report": ("a",),
     "study replay": ("a", "b"),
     "thrusters": ("a.csv",),
+    "navigate": ("a.bin",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
     "logs fetch": ("--connect", "sitl:charlie"),
