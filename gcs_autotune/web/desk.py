@@ -9,14 +9,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from starlette.background import BackgroundTask
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.web.archive import KINDS, Archive
+from gcs_autotune.web.archive import KINDS, Archive, packed
 from gcs_autotune.web.job import CommandLine
 from gcs_autotune.web.live import Live
 from gcs_autotune_files import whole
@@ -164,6 +165,18 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
             return FileResponse(path, media_type=kind, headers=headers, filename=path.name)
         return FileResponse(path, media_type=kind, headers=headers)
 
+    def download(request: Request) -> Response:
+        name = request.path_params["name"]
+        try:
+            whole = packed(archive.path(name))
+        except UsageError as error:
+            return JSONResponse({"error": str(error)}, 404)
+        headers = {"Content-Disposition": f'attachment; filename="{name}.zip"'}
+        pieces = iter(lambda: whole.read(1 << 16), b"")
+        return StreamingResponse(
+            pieces, media_type="application/zip", headers=headers, background=BackgroundTask(whole.close)
+        )
+
     async def drop(request: Request) -> Response:
         announced = request.headers.get("content-length", "")
         name = request.query_params.get("name", "")
@@ -189,5 +202,6 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
         return JSONResponse({"ok": True})
 
     looking: list[BaseRoute] = [Route("/runs", runs), Route("/runs/{name}", run)]
+    looking.append(Route("/zip/{name}", download))
     looking.append(Route("/files/{name}/{inner:path}", file))
     return looking, (drop, work)
