@@ -210,6 +210,7 @@ ABOARD: dict[str, tuple[str, str, str]] = {
     "ground-effect": (DEPTH, "videoray", ".strength=1,length=1,bottom=6"),
     "input-bias": (HEADING, "charlie", ".bias=0.05"),
     "steady-current": ("fly turning-circle", "charlie-sway", ".V_x=0.3"),
+    "changing-current": ("fly turning-circle", "charlie-sway", ".V_x=0.3,turn=0.02"),
     "wind-moment": (HEADING, "charlie", ".strength=0.1,direction=1"),
     "wave-disturbance": (HEADING, "charlie", ".amplitude=0.1,frequency=1.2"),
     "tether-pull": (HEADING, "videoray", ".stiffness=0.02"),

@@ -52,6 +52,10 @@ CASES = {
     "ground-effect": ("heave", {"strength": 2.0, "length": 2.0, "bottom": 6.0}),
     "input-bias": ("yaw", {"bias": 0.2}),
     "steady-current": ("over ground", {"V_x": 0.3, "V_y": -0.2}),
+    "changing-current": (
+        "over ground",
+        {"V_x": 0.3, "V_y": -0.2, "growth": 0.02, "turn": -0.03, "shear": 0.05},
+    ),
     "wind-moment": ("yaw", {"strength": 0.5, "direction": 1.0}),
     "tether-pull": ("surge+sway", {"stiffness": 0.5, "x": 2.0, "y": 1.0, "anchor": 0.0}),
     "sensor-position": ("u+v+x+y", {"x_P": 0.7, "y_P": -0.4}),

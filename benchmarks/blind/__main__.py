@@ -17,7 +17,7 @@ from benchmarks.blind.foreign import FOREIGN  # noqa: E402
 from benchmarks.blind.process_noise import CALM, HIDDEN  # noqa: E402
 from benchmarks.blind.referee import LONGEST, Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import headlines, report, tally  # noqa: E402
-from benchmarks.blind.sizes import RECIPES  # noqa: E402
+from benchmarks.blind.sizes import RECIPES, SURROUNDINGS  # noqa: E402
 from benchmarks.results import headline  # noqa: E402
 from gcs_autotune.executor import executor_for  # noqa: E402
 
@@ -39,6 +39,7 @@ def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
         beside = list(BESIDE) if each.endswith("-and-effect") else [""]
         own: dict[str, Sequence[str]] = {
             "single": list(RECIPES),
+            "environment": list(SURROUNDINGS),
             "foreign": list(FOREIGN),
             "track": TRACK,
             "process-noise": [*HIDDEN, *[CALM] * len(HIDDEN)],
@@ -66,7 +67,7 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--only", default="", help="slugs, joined by commas")
-    kinds = ("all", "numbers", *SHARES, "track", "clean-track", "process-noise", *GIVEN)
+    kinds = ("all", "numbers", *SHARES, "environment", "track", "clean-track", "process-noise", *GIVEN)
     parser.add_argument("--kind", choices=kinds, default="all")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
     text = "stop a diagnosis after so long (no limit); it then names nothing"
@@ -79,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Play, print, and return 0."""
     asked = _parsed(arguments)
     only = [s for s in asked.only.split(",") if s]
-    strange = [s for s in only if s not in RECIPES and s not in FOREIGN and s != CALM]
+    strange = [s for s in only if s not in RECIPES and s not in SURROUNDINGS and s not in FOREIGN and s != CALM]
     if strange:
         print(f"no effect called {', '.join(strange)}", file=sys.stderr)
         return 2

@@ -75,7 +75,7 @@ class Outcome:
         """The right name first; nothing when there is nothing; both of two; no confident name for what is foreign."""
         if self.kind in GIVEN:
             return self._numbers_right and (self.causes[:1] == self.truth if self.truth else self._nothing_else)
-        if self.kind in ("single", "track"):
+        if self.kind in ("single", "environment", "track"):
             return self.causes[:1] == self.truth
         if self.kind in ("clean", "clean-track"):
             return self.verdict == "no-effect"

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.blind.craft import POSITION, SPEED, Craft, log_uniform
 from benchmarks.blind.secret import Hidden, Recipe
 
-__all__ = ["NOT_DRAWN", "RECIPES"]
+__all__ = ["NOT_DRAWN", "RECIPES", "SURROUNDINGS"]
 
 Rng = np.random.Generator
 
@@ -186,6 +186,23 @@ def _steady_current(rng: Rng, craft: Craft) -> Hidden:
     return Hidden("steady-current", place, values, craft, turns=rng.random() < 0.5)
 
 
+def _changing_current(rng: Rng, craft: Craft) -> Hidden:
+    """A current that turns (gyre) or grows (tide) within the run; under a craft that dives with shear as well."""
+    speed, towards = craft.top["surge"] * log_uniform(rng, 0.1, 0.8), rng.uniform(-np.pi, np.pi)
+    turns = rng.random() < 0.5
+    values = {
+        "V_x": float(speed * np.cos(towards)),
+        "V_y": float(speed * np.sin(towards)),
+        "growth": 0.0 if turns else _sign(rng) * log_uniform(rng, 0.3, 2.0) / craft.duration,
+        "turn": _sign(rng) * log_uniform(rng, 0.5, 4.0) / craft.duration if turns else 0.0,
+    }
+    place = "over ground" if rng.random() < 0.6 else "through water"
+    if craft.kind == "diver":  # its model does not sway, so its track is not compared
+        values["shear"] = rng.uniform(0.2, 1.0) / (4.0 * craft.top["heave"] * craft.time_constant("heave"))
+        place = "over ground"
+    return Hidden("changing-current", place, values, craft, turns=rng.random() < 0.5)
+
+
 def _wind_moment(rng: Rng, craft: Craft) -> Hidden:
     values = {
         "strength": craft.full[craft.input] * log_uniform(rng, 0.03, 0.4),
@@ -298,6 +315,14 @@ RECIPES: Mapping[str, Recipe] = {
     "outliers": Recipe(("yaw", "surge", "heave"), _outliers),
 }
 """Slug -> recipe, in the order of the book; every effect the simulator's table has."""
+
+SURROUNDINGS: Mapping[str, Recipe] = {
+    "changing-current": Recipe(("boat", "raft", "diver"), _changing_current),
+}
+"""Slug -> recipe of effects of the surroundings, hidden by the kind ``environment`` only.
+
+In :data:`RECIPES` they would change the cases of every seed in use.
+"""
 
 NOT_DRAWN: Mapping[str, str] = dict.fromkeys(
     ("sway-moment", "speed-damping", "munk-moment", "velocity-product"),

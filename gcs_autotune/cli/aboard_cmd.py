@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import math
 from datetime import datetime
 from typing import TYPE_CHECKING
 
-from gcs_autotune.axes import axis_kind
 from gcs_autotune.cli.command import (
     Command,
     add_connection,
@@ -19,8 +17,7 @@ from gcs_autotune.cli.command import (
     check_axis_limits,
     check_output,
     connected,
-    envelope_from,
-    run_directory,
+    settings_of,
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
@@ -65,20 +62,8 @@ def _aboard(args: argparse.Namespace, connection: Connection) -> int:
     from gcs_autotune.report import fit_document
     from gcs_autotune.workflow import AboardSettings, TuneSettings, fly_aboard
 
-    hysteresis, now = args.relay_hysteresis, datetime.now()
-    settings = TuneSettings(
-        axis=args.axis,
-        connection=connection,
-        directory=run_directory(args, connection.uri, now),
-        relay_output=args.relay_output,
-        relay_hysteresis=math.radians(hysteresis) if axis_kind(args.axis).angular and hysteresis else hysteresis,
-        throttle=args.throttle,
-        speed=args.speed,
-        structure=args.structure,
-        delay=args.delay,
-        patience=args.patience,
-        envelope=envelope_from(args),
-    )
+    now = datetime.now()
+    settings = settings_of(TuneSettings, args, connection, now)
     with attending(args) as (operator, observer):
         fit = fly_aboard(AboardSettings(settings, args.silence), operator, observer, now.isoformat(timespec="seconds"))
     if not args.remote:  # else standard output is the program's

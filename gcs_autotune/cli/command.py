@@ -7,11 +7,12 @@ import math
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from gcs_autotune.axes import axis_kind
 from gcs_autotune.cli.console import BELL_VARIABLE
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from gcs_autotune.mavlink import SigningKey
     from gcs_autotune.report import StageBar, TerminalObserver
     from gcs_autotune.thrusters import PullTest
-    from gcs_autotune.workflow import Connection
+    from gcs_autotune.workflow import CommonSettings, Connection
+
+_Settings = TypeVar("_Settings", bound="CommonSettings")
 
 __all__ = [
     "Command",
@@ -47,6 +50,7 @@ __all__ = [
     "progress_bar",
     "pull_test_of",
     "run_directory",
+    "settings_of",
     "uri_of",
     "watching",
     "what_remains",
@@ -430,6 +434,32 @@ def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str =
     directory = Path(args.out) if args.out is not None else fresh(Path("runs") / name)
     args.directory, args.uri = directory, uri
     return directory
+
+
+OPTIONS = {"most_relays": "relays", "model": "function"}
+"""Settings of a run whose option has another name."""
+
+
+def settings_of(
+    kind: type[_Settings], args: argparse.Namespace, connection: Connection, now: datetime, what: str = "", **more: Any
+) -> _Settings:
+    """Return the settings of a run that the options in *args* and *more* set. Angles are converted to radians.
+
+    An option that is not set, or that the command does not have, leaves the setting's own default. The run directory is
+    that of :func:`run_directory`.
+
+    Raises
+    ------
+    UsageError
+        A number is out of range.
+    """
+    set_here: dict[str, Any] = {f.name: getattr(args, OPTIONS.get(f.name, f.name), None) for f in fields(kind)}
+    set_here |= {"connection": connection, "directory": run_directory(args, connection.uri, now, what)}
+    set_here |= {"envelope": envelope_from(args), **more}
+    if "axis" in set_here and axis_kind(args.axis).angular:
+        angles = ("step", "relay_hysteresis")
+        set_here |= {n: math.radians(set_here[n]) for n in angles if set_here[n] is not None}
+    return kind(**{name: value for name, value in set_here.items() if value is not None})
 
 
 def what_remains(args: argparse.Namespace) -> Iterator[str]:

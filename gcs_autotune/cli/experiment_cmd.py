@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -22,9 +21,8 @@ from gcs_autotune.cli.command import (
     check_files,
     check_output,
     connected,
-    envelope_from,
     pull_test_of,
-    run_directory,
+    settings_of,
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
@@ -68,26 +66,8 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
     from gcs_autotune.report import fit_document
     from gcs_autotune.workflow import TuneSettings, experiment
 
-    hysteresis = args.relay_hysteresis
     now = datetime.now()
-    settings = TuneSettings(
-        axis=args.axis,
-        connection=connection,
-        directory=run_directory(args, connection.uri, now),
-        relay_output=args.relay_output,
-        relay_hysteresis=math.radians(hysteresis) if axis_kind(args.axis).angular and hysteresis else hysteresis,
-        throttle=args.throttle,
-        speed=args.speed,
-        structure=args.structure,
-        delay=args.delay,
-        control_rate=args.control_rate,
-        most_relays=args.relays,
-        stop_rule=args.stop_rule,
-        patience=args.patience,
-        fetch_log=args.fetch_log,
-        envelope=envelope_from(args),
-        pull_test=pull_test_of(args),
-    )
+    settings = settings_of(TuneSettings, args, connection, now, pull_test=pull_test_of(args))
     with attending(args) as (operator, observer):
         fit = experiment(settings, operator, observer, now.isoformat(timespec="seconds"))
     if not args.remote:  # else standard output is the program's

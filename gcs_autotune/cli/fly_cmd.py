@@ -24,8 +24,7 @@ from gcs_autotune.cli.command import (
     check_output,
     connected,
     connection_of,
-    envelope_from,
-    run_directory,
+    settings_of,
     uri_of,
 )
 from gcs_autotune.cli.remote import attending
@@ -252,18 +251,7 @@ def _plan(
         raise UsageError(
             "--until does not apply to a plan, which lists all its runs. Use --until with one manoeuvre or without any"
         )
-    common = CommonSettings(
-        connection=connection,
-        directory=run_directory(args, connection.uri, now, label or Path(what).stem or "trial"),
-        throttle=args.throttle,
-        speed=args.speed,
-        delay=args.delay,
-        control_rate=args.control_rate,
-        patience=args.patience,
-        fetch_log=args.fetch_log,
-        envelope=envelope_from(args),
-        resume=args.resume,
-    )
+    common = settings_of(CommonSettings, args, connection, now, label or Path(what).stem or "trial")
     models = () if args.model is None else load_models(args.model)
     model, beside = (models[0], models[1:]) if models else (None, ())
     area = None if args.area is None else read_area(args.area)

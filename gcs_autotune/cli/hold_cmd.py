@@ -23,8 +23,7 @@ from gcs_autotune.cli.command import (
     check_model_file,
     check_output,
     connected,
-    envelope_from,
-    run_directory,
+    settings_of,
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.tune_cmd import FUNCTIONS
@@ -104,33 +103,8 @@ def _hold(args: argparse.Namespace, connection: Connection) -> int:
     from gcs_autotune.report import hold_document
     from gcs_autotune.workflow import HoldSettings, TuneSettings, hold, load_models
 
-    now, angular = datetime.now(), AXES[args.axis].angular
-
-    def inside(value: float | None) -> float | None:
-        return math.radians(value) if angular and value is not None else value
-
-    tune = TuneSettings(
-        axis=args.axis,
-        connection=connection,
-        directory=run_directory(args, connection.uri, now),
-        step=inside(args.step),
-        step_duration=args.step_duration,
-        relay_output=args.relay_output,
-        relay_hysteresis=inside(args.relay_hysteresis),
-        throttle=args.throttle,
-        speed=args.speed,
-        model=args.function,
-        full_scale=args.full_scale,
-        omega_0=args.omega_0,
-        structure=args.structure,
-        delay=args.delay,
-        control_rate=args.control_rate,
-        most_relays=args.relays,
-        stop_rule=args.stop_rule,
-        patience=args.patience,
-        fetch_log=args.fetch_log,
-        envelope=envelope_from(args),
-    )
+    now = datetime.now()
+    tune = settings_of(TuneSettings, args, connection, now)
     settings = HoldSettings(
         args.what,
         tune,

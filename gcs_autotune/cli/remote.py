@@ -1,9 +1,9 @@
 """Interface for a program in place of the operator: JSON lines on standard output and input (docs/serve.md).
 
 Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``intentions``, ``vitals``,
-``room``, ``cost``, ``proposal``, ``track``, ``left``, ``question``, ``dropped``; in SI and radians, null if unknown.
-In: ``stop`` and ``answer``. Without standard input the craft could not be stopped, so the end of standard input counts
-as a STOP.
+``room``, ``cost``, ``proposal``, ``track``, ``steps``, ``left``, ``question``, ``dropped``; in SI and radians, null
+if unknown. In: ``stop`` and ``answer``. Without standard input the craft could not be stopped, so the end of standard
+input counts as a STOP.
 
 The flight loop never waits for the listener. Ticks and sentences go into ring buffers that drop the oldest; a
 separate thread writes them out.
@@ -35,6 +35,7 @@ from gcs_autotune.observer import (
     Progress,
     ProposedGains,
     Room,
+    StepList,
     Vitals,
     Words,
 )
@@ -63,6 +64,7 @@ _KEYS: Mapping[type, str] = {
     ProposedGains: "proposal",
     PredictedCost: "cost",
     PredictedTrack: "track",
+    StepList: "steps",
     LeftAs: "left",
 }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import shlex
 from datetime import datetime
 from pathlib import Path
@@ -26,9 +25,8 @@ from gcs_autotune.cli.command import (
     check_model_file,
     check_output,
     connected,
-    envelope_from,
     pull_test_of,
-    run_directory,
+    settings_of,
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import put_out
@@ -217,40 +215,13 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
     from gcs_autotune.workflow import TuneSettings
 
     _check(args)
-    angular = AXES[args.axis].angular
-
-    def inside(value: float | None) -> float | None:
-        return math.radians(value) if angular and value is not None else value
-
-    return TuneSettings(
-        axis=args.axis,
-        connection=connection,
-        directory=run_directory(args, connection.uri, now, getattr(args, "what", "")),
-        step=inside(args.step),
-        step_duration=args.step_duration,
-        relay_output=args.relay_output,
-        relay_hysteresis=inside(args.relay_hysteresis),
-        leg_length=args.leg_length,
-        untuned=args.untuned,
-        throttle=args.throttle,
-        speed=args.speed,
-        model=args.function,
+    return settings_of(
+        TuneSettings,
+        args,
+        connection,
+        now,
+        getattr(args, "what", ""),
         given=None if args.model is None else load_model(args.model),
-        full_scale=args.full_scale,
-        settling_time=args.settling_time,
-        omega_0=args.omega_0,
-        style=args.style,
-        structure=args.structure,
-        delay=args.delay,
-        dry_run=args.dry_run,
-        control_rate=args.control_rate,
-        most_relays=args.relays,
-        stop_rule=args.stop_rule,
-        patience=args.patience,
-        fetch_log=args.fetch_log,
-        resume=args.resume,
-        envelope=envelope_from(args),
-        beyond_ranges=args.beyond_ranges,
         gains=_gains(args),
         proving=_proving(args),
         pull_test=pull_test_of(args),

@@ -266,6 +266,7 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "munk-moment": ("omitted. Fly the test steps at the speed of the identification runs", ""),
     "velocity-product": ("omitted. Fly the test steps at the speed of the identification runs", ""),
     "steady-current": ("omitted, since it does not affect heading or depth", ""),
+    "changing-current": ("omitted, since it does not affect heading or depth", ""),
     "wind-moment": ("omitted, since the integral gain removes its error", ""),
     "wave-disturbance": (
         "omitted, since waves are only a disturbance of this loop",

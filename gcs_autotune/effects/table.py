@@ -19,6 +19,7 @@ from gcs_autotune.effects.actuator import (
     Saturation,
 )
 from gcs_autotune.effects.actuator_dynamics import ActuatorLag, GainDrift, InputDelay, RateLimit
+from gcs_autotune.effects.changing_current import ChangingCurrent
 from gcs_autotune.effects.command_coupling import CommandCoupling
 from gcs_autotune.effects.data_errors import ChannelSwap, SignError, TimeOffset, TimeScale, UnitError
 from gcs_autotune.effects.effect import Effect
@@ -81,6 +82,7 @@ OURS: tuple[Effect, ...] = (
     GroundEffect(),
     InputBias(),
     SteadyCurrent(),
+    ChangingCurrent(),
     WindMoment(),
     WaveDisturbance(),
     TetherPull(),

@@ -81,6 +81,7 @@ class Control:
                 "command": order.command,
                 "name": order.directory.name,
                 "simulated": order.is_simulated,
+                "begun": now.isoformat(),
             }
         )
         self._job = Job(self.program, order.arguments, order.directory, self.live)

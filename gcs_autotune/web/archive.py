@@ -9,6 +9,7 @@ import asyncio
 import re
 import shutil
 from collections.abc import AsyncIterator, Mapping
+from contextlib import suppress
 from datetime import datetime
 from io import BufferedWriter
 from pathlib import Path
@@ -18,10 +19,10 @@ from msgspec import Struct
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.web.job import page_of, read_json
-from gcs_autotune_files import Refused, conform, read
+from gcs_autotune.web.job import JOB, page_of, read_json
+from gcs_autotune_files import Refused, conform, parse, read
 
-__all__ = ["KINDS", "Archive"]
+__all__ = ["GUIDED", "KINDS", "Archive"]
 
 KINDS: Mapping[str, str] = {
     ".html": "text/html",
@@ -29,6 +30,8 @@ KINDS: Mapping[str, str] = {
     **dict.fromkeys((".tlog", ".bin", ".log"), "application/octet-stream"),
 }
 """File name ending that is served -> content type with which the file is sent."""
+GUIDED = "all"
+"""Job of ``tune all``: the loops of a vehicle in order."""
 DROPPED = (".tlog", ".bin", ".log", ".csv")
 """File name endings that are accepted for upload."""
 MOST_BYTES = 512 * 1024 * 1024
@@ -77,7 +80,12 @@ class Archive:
         found = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix.lower() in KINDS and _plain(p)]
         files = [p.relative_to(folder).as_posix() for p in found]
         trials = [f for f in files if f.startswith("trials/") and f.endswith(".csv") and "-with-lead-in" not in f]
-        return {**self._entry(folder), "files": files, "trials": [_trial(folder, file) for file in trials]}
+        return {
+            **self._entry(folder),
+            "files": files,
+            "trials": [_trial(folder, file) for file in trials],
+            "resume": _resume(folder),
+        }
 
     def path(self, name: str, inner: str = "") -> Path:
         """Return the folder of an entry, or a file in it.
@@ -135,6 +143,33 @@ def _change(summary: Mapping[str, Any]) -> str:
     if len(errors) < 2:
         return ""
     return f"{100.0 * (errors[1] / errors[0] - 1.0):+.0f} %".replace("-", "\N{MINUS SIGN}")
+
+
+def _link(folder: Path) -> str:
+    """Return the link of the vehicle of a run, from its journal or that of a step; empty without one."""
+    for journal in (folder / "journal.jsonl", *sorted(folder.glob("*/journal.jsonl"))):
+        with suppress(OSError, Refused, AttributeError), journal.open("rb") as lines:
+            return str(parse(lines.readline()).get("link", ""))
+    return ""
+
+
+def _resume(folder: Path) -> dict[str, Any] | None:
+    """Return the choices on the page that continue a guided run; None if nothing is left to fly.
+
+    A simulated vehicle ended with its run, so there is nothing to continue on.
+    """
+    job, link = read_json(folder / JOB), _link(folder)
+    steps = [step for step in job.get("steps") or () if isinstance(step, dict)]
+    left = [step for step in steps if step.get("ending") in ("open", "aborted", "rejected", "skipped")]
+    if not left or not link or link.startswith("sitl:"):
+        return None
+    return {
+        "job": GUIDED,
+        "resume": folder.name,
+        "connect": visible(link),
+        "style": str(job.get("style", "")),
+        "dry_run": job.get("dry_run") is True,
+    }
 
 
 def _plain(path: Path) -> bool:

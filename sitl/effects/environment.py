@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from random import Random
+from typing import ClassVar
 
 from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_dof
@@ -45,7 +46,7 @@ class SteadyCurrent(HiddenEffect):
 
     slug = "steady-current"
     meaning = "a current: the water moves over ground"
-    parameters = (
+    parameters: ClassVar[tuple[EffectParameter, ...]] = (
         EffectParameter("V_x", "m/s", "towards north", 0.0),
         EffectParameter("V_y", "m/s", "towards east", 0.0),
     )
@@ -53,11 +54,16 @@ class SteadyCurrent(HiddenEffect):
 
     def begin(self, setting: Setting) -> None:
         """Set the water's velocity to that of the current, and what the speed sensor measures."""
+        self.find_reference(setting)
+        setting.water.V_x += self["V_x"]
+        setting.water.V_y += self["V_y"]
+
+    def find_reference(self, setting: Setting) -> None:
+        """Set what the speed sensor measures, as the effect's place states, and verify that the hull can drift."""
         if self.place not in ("", "over ground", "through water"):
-            raise BadEffect(f"steady-current: '{self.place}' is neither 'over ground' nor 'through water'")
+            raise BadEffect(f"{self.slug}: '{self.place}' is neither 'over ground' nor 'through water'")
         if not {"surge", "sway"} & set(setting.dofs):
-            raise BadEffect("steady-current needs a hull with surge or sway")
-        setting.water.V_x, setting.water.V_y = self["V_x"], self["V_y"]
+            raise BadEffect(f"{self.slug} needs a hull with surge or sway")
         setting.water.over_ground = self.place != "through water"
 
 

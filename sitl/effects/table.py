@@ -25,6 +25,7 @@ from sitl.effects.bookkeeping import (
     TimeScale,
     UnitError,
 )
+from sitl.effects.changing_current import ChangingCurrent
 from sitl.effects.coupling import (
     CoriolisCoupling,
     MunkMoment,
@@ -93,6 +94,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     GroundEffect,
     InputBias,
     SteadyCurrent,
+    ChangingCurrent,
     WindMoment,
     WaveDisturbance,
     TetherPull,

@@ -45,6 +45,7 @@ SLUGS = [
     "ground-effect",
     "input-bias",
     "steady-current",
+    "changing-current",
     "wind-moment",
     "wave-disturbance",
     "tether-pull",

@@ -20,7 +20,7 @@ from gcs_autotune.manoeuvres import MANOEUVRES, ManoeuvreKind
 from gcs_autotune.web import Access, CommandLine, make_app
 from gcs_autotune.web.access import TOKEN_HEADER
 from gcs_autotune.web.app import FILES, STATIC
-from gcs_autotune.web.job import Job
+from gcs_autotune.web.job import Job, how_it_ended
 from gcs_autotune.web.live import Live
 from gcs_autotune.web.orders import fields, make_order
 
@@ -289,6 +289,66 @@ def test_every_manoeuvre_can_be_chosen_with_each_force_and_its_options(kind: Man
     for force in offered["forces"] or [""]:
         order = make_order({"job": "fly", "manoeuvre": kind.name, "force": force}, tmp_path, datetime(2026, 11, 23))
         assert make_parser().parse_args(list(order.arguments)).force == force
+
+
+def test_a_guided_run_is_tune_all_and_has_only_its_options(tmp_path: Path) -> None:
+    chosen = {"job": "all", "style": "gentle", "dry_run": True, "model": "a/b.json", "axis": "heading"}
+    numbers = {"step": "30", "full-scale": "40", "relays": "3", "max-distance": "40"}
+    order = make_order({**chosen, "numbers": numbers}, tmp_path, datetime(2026, 11, 23))
+    args = make_parser().parse_args(list(order.arguments))
+    assert (args.axis, args.style, args.dry_run, args.relays, args.max_distance) == ("all", "gentle", True, 3, 40.0)
+    assert (args.step, args.model, args.full_scale, args.resume) == (None, None, None, None)
+    with pytest.raises(UsageError, match="sudden"):
+        make_order({**chosen, "style": "sudden"}, tmp_path, datetime(2026, 11, 23))
+
+
+def job_of(folder: Path, link: str, *endings: str) -> Path:
+    """Write a guided run on *link* whose steps ended as stated."""
+    (folder / "02-heading").mkdir(parents=True)
+    (folder / "02-heading" / "journal.jsonl").write_text(json.dumps({"event": "opened", "link": link}) + "\n")
+    steps = [{"name": f"loop {k}", "ending": each, "gains": {"P": [1, 2]}} for k, each in enumerate(endings)]
+    (folder / "job.json").write_text(json.dumps({"style": "quick", "dry_run": False, "steps": steps}))
+    return folder
+
+
+def test_a_guided_run_that_was_stopped_is_continued_in_its_own_directory(tmp_path: Path) -> None:
+    folder = job_of(tmp_path / "lake", "/dev/ttyUSB0", "kept", "aborted")
+    with client_of(tmp_path) as one:
+        resume = one.get("/runs/lake").json()["resume"]
+    order = make_order(resume, tmp_path, datetime(2026, 11, 23))
+    args = make_parser().parse_args(list(order.arguments))
+    assert (args.axis, args.resume, args.connect, args.style) == ("all", folder, "/dev/ttyUSB0", "quick")
+    assert order.directory == folder and args.out is None
+    with pytest.raises(UsageError, match="does not exist"):
+        make_order({**resume, "resume": "../etc"}, tmp_path, datetime(2026, 11, 23))
+
+
+def test_a_guided_run_is_not_continued_where_nothing_is_left_or_the_vehicle_is_gone(tmp_path: Path) -> None:
+    job_of(tmp_path / "done", "/dev/ttyUSB0", "kept", "restored")
+    job_of(tmp_path / "simulated", "sitl:charlie", "kept", "open")
+    with client_of(tmp_path) as one:
+        assert [one.get(f"/runs/{name}").json()["resume"] for name in ("done", "simulated")] == [None, None]
+
+
+def test_the_end_of_a_guided_run_states_what_each_step_left(tmp_path: Path) -> None:
+    folder = job_of(tmp_path / "lake", "/dev/ttyUSB0", "kept", "restored", "open")
+    left = {"mode": "HOLD", "armed": False, "differs": {}}
+    end = how_it_ended(8, "", folder, left)
+    assert end["meaning"] == "done, and some loops have their old gains"
+    assert end["put_back"][1:] == [
+        "loop 0: the new gains are better and stay: P 1 -> 2.",
+        "loop 1: the old gains were better and are restored.",
+        "loop 2: not flown.",
+    ]
+    assert not how_it_ended(130, "", folder, None)["fine"]  # a step was flown, and how it left the craft is unknown
+
+
+def test_a_new_step_begins_without_the_proposal_of_the_last_one() -> None:
+    live = Live()
+    for state, kept in (("open", True), ("flying", False)):
+        live.take(b'{"proposal": {"values": []}}')
+        live.take(json.dumps({"steps": {"steps": [{"name": "depth", "state": state}]}}).encode())
+        assert (live.get("proposal") is not None) == kept
 
 
 def test_a_model_of_an_earlier_run_is_designed_from_or_previewed_with_and_no_other_file_is(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from gcs_autotune.experiments import DofComparison
-from gcs_autotune.identify import CONTRADICTION, Fit, Model, Validation, is_of_one_axis
+from gcs_autotune.identify import Fit, Model, Validation, is_of_one_axis
 from gcs_autotune.models import FORMS
 from gcs_autotune.report.toolkit.axis_fit import explained_sentence, model_sentences, model_words
 from gcs_autotune.report.toolkit.document import Verdict
@@ -170,7 +170,9 @@ def verdict_of(fit: Fit[Model], unseen: Validation | None = None) -> Verdict:
     if unseen is not None:
         own = f" ({format_percent(fit.fit_percent)} of the motion used for the fit)" if fit.fit_percent > 0.0 else ""
         said = explained_sentence(percent, "held-out motion", own)
-    grave = any(d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart", CONTRADICTION) for d in fit.doubts)
-    if percent < 40.0 or grave:
+    worst = next((d for d in fit.doubts if d.grade == "distrust" and d.slug != "poor-fit"), None)
+    if worst is not None:
+        said = f"Do not trust this model: {worst.cause.split('. ')[0].rstrip('.')}. {said}"
+    if worst is not None or percent < 40.0 or any(d.slug in ("poor-fit", "cannot-tell") for d in fit.doubts):
         return Verdict(f"{said} Read the doubts before you use the model.", "bad", answer_sentences(fit))
     return Verdict(said, "good" if percent >= 70.0 and not fit.doubts else "neutral", answer_sentences(fit))
