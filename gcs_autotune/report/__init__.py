@@ -59,6 +59,7 @@ from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plo
 from gcs_autotune.report.study.document import fit_document, method_list, study_document
 from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study
 from gcs_autotune.report.summaries import (
+    laser_document,
     log_document,
     plan_document,
     propeller_document,
@@ -130,6 +131,7 @@ __all__ = [
     "hint_title",
     "hold_document",
     "job_document",
+    "laser_document",
     "lead_sentence",
     "log_document",
     "method_list",
