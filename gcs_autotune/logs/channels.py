@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, OutputsUnassigned, PreconditionFailed
-from gcs_autotune.firmware import Firmware, Output, Outputs, ServoMap, read_servo_map, with_outputs
+from gcs_autotune.firmware import LEVELLING, Firmware, Output, Outputs, ServoMap, read_servo_map, with_outputs
 from gcs_autotune.frames import flat, to_body
 from gcs_autotune.logs.sample_store import UNKNOWN, Note, RecordedParameters, SampleStore
 from gcs_autotune.sname import SIGNALS
@@ -35,6 +35,8 @@ ATTITUDES = ("attitude", "ahrs2", "aboard")
 """Sources of ``phi theta psi`` in order of preference: the estimate that the autopilot uses, its second estimate, and
 the rows of a script of ours, which are left if the autopilot logs nothing else.
 """
+NAVIGATION = "navigation"
+"""Source of a navigation solution, which replaces all others. It contains the standard deviations too."""
 POSITIONS = ("local", "ekf", "aboard", "global", "gps")
 """Sources of ``x y`` and of velocity over ground in order of preference.
 
@@ -64,6 +66,14 @@ def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, s
     ``psi`` stays wrapped as recorded; ``u v`` are velocity over ground turned by the heading at their own time stamps.
     """
     pick = _Pick({}, {})
+    if f"{NAVIGATION}.psi" in store:
+        for name in SIGNALS:
+            for channel in (name, f"std_{name}"):
+                if f"{NAVIGATION}.{channel}" in store:
+                    t, values = store.series(f"{NAVIGATION}.{channel}")
+                    pick.channels[channel] = Channel(channel, SIGNALS[name].unit, t, values)
+                    pick.sources[channel] = NAVIGATION
+        return pick.channels, pick.sources
     for source in ATTITUDES:
         if _has(store, f"{source}.psi"):
             for name in ("phi", "theta", "psi"):
@@ -259,7 +269,11 @@ def _from_servos(store: SampleStore, servos: ServoMap) -> dict[str, Channel]:
         return {}
     shares = np.array([_shares(o, values) for o, (_, values) in zip(servos.outputs, columns, strict=True)])
     forces = np.array(servos.weights) @ shares + 0.0
-    return {name: Channel(name, "1", *_dated(t, row)) for name, row in zip(servos.names, forces, strict=True)}
+    return {
+        name: Channel(name, "1", *_dated(t, row))
+        for name, row in zip(servos.names, forces, strict=True)
+        if name not in LEVELLING or np.round(row, 9).any()
+    }
 
 
 def _shares(output: Output, pwm: Array) -> Array:
