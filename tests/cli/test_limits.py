@@ -35,6 +35,8 @@ POSITIONALS = {
     "study replay": ("a", "b"),
     "thrusters": ("a.csv",),
     "navigate": ("a.bin",),
+    "laser": ("a.mp4",),
+    "calibrate laser": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
     "logs fetch": ("--connect", "sitl:charlie"),
