@@ -34,12 +34,9 @@ POSITIONALS = {
     "study report": ("a",),
     "study replay": ("a", "b"),
     "thrusters": ("a.csv",),
-<<<<<<< HEAD
     "navigate": ("a.bin",),
-=======
     "laser": ("a.mp4",),
     "calibrate laser": ("a.csv",),
->>>>>>> 1cc5472a8cb74c2406373c5c097c9b7771d8dd28
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
     "logs fetch": ("--connect", "sitl:charlie"),
