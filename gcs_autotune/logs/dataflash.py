@@ -61,6 +61,11 @@ def _gps(c: Columns) -> dict[str, Array]:
     }
 
 
+def _shafts(c: Columns) -> dict[str, Array]:
+    """Return the speed [1/s] of each ESC, NaN in the messages of the others."""
+    return {f"esc.{n}": np.where(c["Instance"] == n - 1, c["RPM"] / 60.0, np.nan) for n in range(1, 9)}
+
+
 CHANNEL = ("C", "Ch", "Chan")
 """Prefixes of a column name before the number of an output or RC channel. The last two were used until 2015."""
 
@@ -92,6 +97,7 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     "BARO": _picked(baro__z=("Alt", -1.0)),
     "RCOU": _numbered("servo"),
     "RCIN": _numbered("rc"),
+    "ESC": _shafts,
     ROWS.name: partial(sources_of, ROWS),
     ENDS.name: partial(sources_of, ENDS),
 }
@@ -351,7 +357,8 @@ class _Decoder:
         values = signals_of(kind, columns)
         if kind in self.unstamped:
             store.dated_by_arrival.update(source.partition(".")[0] for source in values)
-        store.take_all(*_whole(stamps, values))
+        for part in [{name: column} for name, column in values.items()] if kind == "ESC" else [values]:
+            store.take_all(*_whole(stamps, part))
 
 
 def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[float, float]]:
