@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, OutputsUnassigned, PreconditionFailed, UsageError
-from gcs_autotune.firmware import Firmware, Output, Outputs, ServoMap, read_servo_map, with_outputs
+from gcs_autotune.firmware import LEVELLING, Firmware, Output, Outputs, ServoMap, read_servo_map, with_outputs
 from gcs_autotune.frames import flat, to_body
 from gcs_autotune.logs.sample_store import UNKNOWN, Note, RecordedParameters, SampleStore
 from gcs_autotune.logs.shafts import Shafts, shafts_of
@@ -192,7 +192,8 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
         forces, shafts = _from_servos(store, servos)
         doubts = [*_assumed(outputs), *(shafts.doubts(by_speed=store.by_speed) if shafts else [])]
         if forces and store.by_speed:
-            return {**pwm, **_from_shafts(shafts, servos)}, SHAFTS, doubts
+            measured = _from_shafts(shafts, servos)
+            return {**pwm, **{name: measured[name] for name in forces if name in measured}}, SHAFTS, doubts
         if forces:
             return {**pwm, **forces}, SERVOS, doubts
         why, cure = NO_OUTPUTS
@@ -286,7 +287,11 @@ def _from_shafts(shafts: Shafts | None, servos: ServoMap) -> dict[str, Channel]:
 
 def _mixed(servos: ServoMap, t: Array, shares: Array) -> dict[str, Channel]:
     forces = np.array(servos.weights) @ shares + 0.0
-    return {name: Channel(name, "1", *_dated(t, row)) for name, row in zip(servos.names, forces, strict=True)}
+    return {
+        name: Channel(name, "1", *_dated(t, row))
+        for name, row in zip(servos.names, forces, strict=True)
+        if name not in LEVELLING or np.round(row, 9).any()
+    }
 
 
 def _shares(output: Output, pwm: Array) -> Array:
