@@ -212,6 +212,7 @@ ABOARD: dict[str, tuple[str, str, str]] = {
     "steady-current": ("fly turning-circle", "charlie-sway", ".V_x=0.3"),
     "changing-current": ("fly turning-circle", "charlie-sway", ".V_x=0.3,turn=0.02"),
     "wind-moment": (HEADING, "charlie", ".strength=0.1,direction=1"),
+    "wind-load": ("fly turning-circle", "charlie-sway", ".direction=1,X=20,Y=40,N=10"),
     "wave-disturbance": (HEADING, "charlie", ".amplitude=0.1,frequency=1.2"),
     "tether-pull": (HEADING, "videoray", ".stiffness=0.02"),
     "sensor-position": ("fly turning-circle", "charlie-sway", ".x_P=1"),

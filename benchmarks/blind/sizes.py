@@ -211,6 +211,22 @@ def _wind_moment(rng: Rng, craft: Craft) -> Hidden:
     return Hidden("wind-moment", "yaw", values, craft, turns=True)
 
 
+def _wind_load(rng: Rng, craft: Craft) -> Hidden:
+    """A wind of 5 to 15 m/s with its gusts, of half to all of the NORSOK spectrum."""
+    full = {dof: craft.linear[dof] * craft.top[dof] for dof in craft.dofs}
+    values = {
+        "speed": rng.uniform(5.0, 15.0),
+        "direction": rng.uniform(-np.pi, np.pi),
+        "X": full["surge"] * log_uniform(rng, 0.05, 0.4),
+        **({"Y": full["sway"] * log_uniform(rng, 0.05, 0.4)} if "sway" in full else {}),
+        "N": _sign(rng) * full["yaw"] * log_uniform(rng, 0.03, 0.3),
+        "gust": rng.uniform(0.5, 1.0),
+    }
+    return Hidden(
+        "wind-load", "+".join(d for d in ("surge", "sway", "yaw") if d in craft.dofs), values, craft, turns=True
+    )
+
+
 def _wave(rng: Rng, craft: Craft) -> Hidden:
     highest = min(8.0 / craft.pace, 0.8 / craft.interval)
     bandwidth = 0.0 if rng.random() < 0.2 else log_uniform(rng, 0.02, 0.2)
@@ -318,6 +334,7 @@ RECIPES: Mapping[str, Recipe] = {
 
 SURROUNDINGS: Mapping[str, Recipe] = {
     "changing-current": Recipe(("boat", "raft", "diver"), _changing_current),
+    "wind-load": Recipe(("boat", "raft", "steered"), _wind_load),
 }
 """Slug -> recipe of effects of the surroundings, hidden by the kind ``environment`` only.
 

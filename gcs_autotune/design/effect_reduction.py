@@ -268,6 +268,7 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "steady-current": ("omitted, since it does not affect heading or depth", ""),
     "changing-current": ("omitted, since it does not affect heading or depth", ""),
     "wind-moment": ("omitted, since the integral gain removes its error", ""),
+    "wind-load": ("omitted, since the integral gain removes its error", ""),
     "wave-disturbance": (
         "omitted, since waves are only a disturbance of this loop",
         "for less actuator use in waves, set a longer settling time",

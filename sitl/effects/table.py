@@ -58,8 +58,9 @@ from sitl.effects.sensor import (
     Quantisation,
     SensorPosition,
 )
+from sitl.effects.wind_load import WindLoad
 
-__all__ = ["EFFECTS", "make_effect", "parse_effect"]
+__all__ = ["EFFECTS", "SURROUNDINGS", "make_effect", "parse_effect"]
 
 _CLASSES: tuple[type[HiddenEffect], ...] = (
     TimeScale,
@@ -96,6 +97,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SteadyCurrent,
     ChangingCurrent,
     WindMoment,
+    WindLoad,
     WaveDisturbance,
     TetherPull,
     SensorPosition,
@@ -107,6 +109,9 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
 )
 
 EFFECTS: Mapping[str, type[HiddenEffect]] = {kind.slug: kind for kind in _CLASSES}
+
+SURROUNDINGS: Mapping[str, str] = {"current": "changing-current", "wind": "wind-load"}
+"""Heading of a vehicle file -> slug of the effect of the surroundings whose parameters it has."""
 
 
 def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None = None) -> HiddenEffect:

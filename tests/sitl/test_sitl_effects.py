@@ -47,6 +47,7 @@ SLUGS = [
     "steady-current",
     "changing-current",
     "wind-moment",
+    "wind-load",
     "wave-disturbance",
     "tether-pull",
     "sensor-position",
