@@ -215,6 +215,7 @@ ABOARD: dict[str, tuple[str, str, str]] = {
     "wind-load": ("fly turning-circle", "charlie-sway", ".direction=1,X=20,Y=40,N=10"),
     "wave-disturbance": (HEADING, "charlie", ".amplitude=0.1,frequency=1.2"),
     "tether-pull": (HEADING, "videoray", ".stiffness=0.02"),
+    "tether-line": (DEPTH, "videoray", ".length=4,stiffness=20"),
     "sensor-position": ("fly turning-circle", "charlie-sway", ".x_P=1"),
     "compass-deviation": (HEADING, "charlie", ".B=0.1"),
     "gyro-bias": (HEADING, "charlie", ".bias=0.02"),

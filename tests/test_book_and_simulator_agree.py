@@ -59,6 +59,7 @@ CASES = {
     "wind-moment": ("yaw", {"strength": 0.5, "direction": 1.0}),
     "wind-load": ("surge+sway+yaw", {"X": 0.5, "Y": 0.8, "N": 0.4, "direction": 1.0, "speed": 1e5}),
     "tether-pull": ("surge+sway", {"stiffness": 0.5, "x": 2.0, "y": 1.0, "anchor": 0.0}),
+    "tether-line": ("surge+sway+heave", {"stiffness": 2.0, "length": 6.0, "drag": 4.0, "x": 2.0, "y": 1.0, "z": 3.0}),
     "sensor-position": ("u+v+x+y", {"x_P": 0.7, "y_P": -0.4}),
     "compass-deviation": ("psi", {"A": 0.02, "B": 0.1, "C": 0.05}),
     "gyro-bias": ("r", {"bias": 0.05}),

@@ -274,6 +274,7 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
         "for less actuator use in waves, set a longer settling time",
     ),
     "tether-pull": ("omitted, since the integral gain removes its error", ""),
+    "tether-line": ("omitted, since it acts only beyond the tether's length", ""),
     "sensor-position": (
         "omitted, since it does not affect heading or turn rate",
         "set the sensor's position in the autopilot",

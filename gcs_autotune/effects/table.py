@@ -37,6 +37,7 @@ from gcs_autotune.effects.inflow import AdvanceSpeedLoss, PropellerWash, SpeedDe
 from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, SensorPosition
 from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
 from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.effects.tether_line import TetherLine
 from gcs_autotune.effects.velocity_products import MunkMoment, SpeedDamping, SwayMoment, VelocityProduct
 from gcs_autotune.effects.wave_disturbance import WaveDisturbance
 from gcs_autotune.effects.wind_load import WindLoad
@@ -88,6 +89,7 @@ OURS: tuple[Effect, ...] = (
     WindLoad(),
     WaveDisturbance(),
     TetherPull(),
+    TetherLine(),
     SensorPosition(),
     CompassDeviation(),
     GyroBias(),

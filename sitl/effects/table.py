@@ -58,6 +58,7 @@ from sitl.effects.sensor import (
     Quantisation,
     SensorPosition,
 )
+from sitl.effects.tether_line import TetherLine
 from sitl.effects.wind_load import WindLoad
 
 __all__ = ["EFFECTS", "SURROUNDINGS", "make_effect", "parse_effect"]
@@ -100,6 +101,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     WindLoad,
     WaveDisturbance,
     TetherPull,
+    TetherLine,
     SensorPosition,
     CompassDeviation,
     GyroBias,
@@ -110,7 +112,7 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
 
 EFFECTS: Mapping[str, type[HiddenEffect]] = {kind.slug: kind for kind in _CLASSES}
 
-SURROUNDINGS: Mapping[str, str] = {"current": "changing-current", "wind": "wind-load"}
+SURROUNDINGS: Mapping[str, str] = {"current": "changing-current", "wind": "wind-load", "tether": "tether-line"}
 """Heading of a vehicle file -> slug of the effect of the surroundings whose parameters it has."""
 
 

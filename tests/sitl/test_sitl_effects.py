@@ -50,6 +50,7 @@ SLUGS = [
     "wind-load",
     "wave-disturbance",
     "tether-pull",
+    "tether-line",
     "sensor-position",
     "compass-deviation",
     "gyro-bias",
