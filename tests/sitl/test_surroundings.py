@@ -109,7 +109,7 @@ def test_gusts_have_the_spread_of_their_spectrum_and_go_with_the_seed():
     effects = [parse_effect("wind-load.speed=10,direction=0,X=1,gust=1") for _ in range(2)]
     for effect, seed in zip(effects, ("1", "2"), strict=True):
         effect.begin(Setting(State(), Water(), {}, ("surge", "yaw"), {}, {}, {}, (), seed=seed))
-    speeds = np.array([[effect.wind(t) for t in np.arange(0.0, 36000.0, 5.0)] for effect in effects])
+    speeds = np.array([[effect.wind(t) for t in np.arange(0.0, 24000.0, 10.0)] for effect in effects])
     f = np.geomspace(1.0 / 1200.0, 0.25, 2001)
     density = 320.0 / (1.0 + (172.0 * f) ** 0.468) ** (5.0 / (3.0 * 0.468))
     assert speeds.std(axis=1) == pytest.approx(math.sqrt(np.trapezoid(density, f)), rel=0.05)
@@ -162,3 +162,86 @@ def test_a_vehicle_file_brings_its_surroundings(tmp_path):
     for k in range(500):
         craft.move(0.02 * k, 0.02, [1500] * 16)
     assert craft.plant.state.x > 1.0
+
+
+def of_a_sea(text, at, times, *, seed="1"):
+    """Return the forces ahead [N] of the sea that *text* describes, on a craft at the positions *at* (n, 2)."""
+    state, effect, found = State(), parse_effect(text), []
+    effect.begin(Setting(state, Water(), {}, ("surge", "sway", "yaw"), {}, {}, {}, (), seed=seed))
+    for t, (state.x, state.y) in zip(times, at, strict=True):
+        wrench = Wrench()
+        effect.alter_force(t, wrench)
+        found.append(wrench.X)
+    return np.array(found)
+
+
+SEA = "wave-disturbance@surge.amplitude=2,frequency=1.2,gamma=3.3"
+TIMES = np.arange(0.0, 2000.0, 0.5)
+
+
+def peak_of(force):
+    """Return the mean frequency [rad/s] of a force, weighted by its power."""
+    power = np.abs(np.fft.rfft(force)) ** 2
+    return float(np.sum(power * np.fft.rfftfreq(len(force), 0.5)) / np.sum(power) * 2.0 * math.pi)
+
+
+def test_a_sea_has_its_size_and_its_spectrum():
+    force = of_a_sea(SEA, np.zeros((len(TIMES), 2)), TIMES)
+    assert force.std() == pytest.approx(2.0, rel=0.03)
+    assert force.mean() == pytest.approx(0.0, abs=0.02)
+    x = np.geomspace(0.5, 2.5, 4001)
+    density = np.exp(-1.25 / x**4) / x**5 * 3.3 ** np.exp(-0.5 * ((x - 1.0) / np.where(x <= 1.0, 0.07, 0.09)) ** 2)
+    mean = np.trapezoid(density * x, x) / np.trapezoid(density, x)
+    assert peak_of(force) == pytest.approx(1.2 * mean, rel=0.05)
+
+
+def test_waves_are_met_more_often_ahead_than_astern():
+    way = np.column_stack([1.5 * TIMES, 0.0 * TIMES])  # 1.5 m/s to the north
+    with_them, against = (peak_of(of_a_sea(f"{SEA},direction={d}", way, TIMES)) for d in (0.0, math.pi))
+    still = peak_of(of_a_sea(SEA, 0.0 * way, TIMES))
+    assert with_them < still - 0.5 * 1.2**2 / 9.81 * 1.5 and against > still + 0.5 * 1.2**2 / 9.81 * 1.5
+
+
+def test_the_drift_force_of_a_sea_has_its_mean_and_varies_slowly():
+    sea, drifting = (of_a_sea(SEA + more, np.zeros((len(TIMES), 2)), TIMES) for more in ("", ",drift=3"))
+    drift = drifting - sea
+    assert drift.mean() == pytest.approx(3.0, rel=0.05)
+    assert drift.min() >= 0.0 and drift.std() > 1.0
+    assert peak_of(drift - drift.mean()) < 0.5 * 1.2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("wave-disturbance.amplitude=-1,frequency=1", r"amplitude: -1 is too small"),
+        ("wave-disturbance@surge.amplitude=1,frequency=1,drift=1", "needs a sea. Set gamma"),
+        ("wave-disturbance.amplitude=1,frequency=1,gamma=3.3,drift=1", "acts on surge or sway, not on yaw"),
+    ],
+)
+def test_a_sea_that_cannot_be_is_refused(text, said):
+    with pytest.raises(BadEffect, match=said):
+        Craft(load_vehicle("charlie"), effects=[parse_effect(text)]).begin("1")
+
+
+def test_a_tether_is_slack_up_to_its_length_and_pulls_beyond_in_all_three_directions():
+    text = "tether-line.stiffness=10,length=5"
+    dofs = ("surge", "sway", "heave", "yaw")
+    assert forces_of(text, State(x=3.0, z=4.0), dofs=dofs) == Wrench()
+    taut = forces_of(text, State(x=6.0, z=8.0), dofs=dofs)
+    assert (taut.X, taut.Y, taut.Z) == pytest.approx((-30.0, 0.0, -40.0))
+    assert forces_of(text, State(x=6.0, z=8.0, psi=0.5 * math.pi), dofs=dofs).Y == pytest.approx(30.0)
+
+
+def test_a_tether_is_dragged_across_itself_and_not_along():
+    text = "tether-line.length=50,drag=4"
+    dofs = ("surge", "sway", "heave", "yaw")
+    along = forces_of(text, State(x=10.0, u=2.0), dofs=dofs)
+    assert (along.X, along.Y, along.Z) == pytest.approx((0.0, 0.0, 0.0))
+    across = forces_of(text, State(x=10.0, w=2.0), dofs=dofs)
+    assert (across.X, across.Y, across.Z) == pytest.approx((0.0, 0.0, -16.0))
+
+
+def test_a_tilted_craft_feels_the_pull_of_a_tether_in_its_own_axes():
+    text = "tether-line.stiffness=10,length=5"
+    pitched = forces_of(text, State(z=8.0, theta=0.5 * math.pi, tilts=True), dofs=("surge", "sway", "heave", "yaw"))
+    assert (pitched.X, pitched.Z) == pytest.approx((30.0, 0.0), abs=1e-9)  # bow up: ahead is up
