@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct, defstruct
 
 from gcs_autotune_files import conform, shown
-from sitl.effects.table import EFFECTS, SURROUNDINGS
+from sitl.effects import EFFECTS, SURROUNDINGS
 
 __all__ = ["HEADINGS", "VehicleFile", "verify_entries", "verify_vehicle_tables"]
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
-from sitl.plants import Wrench
-from sitl.plants.rigid_body import Quaternion, Vector, quaternion_of, rotate
+from sitl.plants import Wrench, quaternion_of, rotate
 
 __all__ = ["TetherLine"]
+
+Vector = tuple[float, float, float]
 
 _SPACE, _PLANE, _DOWN = "surge+sway+heave", "surge+sway", "heave"
 
@@ -50,8 +51,7 @@ class TetherLine(HiddenEffect):
         away = (level * (self["x"] - at.x), level * (self["y"] - at.y), upright * (self["z"] - at.z))
         north, east, down = rotate(attitude, (at.u, at.v, at.w))
         force = _on_craft(self.values, away, (level * north, level * east, upright * down))
-        back: Quaternion = (attitude[0], -attitude[1], -attitude[2], -attitude[3])
-        X, Y, Z = rotate(back, force)
+        X, Y, Z = rotate((attitude[0], -attitude[1], -attitude[2], -attitude[3]), force)
         wrench.X += X
         wrench.Y += Y
         wrench.Z += Z * (not water.floats)
