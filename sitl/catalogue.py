@@ -8,6 +8,7 @@ With ``[sway]`` (inertia, drag, on vectored frames ``authority``) the vehicle ca
 contains SNAME derivatives between surge, sway and yaw, and ``coriolis``: whether Coriolis forces follow from the
 inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment, ``authority`` of a frame with vertical thrusters fore and
 aft) it oscillates in pitch. With ``[rangefinder]`` it faces a wall.
+``[imu] [compass] [gps] [dvl] [pressure]`` are its instruments (:mod:`sitl.instruments`).
 ``plant`` names the kind of body (``sitl/plants/table.py``). Without it, the vehicle is a planar hull. A
 ``rigid-body`` moves in each degree of freedom that has a heading, and ``[body]`` has its mass, weight and buoyancy.
 With ``[thrusters]`` each thruster has its place and direction; ``[propeller]``, ``[motor]``, ``[thruster]`` and
@@ -36,6 +37,7 @@ from sitl.actuators import (
     YawSchedule,
 )
 from sitl.effects import SURROUNDINGS, BadEffect, HiddenEffect, make_effect
+from sitl.instruments import INSTRUMENTS, Instrument
 from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
 from sitl.sensors import Rangefinder, SensorData
 from sitl.vehicle_file import verify_vehicle_tables
@@ -61,6 +63,8 @@ VEHICLES: Mapping[str, str] = {
     "ies-rov": "ies_rov.toml",
     "tugboat": "tugboat.toml",
     "charlie-rudders": "charlie_rudders.toml",
+    "bluerov2-nav": "bluerov2_nav.toml",
+    "blueboat-nav": "blueboat_nav.toml",
 }
 """Vehicle name -> name of its data file in ``vehicles/``."""
 
@@ -120,6 +124,14 @@ class VehicleData:
         at = values_of(self.tables["rangefinder"])
         heading = values_of(self.tables["start"])["heading"]
         return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed, at.get("apart", 0.0))
+
+    def make_instruments(self, seed: int) -> dict[str, Instrument]:
+        """Return the instruments on board, by heading."""
+        return {
+            heading: kind(values_of(self.tables[heading]), seed)
+            for heading, kind in INSTRUMENTS.items()
+            if heading in self.tables
+        }
 
     def make_actuators(self) -> Actuators:
         """Return the actuators that convert servo pulses into forces."""
@@ -209,6 +221,7 @@ def load_vehicle(name: str) -> VehicleData:
         data.make_plant()
         data.make_actuators()
         _verify_surroundings(data)
+        data.make_instruments(0)
     except Unreadable as error:
         raise BadVehicle(f"the vehicle file {name} cannot be read: {error}") from error
     except KeyError as error:

@@ -58,6 +58,19 @@ _STRAIGHT = _axis_rows(("kg", "N s/m", "N s^2/m^2", "N"))
 _TURNING = ("kg m^2", "N m s", "N m s^2", "N m")
 _STEERED = ("kg m^2, s^2, normalised", "N m s, s, normalised", "N m s^2, normalised", "N m, rad, normalised")
 
+
+def _instrument(unit: str, **more: Range) -> dict[str, Range]:
+    """Return the entries of an instrument's heading, which measures in *unit*, and those that only it has."""
+    return {
+        "rate": Range(("Hz",), 0.0, 1000.0, above=True),
+        "lag": Range(("s",), 0.0, 10.0),
+        "noise": _noise(unit),
+        **{name: Range(("m",), -100.0, 100.0) for name in "xyz"},
+        **{name: Range(("s",), 0.0, 1e5) for name in ("lost_every", "lost_for")},
+        **more,
+    }
+
+
 _TURN, _WAYS = 2.0 * math.pi, ("ahead", "astern")
 
 HEADINGS: Mapping[str, Mapping[str, Range]] = {
@@ -144,6 +157,26 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "climb_noise": _noise("m/s"),
         "acceleration_noise": _noise("m/s^2"),
     },
+    "imu": _instrument(
+        "m/s^2",
+        gyro_noise=_noise("rad/s"),
+        **{f"bias_{axis}": Range(("m/s^2",), -20.0, 20.0) for axis in "xyz"},
+        **{f"gyro_bias_{axis}": Range(("rad/s",), -10.0, 10.0) for axis in "xyz"},
+    ),
+    "compass": _instrument(
+        "rad",
+        quantum=_noise("rad"),
+        **{f"iron_{axis}": Range(("1",), -0.9, 0.9) for axis in "xy"},
+        **{f"current_{axis}": Range(("1/A",), -0.1, 0.1) for axis in "xy"},
+    ),
+    "gps": _instrument(
+        "m",
+        speed_noise=_noise("m/s"),
+        jump=_noise("m"),
+        **{name: Range(("s",), 0.0, 1e5) for name in ("jump_every", "jump_for")},
+    ),
+    "dvl": _instrument("m/s"),
+    "pressure": _instrument("m", bias=Range(("m",), -100.0, 100.0)),
     "link": {"up_delay": Range(("s",), 0.0, 60.0), "down_delay": Range(("s",), 0.0, 60.0)},
     "start": {
         "heading": Range(("rad",), -2.0 * math.pi, 2.0 * math.pi),

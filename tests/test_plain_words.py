@@ -39,6 +39,7 @@ ROOMS = (
     "gcs_autotune/seatrials",
     "gcs_autotune/study",
     "gcs_autotune/thrusters",
+    "gcs_autotune/vision",
     "gcs_autotune/web",
     "gcs_autotune/workflow",
     "gcs_autotune_files",

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, OutputsUnassigned, PreconditionFailed
-from gcs_autotune.firmware import Firmware, Output, Outputs, ServoMap, read_servo_map, with_outputs
+from gcs_autotune.firmware import LEVELLING, Firmware, Output, Outputs, ServoMap, read_servo_map, with_outputs
 from gcs_autotune.frames import flat, to_body
 from gcs_autotune.logs.sample_store import UNKNOWN, Note, RecordedParameters, SampleStore
 from gcs_autotune.sname import SIGNALS
@@ -259,7 +259,11 @@ def _from_servos(store: SampleStore, servos: ServoMap) -> dict[str, Channel]:
         return {}
     shares = np.array([_shares(o, values) for o, (_, values) in zip(servos.outputs, columns, strict=True)])
     forces = np.array(servos.weights) @ shares + 0.0
-    return {name: Channel(name, "1", *_dated(t, row)) for name, row in zip(servos.names, forces, strict=True)}
+    return {
+        name: Channel(name, "1", *_dated(t, row))
+        for name, row in zip(servos.names, forces, strict=True)
+        if name not in LEVELLING or np.round(row, 9).any()
+    }
 
 
 def _shares(output: Output, pwm: Array) -> Array:

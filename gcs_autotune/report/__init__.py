@@ -59,12 +59,14 @@ from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plo
 from gcs_autotune.report.study.document import fit_document, method_list, study_document
 from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study
 from gcs_autotune.report.summaries import (
+    laser_document,
     log_document,
     plan_document,
     propeller_document,
     sheets_document,
     thruster_document,
 )
+from gcs_autotune.report.toolkit.chart import script_digest
 from gcs_autotune.report.toolkit.data import to_json
 from gcs_autotune.report.toolkit.document import Document
 from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
@@ -129,6 +131,7 @@ __all__ = [
     "hint_title",
     "hold_document",
     "job_document",
+    "laser_document",
     "lead_sentence",
     "log_document",
     "method_list",
@@ -143,6 +146,7 @@ __all__ = [
     "propeller_document",
     "recheck_document",
     "reference_of",
+    "script_digest",
     "sheets_document",
     "study_document",
     "thruster_document",

@@ -207,7 +207,7 @@ def _own_document(d: DesignedOwn, when: str) -> Document:
         verdict=Verdict(
             f"A {d.design.wanted.kind.capitalize()} loop of {format_number(d.design.wanted.omega_0, 3)} rad/s.",
             "good" if found.worst_margins.stable else "bad",
-            (f"What keeps the loop from being faster: {d.design.limited_by}.",),
+            (f"The loop cannot be faster because {d.design.limited_by}.",),
         ),
         sections=(
             Section(

@@ -34,6 +34,8 @@ POSITIONALS = {
     "study report": ("a",),
     "study replay": ("a", "b"),
     "thrusters": ("a.csv",),
+    "laser": ("a.mp4",),
+    "calibrate laser": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
     "logs fetch": ("--connect", "sitl:charlie"),

@@ -98,6 +98,8 @@ def guess_dof(trial: Trial) -> Dof:
         return DOFS[dof_name]
     pairs = [d for d in DOFS.values() if _input_names(trial, d) and _output_names(trial, d)]
     moving = [d for d in pairs if any(_varies(trial[n]) for n in _input_names(trial, d))]
+    if len(moving) > 1:  # an autopilot levels the craft during every manoeuvre
+        moving = [d for d in moving if not d.restored] or moving
     if len(moving) == 1:
         return moving[0]
     have = ", ".join(trial.channels) or "nothing"
