@@ -69,6 +69,7 @@ COMMANDS: Mapping[str, Verb] = {
     "laser": Verb("measure distance and angle to a wall from two laser dots in a video", "laser_cmd"),
     "calibrate": Verb("calibrate the lasers of `laser`", "calibrate_cmd"),
     "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),
+    "navigate": Verb("fuse the sensors of a log into motion at the centre of gravity, for identify", "navigate_cmd"),
     "export": Verb(
         "export a model to ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table", "export_cmd"
     ),

@@ -42,6 +42,7 @@ FILES = {
     "start.js": "text/javascript",
     "runs.js": "text/javascript",
     "result.js": "text/javascript",
+    "whatif.js": "text/javascript",
     "uPlot-LICENSE.txt": "text/plain",
     "icon.svg": "image/svg+xml",
 }

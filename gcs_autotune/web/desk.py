@@ -17,7 +17,7 @@ from starlette.routing import BaseRoute, Route
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.web.archive import KINDS, Archive, packed
+from gcs_autotune.web.archive import KINDS, STYLED, Archive, loop_of, packed
 from gcs_autotune.web.job import CommandLine
 from gcs_autotune.web.live import Live
 from gcs_autotune_files import whole
@@ -45,6 +45,12 @@ VERBS: Mapping[str, Callable[[Path, Path, str, Path], list[str]]] = {
         str(file),
         f"--dof={dof}",
         f"--out={folder / 'diagnosis'}",
+    ],
+    "what-if": lambda folder, file, dof, other: [
+        "design",
+        str(folder),
+        f"--for={loop_of(folder)}",
+        f"--styles={folder / STYLED}",
     ],
     "compare": lambda folder, file, dof, other: [
         "compare",
@@ -84,6 +90,8 @@ class Desk:
         file = self._record(name)
         if verb == "list" and not entry["log"]:
             file = self._archive.path(name, "telemetry.tlog")
+        if verb == "what-if" and not entry["loop"]:
+            raise UsageError("this run has no model of a loop that can be designed")
         arguments = VERBS[verb](folder, file, dof, self._record(other) if verb == "compare" else folder)
         self._tell(name, verb, "", running=True)
         self._task = asyncio.create_task(self._run(name, verb, arguments, folder))

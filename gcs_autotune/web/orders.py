@@ -91,7 +91,7 @@ def fields() -> dict[str, Any]:
     return {
         "link": os.environ.get(LINK_VARIABLE, ""),
         "jobs": [{"name": name, "title": title, "example": _BOAT} for name, title in JOBS.items()],
-        "axes": [{"name": name, "example": kind.example} for name, kind in AXES.items()],
+        "axes": [{"name": name, "example": kind.example, "signal": kind.stepped} for name, kind in AXES.items()],
         "manoeuvres": [_manoeuvre(kind) for kind in MANOEUVRES.values() if kind.make is not None],
         "sides": SIDES,
         "styles": STYLES,

@@ -23,6 +23,8 @@ from gcs_autotune.manoeuvres import MANOEUVRES, ManoeuvreKind
 from gcs_autotune.web import Access, CommandLine, make_app
 from gcs_autotune.web.access import TOKEN_HEADER
 from gcs_autotune.web.app import FILES, STATIC
+from gcs_autotune.web.archive import loop_of
+from gcs_autotune.web.desk import VERBS
 from gcs_autotune.web.job import Job, how_it_ended, how_the_undo_ended
 from gcs_autotune.web.live import Live
 from gcs_autotune.web.orders import fields, make_order
@@ -384,6 +386,24 @@ def test_nothing_is_undone_where_nothing_was_kept_or_the_vehicle_is_gone(
     kept_run(tmp_path / "lake", link, ending=ending)
     with pytest.raises(UsageError, match="nothing to undo"):
         make_order({"job": "undo", "run": "lake"}, tmp_path, NOW)
+
+
+def test_a_run_with_the_model_of_a_loop_offers_what_if_and_its_proof_is_a_tune_from_that_model(
+    tmp_path: Path,
+) -> None:
+    folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0")
+    assert loop_of(folder) == ""
+    (folder / "summary.json").write_text(json.dumps({"axis": "heading"}))
+    assert loop_of(folder) == ""
+    (folder / "model.json").write_text("{}")
+    with client_of(tmp_path) as one:
+        entry = one.get("/runs/lake").json()
+    words = VERBS["what-if"](folder, folder, "yaw", folder)
+    args = make_parser().parse_args(words)
+    assert (args.loop, args.styles, entry["loop"]) == ("heading", folder / "styles.json", "heading")
+    proof = {"job": "tune", "axis": entry["loop"], "style": "quick", "model": "lake/model.json"}
+    tune = make_parser().parse_args(list(make_order({**proof, "connect": entry["link"]}, tmp_path, NOW).arguments))
+    assert (tune.style, tune.model, tune.connect, tune.yes) == ("quick", folder / "model.json", "/dev/ttyUSB0", False)
 
 
 def test_a_run_is_downloaded_whole_without_files_that_are_not_of_a_run(tmp_path: Path) -> None:

@@ -36,6 +36,23 @@ export function drawProof(node, before, after, signal) {
   }, uPlot.join([[made.t, made.target], [old.t, old.value], [made.t, made.value]]), node);
 }
 
+// What a style would do: the step with the present and the new gains, and the output for it. Returns the plots.
+export function drawStyle(node, step, signal) {
+  const k = about(signal).factor, axis = { stroke: css("soft"), grid: { stroke: css("faint"), width: 1 }, ticks: { stroke: css("faint") } };
+  const line = (label, name, dash, width = 2) => ({ label, stroke: css(name), width, dash, points: { show: false } });
+  const plot = (series, data, height) => new uPlot({
+    width: node.clientWidth, height, cursor: { show: false }, legend: { show: true, live: false },
+    scales: { x: { time: false } }, axes: [{ ...axis, size: 34 }, { ...axis, size: 52 }], series: [{}, ...series],
+  }, data, node);
+  const scaled = (values) => values.map((v) => v * k);
+  return [
+    plot([line("target", "wanted", [8, 5]), line("present gains", "soft"), line("new gains", "measured"),
+      line("95 % range: low", "measured", [2, 4], 1), line("high", "measured", [2, 4], 1)],
+    [step.t, step.t.map(() => step.size * k), ...["before", "after", "low", "high"].map((name) => scaled(step[name]))], 230),
+    plot([line("output [% of full]", "measured")], [step.t, step.output.map((v) => 100 * v)], 150),
+  ];
+}
+
 function fromStep(rows, factor) {
   const shown = rows.filter((r) => r[2] !== null && r[3] !== null);
   let at = shown.findIndex((r, k) => k > 0 && r[3] !== shown[k - 1][3]);

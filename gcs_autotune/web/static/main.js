@@ -4,6 +4,7 @@ import { apply, connect, empty, link, post, token } from "./state.js";
 import { offer } from "./result.js";
 import { fill, make, models } from "./start.js";
 import * as runs from "./runs.js";
+import * as whatIf from "./whatif.js";
 
 const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, wantStop = 0, refused = "", view = "live";
@@ -321,6 +322,7 @@ async function begin() {
   say("version", fields.version);
   mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
   make(fields, () => look("live"));
+  whatIf.make(fields);
   runs.make(fields.dofs, does, () => { if (mayTouch) look("runs"); return mayTouch; });
   show();
 }
