@@ -231,7 +231,8 @@ function showWords() {
   $("words").replaceChildren(...state.words.slice(-200).reverse().map((word) => {
     const item = document.createElement("li");
     item.textContent = word.severity === null ? word.text : `Vehicle: ${word.text}`;
-    if (word.severity !== null) item.className = word.severity <= 3 ? "severe" : "vehicle";
+    if (word.severity !== null) item.className = word.severity <= 3 && !word.note ? "severe" : "vehicle";
+    if (word.note) item.append(` – ${word.note}`);
     return item;
   }));
 }
