@@ -59,6 +59,7 @@ def main(picture: Path) -> None:
         page = browser.new_page(viewport={"width": 1180, "height": 1010}, color_scheme="light")
         page.goto(server.stderr.readline().split()[1])
         page.click("#tab-start")
+        page.select_option("#job", "tune")
         page.fill("#connect", f"tcp:127.0.0.1:{PORT}")
         page.click("#start")
         page.click("#yes", timeout=WAIT)

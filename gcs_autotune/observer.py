@@ -17,6 +17,7 @@ __all__ = [
     "Intention",
     "Intentions",
     "LeftAs",
+    "ListedStep",
     "NewValue",
     "Observer",
     "PredictedCost",
@@ -25,6 +26,7 @@ __all__ = [
     "ProposedGains",
     "Room",
     "SilentObserver",
+    "StepList",
     "Vitals",
     "Words",
 ]
@@ -187,6 +189,26 @@ class PredictedTrack:
 
 
 @dataclass(frozen=True, slots=True)
+class ListedStep:
+    """One step of a job: its ``name``, its ``state`` and the ``reason`` for it.
+
+    state : ``open``, ``flying``, or how the step ended. seconds : announced duration [s] of the vehicle's time.
+    """
+
+    name: str
+    state: str
+    reason: str = ""
+    seconds: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class StepList:
+    """All steps of a job of several, in order, whenever one of them changes."""
+
+    steps: tuple[ListedStep, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class LeftAs:
     """The final state of the craft: mode and armed state from its heartbeat, and what ``differs`` from the original."""
 
@@ -195,7 +217,7 @@ class LeftAs:
     differs: Mapping[str, str]
 
 
-Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | PredictedTrack | LeftAs
+Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | PredictedTrack | StepList | LeftAs
 """A note that is reported in addition to ticks and sentences."""
 
 

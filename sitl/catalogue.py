@@ -8,6 +8,7 @@ With ``[sway]`` (inertia, drag, on vectored frames ``authority``) the vehicle ca
 contains SNAME derivatives between surge, sway and yaw, and ``coriolis``: whether Coriolis forces follow from the
 inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment, ``authority`` of a frame with vertical thrusters fore and
 aft) it oscillates in pitch. With ``[rangefinder]`` it faces a wall.
+``[imu] [compass] [gps] [dvl] [pressure]`` are its instruments (:mod:`sitl.instruments`).
 ``plant`` names the kind of body (``sitl/plants/table.py``). Without it, the vehicle is a planar hull. A
 ``rigid-body`` moves in each degree of freedom that has a heading, and ``[body]`` has its mass, weight and buoyancy.
 With ``[thrusters]`` each thruster has its place and direction; ``[propeller]``, ``[motor]``, ``[thruster]`` and
@@ -35,7 +36,8 @@ from sitl.actuators import (
     TwinThrusterBoat,
     YawSchedule,
 )
-from sitl.effects import HiddenEffect, make_effect
+from sitl.effects import SURROUNDINGS, BadEffect, HiddenEffect, make_effect
+from sitl.instruments import INSTRUMENTS, Instrument
 from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
 from sitl.sensors import Rangefinder, SensorData
 from sitl.vehicle_file import verify_vehicle_tables
@@ -61,6 +63,8 @@ VEHICLES: Mapping[str, str] = {
     "ies-rov": "ies_rov.toml",
     "tugboat": "tugboat.toml",
     "charlie-rudders": "charlie_rudders.toml",
+    "bluerov2-nav": "bluerov2_nav.toml",
+    "blueboat-nav": "blueboat_nav.toml",
 }
 """Vehicle name -> name of its data file in ``vehicles/``."""
 
@@ -121,6 +125,14 @@ class VehicleData:
         heading = values_of(self.tables["start"])["heading"]
         return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed, at.get("apart", 0.0))
 
+    def make_instruments(self, seed: int) -> dict[str, Instrument]:
+        """Return the instruments on board, by heading."""
+        return {
+            heading: kind(values_of(self.tables[heading]), seed)
+            for heading, kind in INSTRUMENTS.items()
+            if heading in self.tables
+        }
+
     def make_actuators(self) -> Actuators:
         """Return the actuators that convert servo pulses into forces."""
         yaw, surge = values_of(self.tables["yaw"]), values_of(self.tables["surge"])
@@ -164,14 +176,30 @@ class VehicleData:
         return ThrusterSet(FRAMES[kind], range(1, len(rows) + 1), 400.0, rows, biases, curve=curve)
 
     def make_effects(self) -> tuple[HiddenEffect, ...]:
-        """Return the effects that the file gives its own parts: slew and backlash of a rudder."""
+        """Return the effects of the file: slew and backlash of a rudder, and those of the surroundings."""
         rudder = values_of(self.tables.get("rudder", {}))
         slugs = (("backlash", "backlash", "width"), ("slew", "rate-limit", "rate"))
-        return tuple(
+        parts = (
             make_effect(slug, "N", {parameter: rudder[name] / rudder["full"]})
             for name, slug, parameter in slugs
             if name in rudder
         )
+        there = (heading for heading in SURROUNDINGS if heading in self.tables)
+        around = (make_effect(SURROUNDINGS[heading], "", values_of(self.tables[heading])) for heading in there)
+        return (*parts, *around)
+
+
+def _verify_surroundings(data: VehicleData) -> None:
+    """Raise ``ValueError`` with the heading of the file if *data* has surroundings that its craft cannot be in."""
+    if not set(SURROUNDINGS) & set(data.tables):
+        return
+    from sitl.craft import Craft  # it needs this module
+
+    try:
+        Craft(data).begin("0")
+    except BadEffect as error:
+        heading, slug = next(((h, s) for h, s in SURROUNDINGS.items() if str(error).startswith(s)), ("", ""))
+        raise ValueError(heading + str(error).removeprefix(slug)) from error
 
 
 def load_vehicle(name: str) -> VehicleData:
@@ -192,6 +220,8 @@ def load_vehicle(name: str) -> VehicleData:
         data = _read(Path(name).stem, Path(name))
         data.make_plant()
         data.make_actuators()
+        _verify_surroundings(data)
+        data.make_instruments(0)
     except Unreadable as error:
         raise BadVehicle(f"the vehicle file {name} cannot be read: {error}") from error
     except KeyError as error:

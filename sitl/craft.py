@@ -13,7 +13,7 @@ from sitl.actuators import Actuators, ThrusterSet
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect, Setting
 from sitl.modelfile import BadModel, FlownModel
-from sitl.plants import AxisDynamics, Parameters, PlanarHull, Plant, Wrench
+from sitl.plants import AxisDynamics, Parameters, PlanarHull, Plant, Wrench, values_of
 from sitl.sensors import SensorReading
 
 __all__ = ["Craft"]
@@ -83,6 +83,7 @@ class Craft:
             self.actuators.drive(pwm, self.plant.parameters, self._wrench)
         for effect in self.effects:
             effect.alter_force(t, self._wrench)
+            effect.alter_water(t, self.plant.water)
             effect.alter_parameters(t, self.plant.parameters)
         self.plant.step(self._wrench, dt)
 
@@ -187,6 +188,7 @@ def _describe(craft: Craft, seed: str) -> Setting:
         signals=signals if craft.data.is_boat else (*signals, "z", "w"),
         seed=seed,
         cruise=_full_speed(craft),
+        mass=values_of(craft.data.tables.get("body", {})).get("mass", 0.0),
         on_vehicle=True,
         axis_names={name: channel for channel in inputs for name in _NAMES[channel]},
     )

@@ -225,6 +225,7 @@ def _integrate(run: _Run, longest: float, knots: Array, state: tuple[float, ...]
     """
     hull, heun, effects, held, stamps = run.hull, run.heun, run.effects, run.held, run.stamps
     heun.pushes = [e.alter_force for e in effects if e.overrides("alter_force")]
+    heun.flows = [e.alter_water for e in effects if e.overrides("alter_water")]
     drives = [e.alter_input for e in effects if e.overrides("alter_input")]
     changes = [e.alter_parameters for e in effects if e.overrides("alter_parameters")]
     step = heun.stepper(hull, state)
@@ -269,7 +270,7 @@ def _ask(hull: Hull, asked: Wrench, inputs: Mapping[str, float]) -> None:
 class _Heun:
     """Integrates a hull by Heun's rule, second order.
 
-    ``asked``: forces of its actuators. ``pushes``: forces of effects.
+    ``asked``: forces of its actuators. ``pushes``: forces of effects. ``flows``: changes of the water by effects.
     """
 
     def __init__(self, hull: Hull) -> None:
@@ -277,6 +278,7 @@ class _Heun:
         self.plant = PlanarHull(surge, heave, yaw, Water(bottom=hull.bottom), sway=sway)
         self.asked = Wrench()
         self.pushes: list[Callable[[float, Wrench], None]] = []
+        self.flows: list[Callable[[float, Water], None]] = []
         self._wrench = Wrench()
         self._plain = dict(self.plant.parameters)
 
@@ -309,7 +311,7 @@ class _Heun:
         """Return the time derivative of *state* (Fossen2011, equations 2.40 and 6.112)."""
         _, _, _, psi, u, v, w, r = state
         wrench = self._pushed(t, state) if self.pushes else self.asked
-        water = self.plant.water
+        water = self.flowing(t, state) if self.flows else self.plant.water
         udot, vdot, wdot, _, _, rdot = self.plant.acceleration((u, v, w, 0.0, 0.0, r), wrench)
         c, s = math.cos(psi), math.sin(psi)
         return c * u - s * v + water.V_x, s * u + c * v + water.V_y, w, r, udot, vdot, wdot, rdot
@@ -344,6 +346,13 @@ class _Heun:
             push(t, wrench)
         return wrench
 
+    def flowing(self, t: float, state: Sequence[float]) -> Water:
+        """Return the water as it is at time *t* [s] where the hull is."""
+        self.take(state)
+        for flow in self.flows:
+            flow(t, self.plant.water)
+        return self.plant.water
+
     def step(self, t: float, dt: float, state: tuple[float, ...]) -> tuple[float, ...]:
         """Return the state after *dt* [s] by Heun's rule."""
         first = self.slope(t, state)
@@ -376,8 +385,9 @@ def _measure(
     heun, effects, stamps = run.heun, run.effects, run.stamps
     water, psi = heun.plant.water, truth[:, SIGNALS.index("psi")]
     if water.over_ground:
-        truth[:, 4] += water.V_x * np.cos(psi) + water.V_y * np.sin(psi)
-        truth[:, 5] += water.V_y * np.cos(psi) - water.V_x * np.sin(psi)
+        V_x, V_y = _current(heun, t, truth)
+        truth[:, 4] += V_x * np.cos(psi) + V_y * np.sin(psi)
+        truth[:, 5] += V_y * np.cos(psi) - V_x * np.sin(psi)
     reported = {}
     for name in late:
         values = np.interp(stamps - late[name], t, truth[:, SIGNALS.index(name)])
@@ -390,6 +400,17 @@ def _measure(
         places = np.column_stack([np.interp(stamps, t, column) for column in truth.T])
         _alter(alters, heun, stamps, places, reported)
     return reported
+
+
+def _current(heun: _Heun, t: Array, truth: Array) -> tuple[Array, Array]:
+    """Return the water's velocity north and east (k,) at the times *t* (k,), where the hull is."""
+    if not heun.flows:
+        return np.full(len(t), heun.plant.water.V_x), np.full(len(t), heun.plant.water.V_y)
+    found = np.empty((len(t), 2))
+    for row, when, state in zip(found, t.tolist(), truth.tolist(), strict=True):
+        water = heun.flowing(when, state)
+        row[:] = water.V_x, water.V_y
+    return found[:, 0], found[:, 1]
 
 
 def _alter(

@@ -15,6 +15,7 @@ from sitl.battery import Battery
 from sitl.catalogue import VehicleData
 from sitl.craft import Craft
 from sitl.effects import HiddenEffect
+from sitl.instruments import Suite
 from sitl.modelfile import FlownModel
 from sitl.plants import State
 from sitl.sensors import SensorReading, Sensors
@@ -70,6 +71,7 @@ class Vehicle:
         self._reading = SensorReading()
         self._sensors = Sensors(data.sensors, seed, floats=data.is_boat)
         self.rangefinder = data.make_rangefinder(seed)
+        self.suite = Suite(data.make_instruments(seed))
         self.autopilot = self._boot()
         self.craft.begin(str(seed))
 
@@ -113,6 +115,7 @@ class Vehicle:
             distances = self.rangefinder.measure(t, self.state)
             self._reading.d, self._reading.d_starboard = distances[0], distances[-1]
         self.craft.alter(t, self._reading)
+        self.suite.step(t, dt, self.plant, self.battery.current)
 
     def control(self) -> None:
         """Run the autopilot's loop on the last sample."""

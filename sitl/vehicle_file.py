@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct, defstruct
 
 from gcs_autotune_files import conform, shown
+from sitl.effects import EFFECTS, SURROUNDINGS
 
 __all__ = ["HEADINGS", "VehicleFile", "verify_entries", "verify_vehicle_tables"]
 
@@ -56,6 +57,19 @@ def _noise(unit: str) -> Range:
 _STRAIGHT = _axis_rows(("kg", "N s/m", "N s^2/m^2", "N"))
 _TURNING = ("kg m^2", "N m s", "N m s^2", "N m")
 _STEERED = ("kg m^2, s^2, normalised", "N m s, s, normalised", "N m s^2, normalised", "N m, rad, normalised")
+
+
+def _instrument(unit: str, **more: Range) -> dict[str, Range]:
+    """Return the entries of an instrument's heading, which measures in *unit*, and those that only it has."""
+    return {
+        "rate": Range(("Hz",), 0.0, 1000.0, above=True),
+        "lag": Range(("s",), 0.0, 10.0),
+        "noise": _noise(unit),
+        **{name: Range(("m",), -100.0, 100.0) for name in "xyz"},
+        **{name: Range(("s",), 0.0, 1e5) for name in ("lost_every", "lost_for")},
+        **more,
+    }
+
 
 _TURN, _WAYS = 2.0 * math.pi, ("ahead", "astern")
 
@@ -143,6 +157,26 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "climb_noise": _noise("m/s"),
         "acceleration_noise": _noise("m/s^2"),
     },
+    "imu": _instrument(
+        "m/s^2",
+        gyro_noise=_noise("rad/s"),
+        **{f"bias_{axis}": Range(("m/s^2",), -20.0, 20.0) for axis in "xyz"},
+        **{f"gyro_bias_{axis}": Range(("rad/s",), -10.0, 10.0) for axis in "xyz"},
+    ),
+    "compass": _instrument(
+        "rad",
+        quantum=_noise("rad"),
+        **{f"iron_{axis}": Range(("1",), -0.9, 0.9) for axis in "xy"},
+        **{f"current_{axis}": Range(("1/A",), -0.1, 0.1) for axis in "xy"},
+    ),
+    "gps": _instrument(
+        "m",
+        speed_noise=_noise("m/s"),
+        jump=_noise("m"),
+        **{name: Range(("s",), 0.0, 1e5) for name in ("jump_every", "jump_for")},
+    ),
+    "dvl": _instrument("m/s"),
+    "pressure": _instrument("m", bias=Range(("m",), -100.0, 100.0)),
     "link": {"up_delay": Range(("s",), 0.0, 60.0), "down_delay": Range(("s",), 0.0, 60.0)},
     "start": {
         "heading": Range(("rad",), -2.0 * math.pi, 2.0 * math.pi),
@@ -155,6 +189,10 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "noise": _noise("m"),
         "period": Range(("s",), 0.0, 60.0, above=True),
         "apart": Range(("m",), 0.0, 10.0),
+    },
+    **{
+        heading: {p.name: Range((p.unit,), max(p.least, -1e9), min(p.most, 1e9)) for p in EFFECTS[slug].parameters}
+        for heading, slug in SURROUNDINGS.items()
     },
 }
 """Heading of a vehicle file -> name of a number -> its permitted units and range.

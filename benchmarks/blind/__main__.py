@@ -20,7 +20,7 @@ from benchmarks.blind.foreign import FOREIGN  # noqa: E402
 from benchmarks.blind.process_noise import CALM, HIDDEN  # noqa: E402
 from benchmarks.blind.referee import LONGEST, Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import headlines, report, tally  # noqa: E402
-from benchmarks.blind.sizes import RECIPES  # noqa: E402
+from benchmarks.blind.sizes import RECIPES, SURROUNDINGS  # noqa: E402
 from benchmarks.results import headline  # noqa: E402
 from benchmarks.studies import rows_of  # noqa: E402
 
@@ -41,6 +41,7 @@ def slugs_of(kind: str, only: Sequence[str]) -> list[str]:
     """Return the effects that the cases of *kind* hide by turns; an empty text if it draws its own."""
     own: dict[str, Sequence[str]] = {
         "single": list(RECIPES),
+        "environment": list(SURROUNDINGS),
         "foreign": list(FOREIGN),
         "track": TRACK,
         "process-noise": [*HIDDEN, *[CALM] * len(HIDDEN)],
@@ -62,12 +63,13 @@ def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
     return [task_of(k, number, seed, only) for k, n in counts.items() for number in range(n)]
 
 
-def played(seed: int, kind: str, draw: int, only: str, longest: float) -> dict[str, Any]:
+def played(seed: int, kind: str, draw: int, only: str, among: str, longest: float) -> dict[str, Any]:
     """Play case number *seed* of *kind*; *draw* is the seed of everything drawn.
 
-    longest : time limit of the diagnosis [s]; 0: none. Returns the outcome for a row.
+    among : the effects that the diagnosis tries; empty: all. longest : its time limit [s]; 0: none. Returns the outcome
+    for a row.
     """
-    found = play(*task_of(kind, seed, draw, _split(only)), longest or LONGEST)
+    found = play(*task_of(kind, seed, draw, _split(only)), longest or LONGEST, _split(among) or None)
     return {"outcome": found.to_json(), "right": found.right, "verdict": found.verdict, "slug": found.slug}
 
 
@@ -81,7 +83,8 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--only", default="", help="slugs, joined by commas")
-    kinds = ("all", "numbers", *SHARES, "track", "clean-track", "process-noise", *GIVEN)
+    kinds = ("all", "numbers", *SHARES, "environment", "track", "clean-track", "process-noise", *GIVEN)
+    parser.add_argument("--among", default="", help="slugs that the diagnosis tries, joined by commas (all)")
     parser.add_argument("--kind", choices=kinds, default="all")
     text = "stop a diagnosis after so long (no limit); it then names nothing"
     parser.add_argument("--max-seconds", type=float, default=LONGEST, help=text)
@@ -93,12 +96,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Play, print, and return 0."""
     asked = _parsed(arguments)
     only = _split(asked.only)
-    strange = [s for s in only if s not in RECIPES and s not in FOREIGN and s != CALM]
+    strange = [s for s in only if s not in RECIPES and s not in SURROUNDINGS and s not in FOREIGN and s != CALM]
     if strange:
         print(f"no effect called {', '.join(strange)}", file=sys.stderr)
         return 2
     longest = asked.max_seconds if math.isfinite(asked.max_seconds) else 0.0
-    fixed = {"argument.draw": asked.seed, "argument.only": asked.only, "argument.longest": longest}
+    own = {"draw": asked.seed, "only": asked.only, "among": asked.among, "longest": longest}
+    fixed = {f"argument.{name}": value for name, value in own.items()}
     done: list[Outcome] = []
     for kind, cases in counts_of(asked.kind, asked.cases).items():
         if cases and slugs_of(kind, only):
@@ -107,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not asked.quiet:
         print("\n".join(map(_said, done)), tally(done), sep="\n")
     print(report(done))
-    if not only:
+    if not only and not asked.among:
         for kind, (measures, figures) in headlines(done).items():
             headline(f"blind-{kind}", measures, figures)
     return 0

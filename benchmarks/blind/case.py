@@ -20,8 +20,8 @@ from benchmarks.blind.foreign import FOREIGN
 from benchmarks.blind.plain import errors_of, misfit, whitened
 from benchmarks.blind.process_noise import CALM, drawn_weather, mild_weather, smoothed
 from benchmarks.blind.rough import draw_rough
-from benchmarks.blind.secret import Hidden
-from benchmarks.blind.sizes import RECIPES
+from benchmarks.blind.secret import Hidden, Recipe
+from benchmarks.blind.sizes import RECIPES, SURROUNDINGS
 from benchmarks.blind.voyage import Case, File, Flown, Voyage, case_of, draw_voyage, fly, noise_levels, trial_of
 
 __all__ = ["BESIDE", "GIVEN", "TRACK", "Case", "NoCase", "draw_case"]
@@ -64,7 +64,7 @@ class NoCase(RuntimeError):
 
 
 def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
-    """Return case number *index* of *kind*: ``single``, ``clean``, ``double``, ``foreign``, ``track``,
+    """Return case number *index* of *kind*: ``single``, ``environment``, ``clean``, ``double``, ``foreign``, ``track``,
     ``clean-track``, ``process-noise``, ``mild``, ``rough``, or of :data:`GIVEN`.
 
     *slug*: the effect of a single or foreign case, or of one beside a given model.
@@ -77,6 +77,7 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
     rng = np.random.default_rng([seed, zlib.crc32(f"{SEEDED_AS.get(kind, kind)}/{slug}".encode()), index])
     kinds = {
         "single": _single,
+        "environment": _surroundings,
         "clean": _clean,
         "double": _double,
         "foreign": _foreign,
@@ -99,7 +100,14 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
 
 
 def _single(rng: Rng, slug: str) -> Case | None:
-    recipe = RECIPES[slug]
+    return _one(rng, RECIPES[slug])
+
+
+def _surroundings(rng: Rng, slug: str) -> Case | None:
+    return _one(rng, SURROUNDINGS[slug])
+
+
+def _one(rng: Rng, recipe: Recipe) -> Case | None:
     hidden = recipe.draw(rng, draw_craft(str(rng.choice(recipe.kinds)), rng))
     if _cannot_be(hidden) or (hidden.turns and not turns_round(hidden.craft)):
         return None

@@ -158,7 +158,27 @@ def _raft(rng: Rng) -> Craft:
     return _plane(rng, {"X": "surge", "Y": "sway", "N": "yaw"}, "raft")
 
 
-KINDS = {"yaw": _yaw, "surge": _surge, "heave": _heave, "steered": _steered, "boat": _boat, "raft": _raft}
+def _diver(rng: Rng) -> Craft:
+    """A craft that runs ahead, turns and dives."""
+    pace = log_uniform(rng, 0.3, 8.0)
+    paces = {"yaw": pace}
+    for dof, low, high in (("surge", 0.8, 3.0), ("heave", 0.5, 1.5)):
+        paces[dof] = float(np.clip(pace * log_uniform(rng, low, high), FASTEST, SLOWEST))
+    dofs, drives = ("surge", "heave", "yaw"), {"X": "surge", "Z": "heave", "N": "yaw"}
+    craft = _make(rng, "diver", dofs, drives, paces)
+    craft = replace(craft, scale={**craft.scale, "y": craft.scale["x"]})
+    return craft.measuring("u", "w", "r", "psi", "x", "y", "z")
+
+
+KINDS = {
+    "yaw": _yaw,
+    "surge": _surge,
+    "heave": _heave,
+    "steered": _steered,
+    "boat": _boat,
+    "raft": _raft,
+    "diver": _diver,
+}
 
 
 def draw_craft(kind: str, rng: Rng) -> Craft:

@@ -15,7 +15,7 @@ from benchmarks.results import Figure, count
 
 __all__ = ["bounds", "headlines", "recovered", "report", "tally"]
 
-KINDS = ("single", "clean", "double", "foreign", "track", "clean-track", "process-noise", *GIVEN)
+KINDS = ("single", "environment", "clean", "double", "foreign", "track", "clean-track", "process-noise", *GIVEN)
 
 VISIBLE = 10.0
 """Improvement of the log-likelihood by the true effect above which it should be reported. Project choice."""
@@ -66,6 +66,7 @@ def tally(outcomes: Sequence[Outcome]) -> str:
 
 HEADLINES: Mapping[str, tuple[str, float | None]] = {
     "single": ("diagnosis of runs with one hidden effect", 0.97),
+    "environment": ("diagnosis of runs with one hidden effect of the surroundings", None),
     "clean": ("diagnosis of runs without a hidden effect", 0.99),
     "double": ("diagnosis of runs with two hidden effects", 0.85),
     "foreign": ("diagnosis of runs with a hidden effect that is not in the catalogue", 0.95),
@@ -126,6 +127,7 @@ def report(outcomes: Sequence[Outcome]) -> str:
     lines = ["rates (strict; a group that cannot be told apart counts as its members), 95 % bounds"]
     for kind, what in (
         ("single", "right name first"),
+        ("environment", "right name first, surroundings"),
         ("clean", "silent on clean data"),
         ("double", "both of two named"),
         ("foreign", "no confident name for what is not in the book"),
@@ -142,7 +144,7 @@ def report(outcomes: Sequence[Outcome]) -> str:
         if some:
             lines.append(f"  {what:48} {_rate(some, strict=True)}   in group {_rate(some, strict=False)}")
     lines += _in_weather([o for o in played if o.kind == "process-noise"])
-    singles = [o for o in played if o.kind == "single"]
+    singles = [o for o in played if o.kind in ("single", "environment")]
     if singles:
         lines += [
             "",

@@ -1,9 +1,9 @@
 """Interface for a program in place of the operator: JSON lines on standard output and input (docs/serve.md).
 
 Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``intentions``, ``vitals``,
-``room``, ``cost``, ``proposal``, ``track``, ``left``, ``question``, ``dropped``; in SI and radians, null if unknown.
-In: ``stop`` and ``answer``. Without standard input the craft could not be stopped, so the end of standard input counts
-as a STOP.
+``room``, ``cost``, ``proposal``, ``track``, ``steps``, ``left``, ``question``, ``dropped``; in SI and radians, null
+if unknown. In: ``stop`` and ``answer``. Without standard input the craft could not be stopped, so the end of standard
+input counts as a STOP.
 
 The flight loop never waits for the listener. Ticks and sentences go into ring buffers that drop the oldest; a
 separate thread writes them out.
@@ -35,6 +35,7 @@ from gcs_autotune.observer import (
     Progress,
     ProposedGains,
     Room,
+    StepList,
     Vitals,
     Words,
 )
@@ -63,6 +64,7 @@ _KEYS: Mapping[type, str] = {
     ProposedGains: "proposal",
     PredictedCost: "cost",
     PredictedTrack: "track",
+    StepList: "steps",
     LeftAs: "left",
 }
 
@@ -159,8 +161,8 @@ class RemoteOperator(ConsoleOperator):
         threading.Thread(target=self._listen, name="stop", daemon=True).start()
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask a yes/no question, wait for the answer, and return it. *while_waiting* raises an error if a STOP comes
-        first.
+        """Ask a yes/no question, wait for the answer, and return it. A STOP that comes first is a no, unless
+        *while_waiting* raises an error for it.
         """
         if self._yes:
             return True
@@ -169,6 +171,8 @@ class RemoteOperator(ConsoleOperator):
         self._observer.put("question", {"id": asked, "text": question})
         while asked not in self._answers:
             while_waiting()
+            if self._stop:  # where nothing is flown, nothing else heeds it
+                return False
         return self._answers[asked]
 
     def _listen(self) -> None:

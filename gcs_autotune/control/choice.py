@@ -75,7 +75,7 @@ class OwnDesign:
     model : the identified one, its delay with that of the sampled loop.
     bound : (left, right) of the stability condition for the measured uncertainty; stable while left < right.
     effort : largest command in the required step, in units of the input.
-    limited_by : what keeps the loop from being faster, in words.
+    limited_by : why the loop cannot be faster, in words.
     """
 
     law: FeedbackLaw
@@ -216,7 +216,7 @@ class _Demands:
         A loop much slower than the craft itself is no safer: its velocity gain is negative. So the search goes
         downwards.
         """
-        why = "the range of frequencies that is looked at"
+        why = "this is the highest frequency searched"
         for omega in np.geomspace(most, min(SLOWEST, most), ROUNDS):
             broken = self.broken(reference_model(kind, float(omega)))
             if not broken:
@@ -231,10 +231,10 @@ class _Demands:
         effort, velocity = simulated_step(law, model, self.step, _horizon(wanted))
         most = USED * min(-self.limits[0], self.limits[1])
         if effort > most:
-            return f"its step needs {effort:.2g} of the actuator, {most:.2g} of it may be used"
+            return f"its step would need {effort:.2g} of the actuator, and {most:.2g} may be used"
         left, right = stability_bound(model, wanted, self.uncertainty, velocity)
         if left >= right:
-            return f"with the uncertainty of the model it may be unstable ({left:.2g} must be below {right:.2g})"
+            return f"the model is too uncertain to guarantee its stability ({left:.2g} must be below {right:.2g})"
         found = margins(law, model)
         for name, value, enough, factor, unit in (
             ("vector margin", found.vector, least.vector, 1.0, ""),

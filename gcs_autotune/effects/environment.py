@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import cos, inf, pi, sin
+from typing import ClassVar
 
 import numpy as np
 
@@ -81,7 +82,7 @@ class SteadyCurrent(Effect):
     family = "environment"
     meaning = "the water moves over the ground, so the craft drifts in one direction on any heading"
     plain = "A current carries your {craft}, but {simulation} moves in still water."
-    parameters = (
+    parameters: ClassVar[tuple[Quantity, ...]] = (
         Quantity("V_x", "m/s", "current towards north"),
         Quantity("V_y", "m/s", "current towards east"),
     )

@@ -72,9 +72,9 @@ class ZigZag(UnderWay):
                 self._mark(now.t, "execute", {"psi": deviation, "N": side * self._steering.share})
             farthest = max(farthest, side * deviation)
             if executed >= s.executes and executed > 1 and side * deviation >= 0.0:
-                self._end("completed", f"{executed} executes flown")
+                self._end("completed", f"{executed} executes")
             elif now.t - start >= s.duration:
-                self._end("completed", f"{executed} executes flown in the available time")
+                self._end("completed", f"{executed} executes in the available time")
             elif now.t - since > s.patience:
                 self._end("aborted", self._too_far(executed, farthest))
             now = yield self._command(side * self._steering.share, now)

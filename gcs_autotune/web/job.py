@@ -9,17 +9,20 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from msgspec import Struct
+
 from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.web.live import Live
-from gcs_autotune_files import Refused, read
+from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["CommandLine", "Job", "page_of", "read_json"]
+__all__ = ["JOB", "CommandLine", "Job", "how_it_ended", "how_the_undo_ended", "page_of", "read_json"]
 
 _LONGEST_LINE = 1 << 22
 _STDERR = 8000
@@ -30,6 +33,19 @@ _MEANINGS: Mapping[int, str] = {
     _RESTORED: "tuned, but the old gains were better and were restored",
     **{code: meaning for _, code, meaning in EXIT_CODES},
 }
+
+_UNDONE: Mapping[int, str] = {130: "stopped or declined, so not everything was restored"}
+_RESULT = re.compile(r"^\S+: \S+ -> |verified by reading back")
+"""Sentences of a restore that state what was written."""
+JOB = "job.json"
+"""File of a guided run with its steps."""
+_ENDINGS: Mapping[str, str] = {
+    "restored": "the old gains were better and are restored",
+    "open": "not flown",
+    "skipped": "not flown",
+    "rejected": "not flown",
+}
+"""Ending of a step of a job -> what it means for its gains, where the ending itself does not state it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +64,14 @@ class CommandLine:
 class Job:
     """One run of our command line with *arguments*, which writes its files to *directory*."""
 
-    def __init__(self, program: CommandLine, arguments: Sequence[str], directory: Path, live: Live) -> None:
+    def __init__(
+        self, program: CommandLine, arguments: Sequence[str], directory: Path, live: Live, *, is_undo: bool = False
+    ) -> None:
         self._program = program
         self._arguments = list(arguments)
         self._directory = directory
         self._live = live
+        self._is_undo = is_undo
         self._process: asyncio.subprocess.Process | None = None
         self._answered: set[int] = set()
         self._errors = ""
@@ -75,7 +94,10 @@ class Job:
         await asyncio.gather(self._listen(self._process), self._overhear(self._process))
         code = await self._process.wait()
         left = self._live.get("left")
-        end = await asyncio.to_thread(how_it_ended, code, self._errors, self._directory, left)
+        if self._is_undo:
+            end = how_the_undo_ended(code, self._errors, self._live.said)
+        else:
+            end = await asyncio.to_thread(how_it_ended, code, self._errors, self._directory, left)
         self._live.put("question", None)
         self._live.put("end", end)
 
@@ -125,13 +147,11 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     ``report`` its page, if any; ``fine`` whether no action is needed; ``put_back`` sentences.
     """
     summary = read_json(directory / "summary.json")
-    marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]
-    said = marked[-1].removeprefix("gcs-autotune: ") if marked else ""
-    reason = said or str(summary.get("reason", "")) or (errors.strip().splitlines() or [""])[-1]
+    reason = _last_error(errors) or str(summary.get("reason", "")) or (errors.strip().splitlines() or [""])[-1]
     fine, craft = _as_to_craft(left, directory)
     return {
         "code": code,
-        "meaning": _MEANINGS.get(code, f"the run ended with code {code}"),
+        "meaning": _meaning(code, is_job=(directory / JOB).is_file()),
         "reason": reason,
         "flown": [str(line) for line in _listed(summary.get("verdict_reasons"))],
         "fine": fine,
@@ -140,12 +160,37 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     }
 
 
+def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str, Any]:
+    """Return the page's summary of a finished undo, as :func:`how_it_ended`; *said* are its sentences."""
+    return {
+        "code": code,
+        "meaning": "the old parameters are restored" if code == 0 else _UNDONE.get(code, "not everything was restored"),
+        "reason": _last_error(errors),
+        "flown": [],
+        "fine": code == 0,
+        "report": "",
+        "put_back": [text for text in said if _RESULT.search(text) and not text.startswith("answered ")],
+    }
+
+
+def _last_error(errors: str) -> str:
+    marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]
+    return marked[-1].removeprefix("gcs-autotune: ") if marked else ""
+
+
+def _meaning(code: int, *, is_job: bool) -> str:
+    if is_job and code == _RESTORED:
+        return "done, and some loops have their old gains"
+    return _MEANINGS.get(code, f"the run ended with code {code}")
+
+
 def _listed(thing: Any) -> list[Any]:
     return thing if isinstance(thing, list) else []
 
 
 def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
-    if left is None and not (directory / "journal.jsonl").exists():
+    journals = (path for where in ("", "*/") for path in directory.glob(f"{where}journal.jsonl"))
+    if left is None and not any(journals):
         return True, "The run ended before arming. Nothing was moved or written."
     if left is None:
         return False, (
@@ -162,6 +207,9 @@ def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool,
 
 
 def _as_to_parameters(directory: Path) -> list[str]:
+    steps = read_json(directory / JOB).get("steps")
+    if isinstance(steps, list):
+        return [_as_to_step(conform(step, _Step)) for step in steps]
     before, after = (_numbers_in(directory / f"parameters_{when}.json") for when in ("before", "after"))
     if not before:
         return []
@@ -173,6 +221,23 @@ def _as_to_parameters(directory: Path) -> list[str]:
             f"Parameters read back: {', '.join(changed)}; the other {len(before) - len(changed)} are as before the run."
         ]
     return [f"Parameters read back: all {len(before)} as before the run."]
+
+
+class _Step(Struct, frozen=True):
+    """Content of a step of a job that the page needs."""
+
+    name: str
+    ending: str
+    reason: str = ""
+    gains: dict[str, tuple[float, float]] | None = None
+
+
+def _as_to_step(step: _Step) -> str:
+    """Return a sentence on the parameters of one step of a job."""
+    if step.ending != "kept":
+        return f"{step.name}: {_ENDINGS.get(step.ending, step.ending)}{f' ({step.reason})' if step.reason else ''}."
+    gains = (f"{name} {old:g} -> {new:g}" for name, (old, new) in (step.gains or {}).items())
+    return f"{step.name}: the new gains are better and stay: {', '.join(gains)}."
 
 
 def _numbers_in(path: Path) -> dict[str, float]:

@@ -26,7 +26,7 @@ BEHIND = 30
 """Number of pending updates above which a viewer gets the whole state again. Project choice."""
 MOST_VIEWERS = 32
 """Largest number of simultaneous viewers. Above it, a viewer with the token replaces one without. Project choice."""
-_KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
+_KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "steps", "left", "dropped")
 """Types of messages of which only the last one is kept, unchanged."""
 _LONGEST = 2000
 """Number of characters of a sentence that are kept. Project choice."""
@@ -71,6 +71,11 @@ class Live:
         """Return *key* of the document; None if it has no such key."""
         return self._state.get(key)
 
+    @property
+    def said(self) -> list[str]:
+        """The latest sentences of the tool, without those of the vehicle."""
+        return [words["text"] for words in self._words if words["severity"] is None]
+
     def say(self, text: str, severity: int | None = None) -> None:
         """Add a sentence to the document. With a *severity* it is a message of the vehicle."""
         self._count += 1
@@ -92,9 +97,17 @@ class Live:
             elif key == "question":
                 self.put(key, {"id": int(value["id"]), "text": visible(str(value["text"]))})
             elif key in _KEPT:
+                if key == "steps" and any(step["state"] == "flying" for step in value["steps"]):
+                    self._forget(("proposal", "cost", "track"))
                 self.put(key, value)
         except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError):
             return
+
+    def _forget(self, keys: tuple[str, ...]) -> None:
+        """Remove what the last step of a job reported, because the next one begins."""
+        for key in keys:
+            if self._state.get(key) is not None:
+                self.put(key, None)
 
     def _sample(self, value: dict[str, Any]) -> None:
         leg = {name: str(value[name]) for name in ("stage", "manoeuvre", "signal")}

@@ -20,16 +20,19 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import axes_of, limit_of
 from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, ManoeuvreKind, read_area
 from gcs_autotune.registry import lookup
-from gcs_autotune.web.archive import Archive
+from gcs_autotune.web.archive import GUIDED, Archive, undo_of
 
 __all__ = ["RunOrder", "fields", "make_order"]
 
 JOBS: Mapping[str, str] = {
-    "tune": "Tune: experiments, model, gains, test by a step",
+    GUIDED: "Tune my boat or ROV: all loops in order, one consent, one report",
+    "tune": "Tune one loop: experiments, model, gains, test by a step",
     "experiment": "Experiment: identify a model; writes no parameter",
     "fly": "Fly a standard manoeuvre: preview, figures and model; writes no parameter",
 }
 """Job that can be started -> its description in one line."""
+UNDO = "undo"
+"""Job that restores the parameters of before a ``run``. It is offered beside the run, not in the form."""
 _ASKED: Mapping[str, tuple[str, ...]] = {
     "Safety limits": (
         *("max-distance", "max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
@@ -43,23 +46,30 @@ _ASKED: Mapping[str, tuple[str, ...]] = {
 """Numbers on the page by heading, with their names in the table of limits."""
 _ONLY: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(_ASKED["Proof"], ("tune",)),
-    **dict.fromkeys(("relay-output", "relay-hysteresis", "relays"), ("tune", "experiment")),
+    **dict.fromkeys(("relay-output", "relay-hysteresis"), ("tune", "experiment")),
+    "relays": (GUIDED, "tune", "experiment"),
     "full-scale": ("tune", "fly"),
 }
 """Number -> the jobs that have it, if not all do."""
 _BOAT, _ROV, _BEFORE_A_WALL = "sitl:charlie", "sitl:bluerov2", "sitl:videoray-wall"
 """Simulated vehicles for manoeuvres without a link."""
 SIDES = ("starboard", "port")
+STYLES = ("gentle", "normal", "quick")
+"""Names of ``design.STYLES``, from slow to fast; importing that takes a second."""
 _LONGEST_URI, _LONGEST_AREA = 300, 4000
 
 
 @dataclass(frozen=True, slots=True)
 class RunOrder:
-    """A run to start: ``arguments`` of our command line, and the ``directory`` for its files."""
+    """A run to start: ``arguments`` of our command line, and the ``directory`` for its files.
+
+    is_undo : whether it restores the vehicle of the run in ``directory``.
+    """
 
     title: str
     arguments: tuple[str, ...]
     directory: Path
+    is_undo: bool = False
 
     @property
     def is_simulated(self) -> bool:
@@ -80,10 +90,11 @@ def fields() -> dict[str, Any]:
     """Return the fields of the page: jobs, axes with default links, numbers with ranges, as typed."""
     return {
         "link": os.environ.get(LINK_VARIABLE, ""),
-        "jobs": [{"name": name, "title": title} for name, title in JOBS.items()],
-        "axes": [{"name": name, "example": kind.example} for name, kind in AXES.items()],
+        "jobs": [{"name": name, "title": title, "example": _BOAT} for name, title in JOBS.items()],
+        "axes": [{"name": name, "example": kind.example, "signal": kind.stepped} for name, kind in AXES.items()],
         "manoeuvres": [_manoeuvre(kind) for kind in MANOEUVRES.values() if kind.make is not None],
         "sides": SIDES,
+        "styles": STYLES,
         "numbers": {heading: [_field(name) for name in names] for heading, names in _ASKED.items()},
     }
 
@@ -136,9 +147,9 @@ def _field(name: str) -> dict[str, Any]:
 def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder:
     """Return the order for the values *chosen* on the page.
 
-    The keys are ``job``, ``connect``, ``dry_run``, ``fetch_log``, ``numbers`` by name, and ``axis``. To fly they are
-    ``manoeuvre``, ``force``, ``first_to``, ``area``. ``model`` is a file in a folder of *runs*, used for the design or
-    the preview. A dry run of a manoeuvre is its preview.
+    The keys are ``job``, ``connect``, ``dry_run``, ``fetch_log``, ``numbers`` by name, ``axis`` and ``style``. To fly
+    they are ``manoeuvre``, ``force``, ``first_to``, ``area``. ``model`` is a file in a folder of *runs*, used for the
+    design or the preview. A dry run of a manoeuvre is its preview. ``resume``: name of a guided run to continue.
 
     Raises
     ------
@@ -146,6 +157,8 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
         A value is missing or not valid; the message names the field.
     """
     job, uri = (str(chosen.get(name, "")).strip() for name in ("job", "connect"))
+    if job == UNDO:
+        return _undo(str(chosen.get("run", "")), runs)
     lookup(JOBS, job, "job")
     numbers, dry = chosen.get("numbers") or {}, chosen.get("dry_run") is True
     if job == "fly":
@@ -160,18 +173,41 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
             *["--preview"] * dry,
         ]
     else:
-        what = axis = str(chosen.get("axis", ""))
-        example = lookup(AXES, axis, "axis").example
-        words = _numbers(numbers, job, axis) + ["--dry-run"] * (dry and job == "tune")
+        what = axis = GUIDED if job == GUIDED else str(chosen.get("axis", ""))
+        example = _BOAT if job == GUIDED else lookup(AXES, axis, "axis").example
+        words = _numbers(numbers, job, axis) + ["--dry-run"] * (dry and job != "experiment") + _style(chosen, job)
     uri = uri or example
     words += _model(chosen, job, runs)
     words += ["--fetch-log"] * (chosen.get("fetch_log") is True)
     if len(uri) > _LONGEST_URI or not uri.isprintable():
         raise UsageError("link: not a connection URI. Write e.g. udpin:0.0.0.0:14550")
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")[:60]
-    directory = _fresh(runs / f"{now:%Y%m%d-%H%M%S}-{label}-{what}")
-    title = f"preview of {what}" if job == "fly" and dry else f"{job} {what}"
-    return RunOrder(title, (job, what, f"--connect={uri}", f"--out={directory}", *words, "--remote"), directory)
+    directory, earlier = _fresh(runs / f"{now:%Y%m%d-%H%M%S}-{label}-{what}"), str(chosen.get("resume") or "")
+    if earlier and job == GUIDED:
+        directory = Archive(runs).path(earlier)
+        words.append(f"--resume={directory}")
+    else:
+        words.append(f"--out={directory}")
+    verb = "tune" if job == GUIDED else job
+    title = f"preview of {what}" if job == "fly" and dry else f"{verb} {what}"
+    return RunOrder(title, (verb, what, f"--connect={uri}", *words, "--remote"), directory)
+
+
+def _undo(name: str, runs: Path) -> RunOrder:
+    """Return the order that restores the vehicle of the run *name*, over the link of that run."""
+    archive = Archive(runs)
+    folder = archive.path(name)
+    words = undo_of(folder)
+    if not words:
+        raise UsageError("this run has nothing to undo")
+    return RunOrder(f"undo of {name}", (*words, "--remote"), folder, is_undo=True)
+
+
+def _style(chosen: Mapping[str, Any], job: str) -> list[str]:
+    """Return the option for the chosen style of a tune."""
+    style = str(chosen.get("style") or "normal")
+    lookup(dict.fromkeys(STYLES, True), style, "style")
+    return [f"--style={style}"] * (style != "normal" and job in (GUIDED, "tune"))
 
 
 def _chosen_manoeuvre(chosen: Mapping[str, Any]) -> tuple[ManoeuvreKind, str]:
@@ -201,10 +237,11 @@ def _area(corners: str) -> list[str]:
 
 
 def _model(chosen: Mapping[str, Any], job: str, runs: Path) -> list[str]:
-    """Return the option for the chosen model, ``RUN/model.json``. An experiment has no such option."""
+    """Return the option for the chosen model, ``RUN/model.json``, for a job that has it."""
     name, _, inner = str(chosen.get("model") or "").partition("/")
-    if not name or job == "experiment":
-        if str((chosen.get("numbers") or {}).get("full-scale", "")).strip() and job != "experiment":
+    has_one = job in _ONLY["full-scale"]
+    if not name or not has_one:
+        if str((chosen.get("numbers") or {}).get("full-scale", "")).strip() and has_one:
             raise UsageError("full-scale applies only to a model. Choose a model, or leave full-scale empty")
         return []
     if not inner.endswith(".json"):

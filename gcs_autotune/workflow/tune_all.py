@@ -32,7 +32,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.frames import flat
 from gcs_autotune.link import Journal, MavlinkCraft, Transport, difference, fingerprint_of, same_float32
 from gcs_autotune.manoeuvres import TO_COME_ABOUT, ComeBack
-from gcs_autotune.observer import Intention, Intentions, Observer, SilentObserver
+from gcs_autotune.observer import Intention, Intentions, ListedStep, Observer, SilentObserver, StepList
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import JobStep, JobStory, job_document, to_html, to_json
 from gcs_autotune.tunables import TUNABLES, Tunable
@@ -120,7 +120,6 @@ class _Job:
 
     def run(self) -> JobStory:
         plan = self._planned()
-        self._steps = list(plan.steps)
         options = f" --style {self._settings.style}" * (self._settings.style != "normal")
         options += " --dry-run" * self._settings.dry_run
         uri, directory = self._settings.connection.uri, str(self._path)
@@ -142,6 +141,7 @@ class _Job:
             raise
         finally:
             story = replace(story, steps=tuple(self._steps), stopped=stopped)
+            self._show()
             self._save(plan)
             self._report(story)
             if stopped and story.resume:
@@ -165,7 +165,9 @@ class _Job:
         record = RunDirectory(self._next("announcement"))
         with visiting(settings, self._operator, log, record, settings.axis, **compiled) as visit:
             plan = self._declared(visit, rows)
+            self._steps = list(plan.steps)
             log.announce(plan.announced)
+            self._show()
             if not any(step.ending == "open" for step in plan.steps):
                 raise PreconditionFailed(
                     "no loop is to be tuned: " + "; ".join(f"{s.name}: {s.reason or s.ending}" for s in plan.steps)
@@ -304,6 +306,7 @@ class _Job:
                 self._steps[k] = replace(step, ending="skipped", reason=why)
                 self._observer.say(f"{step.name}: not flown, {why}")
                 continue
+            self._show(flying=step.name)
             begun = self._link.clock.now()
             if not is_first and plan.begun.home is not None:
                 self._return(plan.begun.home)
@@ -312,6 +315,7 @@ class _Job:
             flown = self._flown(step)
             self._steps[k] = replace(flown, took=self._link.clock.now() - begun)
             self._save(plan)
+            self._show()
 
     def _why_not(self, step: JobStep) -> str:
         """Return why *step* is not flown, or an empty string."""
@@ -366,6 +370,17 @@ class _Job:
             run_mission(visit, partial(_way_back, settings, home), log)
         except GOES_ON as error:  # the next step checks its space itself
             self._observer.say(f"{BACK}: {error}")
+
+    def _show(self, flying: str = "") -> None:
+        """Report the state of all steps; *flying* is the name of the present one."""
+        self._observer.note(
+            StepList(
+                tuple(
+                    ListedStep(s.name, "flying" if s.name == flying else s.ending, s.reason, s.seconds)
+                    for s in self._steps
+                )
+            )
+        )
 
     # --- files and settings ---------------------------------------------------------------------------------------
 

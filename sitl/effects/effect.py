@@ -49,11 +49,12 @@ class EffectParameter:
         """Return a sentence that states why *value* is not allowed, or an empty text if it is allowed."""
         if not math.isfinite(value):
             return f"{value:g} is not a finite number"
+        unit = "" if self.unit == "1" else f" {self.unit}"
         in_degrees = f". Did you mean {math.radians(value):.3g} ({value:g} degrees)?" * (self.unit == "rad")
         if value < self.least:
-            return f"{value:g} is too small. The minimum is {self.least:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too small. The minimum is {self.least:g}{unit}{in_degrees}"
         if value > self.most:
-            return f"{value:g} is too large. The maximum is {self.most:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too large. The maximum is {self.most:g}{unit}{in_degrees}"
         return ""
 
 
@@ -69,7 +70,8 @@ class Setting:
     ``signals``: names of the measured signals.
     ``start``: time [s] at which the run begins.
     ``seed``: seed of the random numbers.
-    ``cruise``: rms surge speed [m/s].
+    ``cruise``: rms surge speed [m/s]; on a vehicle its speed at full throttle.
+    ``mass``: mass of the craft without added mass [kg], 0 if unknown.
     ``on_vehicle``: whether the effect acts on a vehicle; otherwise it acts in open loop.
     ``axis_names``: other name of an input (``steering`` ...) -> its channel.
     """
@@ -85,6 +87,7 @@ class Setting:
     start: float = 0.0
     seed: str = "0"
     cruise: float = 0.0
+    mass: float = 0.0
     on_vehicle: bool = False
     axis_names: Mapping[str, str] = field(default_factory=dict)
 
@@ -160,6 +163,9 @@ class HiddenEffect:
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
         """Change the forces [N] and moments [N m] on the hull. It is called at every integrator stage."""
+
+    def alter_water(self, t: float, water: Water) -> None:
+        """Change the velocity of the water. It is called at every integrator stage, after :meth:`alter_force`."""
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
         """Change the parameters of the plant. It is called every step with the plant's own values."""

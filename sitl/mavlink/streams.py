@@ -42,6 +42,7 @@ class _Field:
 
 
 _BOOT = _Field("time_boot_ms", 1e3, whole=True)
+_MICROS = _Field("time_usec", 1e6, whole=True)
 _DEGREE = math.degrees(1.0)
 _EAST = METRES_PER_DEGREE * math.cos(math.radians(HOME[0]))
 
@@ -75,10 +76,14 @@ _FIELDS: Mapping[str, Mapping[str, _Field]] = {
         "z": _Field("alt", -1.0),
         "w": _Field("climb", -1.0),
     },
-    "SERVO_OUTPUT_RAW": {"t": _Field("time_usec", 1e6, whole=True)},
+    "SERVO_OUTPUT_RAW": {"t": _MICROS},
     "RC_CHANNELS": {"t": _BOOT},
     "SCALED_PRESSURE2": {"t": _BOOT},
     "SYSTEM_TIME": {"t": _BOOT},
+    "RAW_IMU": {"t": _MICROS},
+    "HIGHRES_IMU": {"t": _MICROS},
+    "GPS_RAW_INT": {"t": _MICROS},
+    "VISION_POSITION_DELTA": {"t": _MICROS},
 }
 """Message -> name of the quantity -> field."""
 _VELOCITY = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 100.0}
@@ -137,6 +142,7 @@ _DENY_SHARE = 0.8
 
 STREAM_GROUPS = {
     mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (
+        mavlink.MAVLINK_MSG_ID_GPS_RAW_INT,
         mavlink.MAVLINK_MSG_ID_SYS_STATUS,
         mavlink.MAVLINK_MSG_ID_MISSION_CURRENT,
         mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
@@ -156,7 +162,10 @@ STREAM_GROUPS = {
         mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     ),
-    mavlink.MAV_DATA_STREAM_RAW_SENSORS: (mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,),
+    mavlink.MAV_DATA_STREAM_RAW_SENSORS: (
+        mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,
+        mavlink.MAVLINK_MSG_ID_RAW_IMU,
+    ),
 }
 """MAV_DATA_STREAM of REQUEST_DATA_STREAM -> ids of its messages, as far as the simulator sends them."""
 

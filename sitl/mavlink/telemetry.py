@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from sitl.autopilot import Pid, Rover, Sub
 from sitl.mavlink.dialect import Message, fit_float, mavlink
+from sitl.mavlink.instrument_messages import INSTRUMENT_MESSAGES, fresh
 from sitl.place import to_globe
 from sitl.vehicle import Vehicle
 
@@ -144,10 +145,16 @@ def _sys_status(vehicle: Vehicle) -> Message:
     )
 
 
-def _water_pressure(vehicle: Vehicle) -> Message:
-    depth = vehicle.autopilot.estimate.z
-    pressure = _SURFACE_HPA + _HPA_PER_METRE * vehicle.parameters["BARO_SPEC_GRAV"] * depth
-    return mavlink.MAVLink_scaled_pressure2_message(vehicle.ms, fit_float(pressure), 0.0, 2000)
+def _water_pressure(vehicle: Vehicle) -> Iterator[Message]:
+    """Yield SCALED_PRESSURE2, of the pressure gauge if there is one."""
+    if "pressure" in vehicle.suite.instruments:
+        taken = fresh(vehicle, "pressure", mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2)
+        depths = [(stamp // 1000, sample.values[0]) for sample, stamp in taken if sample.valid]
+    else:
+        depths = [(vehicle.ms, vehicle.autopilot.estimate.z)]
+    for stamp, depth in depths:
+        pressure = _SURFACE_HPA + _HPA_PER_METRE * vehicle.parameters["BARO_SPEC_GRAV"] * depth
+        yield mavlink.MAVLink_scaled_pressure2_message(stamp, fit_float(pressure), 0.0, 2000)
 
 
 _NEAREST_CM, _FURTHEST_CM = 10, 1000
@@ -275,7 +282,7 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: (_one(_servo_output), 1.0),
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: (_one(_rc_channels), 1.0),
     mavlink.MAVLINK_MSG_ID_VFR_HUD: (_one(_vfr_hud), 2.0),
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: (_one(_water_pressure), 1.0),
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: (_water_pressure, 1.0),
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: (_distance, 0.0),
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: (_one(_estimator), 1.0),
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (_one(make_mission_current), 1.0),
@@ -285,6 +292,7 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (_one(_autopilot_version), 0.0),
     mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4: (_esc_telemetry, 1.0),
     mavlink.MAVLINK_MSG_ID_RPM: (_rpm, 1.0),
+    **{number: (build, rate) for number, (_, build, rate) in INSTRUMENT_MESSAGES.items()},
 }
 """Message id -> (builder, rate [Hz] at boot; 0: only on request)."""
 
@@ -292,10 +300,11 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
 def available_messages(vehicle: Vehicle) -> Iterable[int]:
     """Return the ids of the messages that this craft sends.
 
-    Only Sub sends water pressure. Only a craft with a rangefinder sends a distance. Only one with thrusters in their
-    places sends the speeds of its shafts.
+    Only Sub sends water pressure. Only a craft with a rangefinder or an instrument sends what that measures. Only one
+    with thrusters in their places sends the speeds of its shafts.
     """
     without = set() if isinstance(vehicle.autopilot, Sub) else {_SUB_ONLY}
     without |= set() if vehicle.rangefinder is not None else {mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR}
     without |= set() if _shafts(vehicle) else _OF_SHAFTS
+    without |= {m for m, (of, _, _) in INSTRUMENT_MESSAGES.items() if of not in vehicle.suite.instruments}
     return [m for m in MESSAGES if m not in without]

@@ -3,7 +3,7 @@
 from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed
 from sitl.plants.propulsion import propeller_rows, static_thrust, thruster_count
-from sitl.plants.rigid_body import AxisDynamics, Ballast, Coupling, RigidBody, coupling_of
+from sitl.plants.rigid_body import AxisDynamics, Ballast, Coupling, RigidBody, coupling_of, quaternion_of, rotate
 from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, make_plant, values_of
 
 __all__ = [
@@ -25,6 +25,8 @@ __all__ = [
     "make_plant",
     "measured_speed",
     "propeller_rows",
+    "quaternion_of",
+    "rotate",
     "static_thrust",
     "thruster_count",
     "values_of",

@@ -16,7 +16,7 @@ import pytest
 
 from gcs_autotune.cli.remote import MOST_TICKS, RemoteObserver, RemoteOperator, attending
 from gcs_autotune.errors import OperatorStopped
-from gcs_autotune.observer import LeftAs, Progress, ProposedGains, Room, Vitals, Words
+from gcs_autotune.observer import LeftAs, ListedStep, Progress, ProposedGains, Room, StepList, Vitals, Words
 
 
 def lines(stream: io.BytesIO) -> list[tuple[str, Any]]:
@@ -53,15 +53,17 @@ def test_ticks_sentences_and_facts_come_as_lines_of_json() -> None:
             Words(4, "text"),
             Room(0.0, 0.0, 300.0),
             ProposedGains(()),
+            StepList((ListedStep("heading", "flying"),)),
             LeftAs("HOLD", False, {}),
         ):
             observer.note(fact)
     told = lines(stream)
-    assert {key for key, _ in told} == {"samples", "now", "say", "vitals", "words", "room", "proposal", "left"}
+    assert {key for key, _ in told} == {"samples", "now", "say", "vitals", "words", "room", "proposal", "steps", "left"}
     samples = [value for key, value in told if key == "samples"]
     assert [len(each["rows"]) for each in samples] == [3, 1]
     assert dict(told)["vitals"]["battery_voltage"] is None  # JSON knows no NaN
     assert dict(told)["now"]["t"] == 3.0
+    assert dict(told)["steps"] == {"steps": [{"name": "heading", "state": "flying", "reason": "", "seconds": None}]}
 
 
 def test_what_flies_does_not_wait_for_a_listener_who_does_not_read() -> None:

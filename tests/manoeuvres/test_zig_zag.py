@@ -86,7 +86,7 @@ def test_executes_follow_the_heading_from_the_approachs_own_and_the_last_ends_wh
     assert (rows[-1][0].t, zig.phase) == (12.5, "execute 3")
     assert zig.target == pytest.approx(1.0 + side * 0.25)
     assert zig.outcome is not None
-    assert zig.outcome.reason == "3 executes flown"
+    assert zig.outcome.reason == "3 executes"
     marks = zig.take_marks()
     assert [m.t for m in marks] == [2.0, 4.5, 8.5]
     assert [side * m.detail["psi"] for m in marks] == pytest.approx([0.0, 0.5, -0.5])
@@ -96,7 +96,7 @@ def test_the_time_given_ends_it_to_the_tick_and_patience_counts_from_the_last_ex
     given = ZigZag(ZigZagSettings(0.25, approach=1.0, duration=9.0), Steering(0.5))
     assert answered(given, lambda t, command: at_rest(t=t))[-1][0].t == 9.0
     assert given.outcome is not None
-    assert given.outcome.reason == "1 executes flown in the available time"
+    assert given.outcome.reason == "1 executes in the available time"
     slow = ZigZag(ZigZagSettings(0.25, approach=1.0, patience=20.0), Steering(0.5))
     assert answered(slow, lambda t, command: at_rest(t=t, psi=0.01 * t))[-1][0].t == 21.5
     assert slow.outcome is not None

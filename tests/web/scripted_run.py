@@ -16,6 +16,12 @@ ROW = [1.0, 0.1, 0.2, 0.3, 0.01, 1.0, 2.0, 0.1]
 PROGRESS = {"stage": "first self-oscillation", "signal": "psi", "step": 3, "steps": 8, "elapsed": 60.0, "left": 120.0}
 PROPOSAL = {"values": [{"parameter": "ATC_STR_RAT_P", "old": 0.2, "new": 0.4, "reason": "quicker <b>turns</b>"}]}
 
+STEPS = [
+    {"name": "speed", "state": "kept", "reason": "better", "seconds": 100.0},
+    {"name": "heading", "state": "flying", "reason": "", "seconds": 200.0},
+    {"name": "line", "state": "open", "reason": "", "seconds": 300.0},
+]
+
 
 def tell(key: str, value: object) -> None:
     sys.stdout.write(json.dumps({key: value}) + "\n")
@@ -29,7 +35,9 @@ def main() -> int:
     held = (OUT / "parameters_before.json").open("rb")  # for as long as it runs: whoever locks it knows when that ends
     if fcntl is not None:
         fcntl.flock(held, fcntl.LOCK_EX)
-    tell("intentions", {"texts": ["arm the vehicle, and disarm it at the end"]})
+    arms = {"text": "arm the vehicle, and disarm it at the end", "row": "Arms", "brief": "yes, and disarms at the end"}
+    tell("intentions", {"each": [arms], "texts": [arms["text"]]})
+    tell("steps", {"steps": STEPS})
     tell("say", "will arm the vehicle, and disarm it at the end")
     tell("words", {"severity": 4, "text": "<img src=x onerror=alert(1)>\x1b[2J"})
     tell("samples", {"stage": "first self-oscillation", "manoeuvre": "relay", "signal": "psi", "rows": [ROW] * 3})

@@ -61,8 +61,8 @@ class Page:
 
     def start(self, *, dry: bool = False, **fields: str) -> None:
         self.page.click("#tab-start")
-        for name, value in fields.items():
-            chosen = name in ("job", "axis", "manoeuvre", "force", "first-to", "model")
+        for name, value in {"job": "tune", **fields}.items():
+            chosen = name in ("job", "style", "axis", "manoeuvre", "force", "first-to", "model")
             (self.page.select_option if chosen else self.page.fill)(f"#{name}", value)
         self.page.locator("#dry").set_checked(dry) if dry else None
         self.page.click("#start")
@@ -151,7 +151,7 @@ def test_over_a_link_it_asks_before_it_moves_and_before_it_writes(
     page = visit(flying[0])
     page.start(connect=at_sea)
     page.shows("#question-text", "Go ahead?")
-    assert "arm the vehicle, and disarm it at the end" in page.page.inner_text("#intentions-list")
+    assert "arm the vehicle, and disarm it at the end" in page.page.text_content("#intentions-list")
     page.shows("#tile-mode", "HOLD, disarmed")
     page.page.click("#yes")
     page.shows("#question-text", "Write ATC_STR_RAT_FF")
@@ -171,7 +171,7 @@ def test_a_manoeuvre_is_chosen_with_its_options_previewed_asked_about_and_flown(
     page.start(job="fly", manoeuvre="zig-zag", **{"first-to": "port", "connect": at_sea, **options})
     page.shows("#question-text", "Go ahead?")
     assert "of free water" in page.page.inner_text("#question-track")
-    assert "zig-zag" in page.page.inner_text("#intentions-list")
+    assert "zig-zag" in page.page.text_content("#intentions-list")
     page.shows("#caption-track", "dashed: predicted")
     drawn = page.page.evaluate(
         "() => { const c = document.getElementById('track');"
@@ -301,6 +301,13 @@ def test_the_question_shows_what_will_happen_and_the_gains_and_no_ends_it(asking
     assert "at worst 3" in asking.page.inner_text("#offer")
     asking.page.click("#no")
     asking.page.locator("#end").wait_for()
+
+
+def test_the_announcement_is_a_table_and_the_steps_of_the_job_are_listed_with_their_state(asking: Page) -> None:
+    assert "yes, and disarms at the end" in asking.page.inner_text("#intentions-table")
+    told = [row.inner_text().split("\t")[:2] for row in asking.page.locator("#steps-list tr").all()]
+    assert told == [["speed", "new gains kept"], ["heading", "in progress"], ["line", "to do"]]
+    assert asking.page.inner_text("[aria-current=step] th") == "heading"
 
 
 def test_yes_goes_on(asking: Page) -> None:

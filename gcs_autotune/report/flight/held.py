@@ -288,19 +288,32 @@ class HeldPosition:
         }
 
 
+_Story = tuple[str, tuple[str, ...], tuple[Section, ...]]
+"""Headline, further sentences and sections of a report."""
+
 Held = HeldLoop | HeldLine | HeldDistance | HeldPosition
 
 
 def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
     """Return the report: does the craft follow, the gains, the margins, the flight."""
     if isinstance(held, HeldPosition):
-        return _position_document(held, heading, when)
-    if isinstance(held, HeldDistance):
-        return _distance_document(held, heading, when)
-    return _line_document(held, heading, when) if isinstance(held, HeldLine) else _loop_document(held, heading, when)
+        text, sentences, sections = _of_position(held)
+    elif isinstance(held, HeldDistance):
+        text, sentences, sections = _of_distance(held)
+    elif isinstance(held, HeldLine):
+        text, sentences, sections = _of_line(held)
+    else:
+        text, sentences, sections = _of_loop(held)
+    return Document(
+        title=heading,
+        when=format_moment(when),
+        verdict=Verdict(text, "good" if held.follows else "bad", sentences),
+        sections=sections,
+        facts=held.to_dict(),
+    )
 
 
-def _position_document(held: HeldPosition, heading: str, when: str) -> Document:
+def _of_position(held: HeldPosition) -> _Story:
     found = held.figures
     text = (
         f"The craft holds its position within {100.0 * found.rms:.1f} cm and its heading within "
@@ -319,19 +332,17 @@ def _position_document(held: HeldPosition, heading: str, when: str) -> Document:
         for name, d in zip(("surge", "sway", "yaw"), held.designs, strict=True)
     )
     heads = ("motion", "fastest loop [rad/s]", "vector margin")
-    return Document(
-        title=heading,
-        when=format_moment(when),
-        verdict=Verdict(text, "good" if held.follows else "bad", (f"{held.law.capitalize()} control.",)),
-        sections=(
+    return (
+        text,
+        (f"{held.law.capitalize()} control.",),
+        (
             Section("position", "Position", (Table(("figure", "flown", "unit"), "lrl", rows), _position_plot(held))),
             Section("loops", "What each motion allows", (Table(heads, "lrr", loops),)),
         ),
-        facts=held.to_dict(),
     )
 
 
-def _distance_document(held: HeldDistance, heading: str, when: str) -> Document:
+def _of_distance(held: HeldDistance) -> _Story:
     found = held.figures
     text = (
         f"The craft keeps its distance to the wall within {100.0 * found.rms:.1f} cm rms."
@@ -343,20 +354,18 @@ def _distance_document(held: HeldDistance, heading: str, when: str) -> Document:
         ("steady error, rms", f"{100.0 * found.rms:.1f}", "cm"),
         ("overshoot", f"{100.0 * found.overshoot:.1f}", "cm"),
     )
-    return Document(
-        title=heading,
-        when=format_moment(when),
-        verdict=Verdict(text, "good" if held.follows else "bad"),
-        sections=(
+    return (
+        text,
+        (),
+        (
             Section("distance", "Distance", (Table(("figure", "flown", "unit"), "lrl", rows), _distance_plot(held))),
             Section("controller", "Distance loop", (gains_of_own(held.design), _margins(held.design))),
             Section("angle", "Angle loop", (gains_of_own(held.yaw), _margins(held.yaw))),
         ),
-        facts=held.to_dict(),
     )
 
 
-def _line_document(held: HeldLine, heading: str, when: str) -> Document:
+def _of_line(held: HeldLine) -> _Story:
     found = held.figures
     text = (
         f"The craft follows the line within {found.rms:.2f} m rms."
@@ -370,41 +379,37 @@ def _line_document(held: HeldLine, heading: str, when: str) -> Document:
         ("largest angle to the line", f"{math.degrees(found.approach):.0f}", "deg"),
         ("output, second half, standard deviation", f"{100.0 * found.activity:.1f}", "% of full"),
     )
-    return Document(
-        title=heading,
-        when=format_moment(when),
-        verdict=Verdict(text, "good" if held.follows else "bad", (f"{held.guidance.capitalize()} control.",)),
-        sections=(
+    return (
+        text,
+        (f"{held.guidance.capitalize()} control.",),
+        (
             Section("line", "Line", (Table(("figure", "flown", "unit"), "lrl", rows), _line_plot(held))),
             Section("controller", "Heading loop", (gains_of_own(held.design),)),
             Section("margins", "Margins of the heading loop", (_margins(held.design),)),
         ),
-        facts=held.to_dict(),
     )
 
 
-def _loop_document(held: HeldLoop, heading: str, when: str) -> Document:
+def _of_loop(held: HeldLoop) -> _Story:
     metrics = held.metrics
     text = (
-        f"Our own controller holds the {held.axis}: its step follows the model function."
+        f"The step in {held.axis} follows the model function."
         if held.follows
-        else f"Our own controller moves the {held.axis} otherwise than its model function."
+        else f"The step in {held.axis} does not follow the model function."
     )
     sentences = (
         f"Overshoot {100.0 * metrics.overshoot:.1f} % of the step (model function {100.0 * held.promised:.1f} %), "
         f"steady error {100.0 * metrics.steady_error:.1f} %.",
-        f"What keeps the loop from being faster: {held.design.limited_by}.",
+        f"The loop cannot be faster because {held.design.limited_by}.",
     )
-    return Document(
-        title=heading,
-        when=format_moment(when),
-        verdict=Verdict(text, "good" if held.follows else "bad", sentences),
-        sections=(
+    return (
+        text,
+        sentences,
+        (
             Section("controller", "Controller", (gains_of_own(held.design),)),
             Section("margins", "Margins", (_margins(held.design),)),
             Section("step", "Step", (_figures(held), _step_plot(held))),
         ),
-        facts=held.to_dict(),
     )
 
 

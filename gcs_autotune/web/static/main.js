@@ -1,8 +1,10 @@
 // The page: what is known is shown, as text and never as HTML; STOP; questions.
 import { about, draw, forget, resize } from "./charts.js";
 import { apply, connect, empty, link, post, token } from "./state.js";
-import { make, models } from "./start.js";
+import { offer } from "./result.js";
+import { fill, make, models } from "./start.js";
 import * as runs from "./runs.js";
+import * as whatIf from "./whatif.js";
 
 const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, wantStop = 0, refused = "", view = "live";
@@ -67,9 +69,47 @@ function showQuestion() {
   if (asked === question.id) return;
   asked = question.id;
   $("offer").replaceChildren(...(state.proposal ? gains(state.proposal) : []));
-  $("intentions-list").replaceChildren(...(state.intentions ? items(state.intentions.texts) : []));
+  announce();
   $("question").tabIndex = -1;
   $("question").focus();
+}
+
+// The announcement is the run's own table; a sentence without a row stands in full below it.
+function announce() {
+  const { each = [], texts = [] } = state.intentions || {};
+  const rows = each.filter((one) => one.row);
+  $("intentions-table").hidden = !rows.length;
+  $("intentions-table").replaceChildren(...rows.map((one) => line("td", [one.row, one.brief], "th")));
+  $("intentions-full").open = !rows.length;
+  $("intentions-list").replaceChildren(...items(texts));
+}
+
+function line(tag, cells, first = tag) {
+  const row = document.createElement("tr");
+  cells.forEach((text, k) => {
+    const cell = document.createElement(k ? tag : first);
+    if (first !== tag && !k) cell.scope = "row";
+    cell.textContent = text;
+    row.append(cell);
+  });
+  return row;
+}
+
+const STATES = { open: "to do", flying: "in progress", rejected: "not possible", skipped: "left out", aborted: "ended early",
+  kept: "new gains kept", restored: "old gains restored" };
+
+function showSteps() {
+  const steps = state.steps ? state.steps.steps : [];
+  $("steps").hidden = !steps.length;
+  const of = JSON.stringify(steps);
+  if ($("steps").dataset.of === of) return;
+  $("steps").dataset.of = of;
+  $("steps-list").replaceChildren(...steps.map((step) => {
+    const told = step.reason && step.state !== "kept" ? `: ${step.reason}` : "";
+    const row = line("td", [step.name, `${STATES[step.state] || step.state}${told}`, step.seconds ? `about ${duration(step.seconds)}` : ""], "th");
+    if (step.state === "flying") row.setAttribute("aria-current", "step");
+    return row;
+  }));
 }
 
 function items(texts) {
@@ -86,17 +126,12 @@ const short = (number) => (number === null || number === undefined ? "–" : Str
 
 function gains(offer) {
   const table = document.createElement("table");
-  const row = (tag, cells) => {
-    const line = document.createElement("tr");
-    for (const text of cells) { const cell = document.createElement(tag); cell.textContent = text; line.append(cell); }
-    return line;
-  };
   // "what a gain does: how it was chosen"; a way that several share is said once, below.
   const parts = (v) => { const k = v.reason.indexOf(": "); return k < 0 ? [v.reason, ""] : [v.reason.slice(0, k), v.reason.slice(k + 2)]; };
   const shared = offer.values.map((v) => parts(v)[1]).find((how, k, all) => how && all.indexOf(how) !== k);
   const why = (v) => (parts(v)[1] === shared ? parts(v)[0] : v.reason);
-  table.append(row("th", ["Parameter", "Old", "New", shared ? "Purpose" : "Reason"]));
-  for (const v of offer.values) table.append(row("td", [v.parameter, short(v.old), short(v.new), why(v)]));
+  table.append(line("th", ["Parameter", "Old", "New", shared ? "Purpose" : "Reason"]));
+  for (const v of offer.values) table.append(line("td", [v.parameter, short(v.old), short(v.new), why(v)]));
   const told = document.createElement("p");
   if (shared) told.textContent = `${offer.values.every((v) => parts(v)[1] === shared) ? "All are" : "The others are"} ${shared}. `;
   if (offer.cost_after !== null) {
@@ -139,6 +174,7 @@ function showBar() {
   $("progress-done").style.width = `${done}%`;
   const button = $("stop"), stopping = running() && (state.stopping || wantStop);
   button.disabled = !running() || !mayTouch;
+  for (const each of document.querySelectorAll(".starts")) each.disabled = !does.may();
   button.classList.toggle("stopping", Boolean(stopping));
   say("stop", stopping ? "STOPPING: restoring the vehicle" : "STOP");
   document.title = `${stopping ? "STOPPING – " : running() ? "▶ " : ""}gcs-autotune`;
@@ -210,10 +246,26 @@ function showEnd() {
   say("end-report-link", `The ${end.report.split(".")[0]} of this run`);
   $("end-report-link").href = `files/${state.run.name}/${end.report}`;
   say("end-reason", end.meaning.startsWith(end.reason) ? "" : end.reason);
-  if ($("put-back").dataset.of === state.run.name) return;
-  $("put-back").dataset.of = state.run.name;
+  if ($("put-back").dataset.of === state.run.begun) return;
+  $("put-back").dataset.of = state.run.begun;
+  $("end-offer").replaceChildren();
+  offerMore(state.run.name);
   $("flown").replaceChildren(...items(end.flown || []));
   $("put-back").replaceChildren(...items(end.put_back));
+  $("put-back-title").hidden = !end.put_back.length;
+}
+
+// What can follow the run: it is asked of the archive, which a reload finds as it is.
+const does = {
+  may: () => mayTouch && !running(),
+  read: runs.parse,
+  again: (chosen) => { fill(chosen); look("start"); },
+  started: () => look("live"),
+  refused: (why) => { refused = why; show(); },
+};
+async function offerMore(name) {
+  const answer = await fetch(`runs/${encodeURIComponent(name)}`).catch(() => null);
+  if (answer && answer.ok && state.run && state.run.name === name) offer($("end-offer"), await answer.json(), does);
 }
 
 let drawn = 0;
@@ -229,7 +281,7 @@ function show() {
   $("start").disabled = !mayTouch || running();
   if (view === "runs") runs.show(state, mayTouch);
   if (!state.run || view !== "live" || document.hidden) return;
-  showTiles(); showWords();
+  showTiles(); showWords(); showSteps();
   say("command", `The same in a terminal: ${state.run.command}`);
   $("gains").hidden = !state.proposal;
   if (state.proposal && $("gains").dataset.of !== JSON.stringify(state.proposal)) {
@@ -240,10 +292,10 @@ function show() {
 }
 
 function take(delta) {
-  const before = state.run && state.run.name;
+  const before = state.run && state.run.begun;
   state = apply(state, delta);
   if (delta.whole || delta.fresh || delta["+rows"] || delta.room || delta.track) fresh = true;
-  if ((state.run && state.run.name) !== before) { wantStop = 0; refused = ""; shownWords = -1; answering = null; }
+  if ((state.run && state.run.begun) !== before) { wantStop = 0; refused = ""; shownWords = -1; answering = null; }
   if (!running()) { wantStop = 0; }
   requestAnimationFrame(show);
 }
@@ -270,7 +322,8 @@ async function begin() {
   say("version", fields.version);
   mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
   make(fields, () => look("live"));
-  runs.make(fields.dofs, () => { if (mayTouch) look("runs"); return mayTouch; });
+  whatIf.make(fields);
+  runs.make(fields.dofs, does, () => { if (mayTouch) look("runs"); return mayTouch; });
   show();
 }
 begin().catch(() => setTimeout(() => location.reload(), 3000));

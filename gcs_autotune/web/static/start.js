@@ -16,6 +16,8 @@ export function make(fields, started) {
   $("job").replaceChildren(...fields.jobs.map((job) => option(job.name, job.title)));
   $("axis").replaceChildren(...fields.axes.map((axis) => option(axis.name, axis.name)));
   $("manoeuvre").replaceChildren(...fields.manoeuvres.map((kind) => option(kind.name, kind.name)));
+  $("style").replaceChildren(...fields.styles.map((style) => option(style, style)));
+  $("style").value = "normal";
   $("first-to").replaceChildren(...fields.sides.map((side) => option(side, side)));
   $("job").onchange = $("axis").onchange = $("force").onchange = offer;
   $("manoeuvre").onchange = () => { forces(); offer(); };
@@ -35,10 +37,10 @@ export function make(fields, started) {
 }
 
 // The models that runs and the desk have left; none chosen: the run finds its own.
-export async function models() {
+export async function models(wanted = null) {
   const { entries } = await fetch("runs").then((answer) => answer.json()).catch(() => ({ entries: [] }));
   const found = entries.flatMap((each) => (each.models || []).map((file) => `${each.name}/${file}`));
-  const before = $("model").value;
+  const before = wanted ?? $("model").value;
   $("model").replaceChildren(option("", "none"), ...found.map((path) => option(path, path)));
   $("model").value = found.includes(before) ? before : "";
 }
@@ -47,10 +49,24 @@ function chosen() {
   const numbers = {};
   for (const node of document.querySelectorAll("#numbers input")) if (node.value.trim()) numbers[node.name] = node.value.trim();
   return {
-    job: $("job").value, axis: $("axis").value, manoeuvre: $("manoeuvre").value, force: $("force").value,
+    job: $("job").value, style: $("style").value, axis: $("axis").value, manoeuvre: $("manoeuvre").value, force: $("force").value,
     first_to: $("first-to").value, area: $("area").value.trim(), model: $("model").value, connect: $("connect").value.trim(),
     dry_run: $("dry").checked, fetch_log: $("fetch").checked, numbers,
   };
+}
+
+// The same choices again, to be looked through before they are started.
+export function fill(choice) {
+  const ids = { job: "job", axis: "axis", manoeuvre: "manoeuvre", style: "style", first_to: "first-to", area: "area", connect: "connect" };
+  for (const [name, id] of Object.entries(ids)) if (choice[name]) $(id).value = choice[name];
+  $("dry").checked = choice.dry_run === true;
+  $("fetch").checked = choice.fetch_log === true;
+  forces();
+  if (choice.force) $("force").value = choice.force;
+  offer();
+  for (const node of document.querySelectorAll("#numbers input")) node.value = (choice.numbers || {})[node.name] || "";
+  models(choice.model || "");
+  offer();
 }
 
 const manoeuvre = () => table.manoeuvres.find((each) => each.name === $("manoeuvre").value);
@@ -63,13 +79,16 @@ function forces() {
 
 function offer() {
   const job = $("job").value, flies = job === "fly", kind = manoeuvre();
-  const axis = flies ? { name: "", example: kind.forces[$("force").value] || kind.example }
+  const one = ["tune", "experiment"].includes(job);  // loop
+  const axis = !flies && !one ? { name: "", example: table.jobs.find((each) => each.name === job).example } : flies ? { name: "", example: kind.forces[$("force").value] || kind.example }
     : table.axes.find((each) => each.name === $("axis").value);
   $("example").textContent = axis.example;
-  $("axis-row").hidden = flies;
+  $("axis-row").hidden = !one;
+  $("style-row").hidden = !["all", "tune"].includes(job);
   $("fly-rows").hidden = !flies;
   $("manoeuvre-help").textContent = `${kind.help}. Space: ${kind.room}.`;
-  $("dry-row").hidden = $("model-row").hidden = job === "experiment";
+  $("dry-row").hidden = job === "experiment";
+  $("model-row").hidden = !["tune", "fly"].includes(job);
   $("model-help").textContent = flies ? "for the preview. None: the preview uses the vehicle's own parameters"
     : "for the design, without relay experiments. None: the model that this run identifies";
   $("dry-label").textContent = flies ? "Preview only: time, space and track; nothing moves"
