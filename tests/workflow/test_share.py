@@ -26,7 +26,7 @@ def run(tmp_path: Path) -> Path:
             mavlink.MAVLink_global_position_int_message(k, NORTH + 900 * k, EAST + 900 * k, 0, 0, 0, 0, 0, 0)
             for k in range(3)
         ),
-        mavlink.MAVLink_sim_state_message(*[0.0] * 12, NORTH * 1e-7, EAST * 1e-7, *[0.0] * 7, NORTH, EAST),
+        mavlink.MAVLink_sim_state_message(*[0.0] * 13, NORTH * 1e-7, EAST * 1e-7, *[0.0] * 6, NORTH, EAST),
         mavlink.MAVLink_statustext_message(6, b"home 44.4249998 8.7640004"),
         mavlink.MAVLink_param_value_message(b"SIM_OPOS_LAT", NORTH * 1e-7, 9, 1, 0),
         mavlink.MAVLink_setup_signing_message(1, 1, list(range(32)), 0),
