@@ -76,6 +76,9 @@ EXCITATIONS: Mapping[str, Excitation] = {
         Excitation("heave", 0.15, "depth", _PULSES, below_surface=True),
         Excitation("surge", 0.3, "speed", "a pulse ahead to check the response, then ", by_throttle=True),
         Excitation("sway", 0.3, "sideways speed", _PULSES),
+        # A BlueROV2 rolls by 3 deg in 0.3 s at 0.3 of full output, and turns over at full output.
+        Excitation("roll", math.radians(3.0), "roll", _PULSES, below_surface=True),
+        Excitation("pitch", math.radians(3.0), "pitch", _PULSES, below_surface=True),
     )
 }
 """Degree of freedom -> settings by which it is identified."""
@@ -135,6 +138,8 @@ AXES: Mapping[str, AxisKind] = {
         AxisKind("depth", "heave", "z", 1.0, 30.0, {"GLOBAL_POSITION_INT": 10.0}, example="sitl:videoray"),
         AxisKind("speed", "surge", "u", guessed_duration=22.0, rates=_SPEED, calmed=0.5),
         AxisKind("yaw", "yaw", "r", guessed_duration=8.0),
+        AxisKind("roll", "roll", "phi", math.radians(20.0), 20.0, example="sitl:bluerov2-6dof"),
+        AxisKind("pitch", "pitch", "theta", math.radians(20.0), 20.0, example="sitl:bluerov2-6dof"),
     )
 }
 """Name -> axis. To add an axis, add a line here, and its law and gains in the firmwares that have it."""

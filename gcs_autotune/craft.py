@@ -46,6 +46,8 @@ class Observation:
     r: float = math.nan
     phi: float = math.nan
     theta: float = math.nan
+    p: float = math.nan
+    q: float = math.nan
     x: float = math.nan
     y: float = math.nan
     z: float = math.nan
@@ -73,8 +75,8 @@ class Observation:
 class Actuate:
     """Drive the actuators directly (manual mode): fractions of full output, -1..1, SNAME signs.
 
-    ``Z`` pushes down, ``N`` turns to starboard. A boat's ``N`` is its steering output, ``X`` its throttle. ``K`` and
-    ``M`` are only for previews on a model, because no supported firmware has a channel for them.
+    ``Z`` pushes down, ``N`` turns to starboard. A boat's ``N`` is its steering output, ``X`` its throttle. ``K`` rolls
+    to starboard, ``M`` lifts the bow.
     """
 
     X: float = 0.0
@@ -87,10 +89,15 @@ class Actuate:
 
 @dataclass(frozen=True, slots=True)
 class HeadingTarget:
-    """Command the autopilot's own heading loop to hold ``psi`` [rad] at forward ``speed`` [m/s] (0 for an ROV)."""
+    """Command the autopilot's own heading loop to hold ``psi`` [rad] at forward ``speed`` [m/s] (0 for an ROV).
+
+    An ROV also holds ``phi`` and ``theta`` [rad].
+    """
 
     psi: float
     speed: float = 0.0
+    phi: float = 0.0
+    theta: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +136,8 @@ Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget | PositionTarge
 def set_point(signal: str, value: float, *, course: float = math.nan, speed: float = 0.0) -> Command:
     """Return the command for the autopilot's own loop to hold *signal* at *value* [SI].
 
-    course : heading [rad] to hold if the signal is the speed. speed : speed ahead [m/s] for other signals.
+    course : heading [rad] to hold if the signal is the speed, roll or pitch. speed : speed ahead [m/s] for other
+        signals.
     """
     match signal:
         case "psi":
@@ -140,6 +148,10 @@ def set_point(signal: str, value: float, *, course: float = math.nan, speed: flo
             return HeadingTarget(course, value)
         case "z":
             return DepthTarget(value)
+        case "phi":
+            return HeadingTarget(course, phi=value)
+        case "theta":
+            return HeadingTarget(course, theta=value)
     raise KeyError(signal)
 
 

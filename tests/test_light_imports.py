@@ -75,6 +75,11 @@ def test_help_imports_no_numerics(command: str) -> None:
     assert imported(asking, *command.split()).isdisjoint(NUMERICS)
 
 
+def test_nothing_imports_opencv_before_a_picture_is_read() -> None:
+    asking = "import gcs_autotune.vision\nfrom gcs_autotune.cli import main\nassert main(['laser', 'no.mp4']) == 6"
+    assert imported(asking).isdisjoint(("cv2",))
+
+
 def test_nothing_imports_dask_before_a_study_runs() -> None:
     asking = (
         "import gcs_autotune.study\nfrom gcs_autotune.cli import main\nassert main(['study', 'run', 'no.toml']) == 6"

@@ -52,13 +52,15 @@ def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
     return found
 
 
-def outcomes(todo: Sequence[Task], jobs: int, longest: float = LONGEST) -> Iterator[Outcome]:
+def outcomes(
+    todo: Sequence[Task], jobs: int, longest: float = LONGEST, among: Sequence[str] | None = None
+) -> Iterator[Outcome]:
     """Play *todo*, *jobs* at a time."""
-    return executor_for(jobs).map(partial(_play, longest), todo)
+    return executor_for(jobs).map(partial(_play, longest, among), todo)
 
 
-def _play(longest: float, task: Task) -> Outcome:
-    return play(*task, longest)
+def _play(longest: float, among: Sequence[str] | None, task: Task) -> Outcome:
+    return play(*task, longest, among)
 
 
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -68,6 +70,7 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--only", default="", help="slugs, joined by commas")
     kinds = ("all", "numbers", *SHARES, "environment", "track", "clean-track", "process-noise", *GIVEN)
+    parser.add_argument("--among", default="", help="slugs that the diagnosis tries, joined by commas (all)")
     parser.add_argument("--kind", choices=kinds, default="all")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
     text = "stop a diagnosis after so long (no limit); it then names nothing"
@@ -90,7 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         old = [Outcome.from_json(line) for line in asked.save.read_text(encoding="utf-8").splitlines() if line]
     known = {(o.kind, o.seed, o.index, o.slug): o for o in old}
     done = [known[task] for task in todo if task in known]
-    for outcome in outcomes([task for task in todo if task not in known], asked.jobs, asked.max_seconds):
+    among = [s for s in asked.among.split(",") if s] or None
+    for outcome in outcomes([task for task in todo if task not in known], asked.jobs, asked.max_seconds, among):
         done.append(outcome)
         if asked.save:
             with asked.save.open("a", encoding="utf-8") as stream:
@@ -98,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not asked.quiet:
             print(_said(outcome), "|", len(done), "of", len(todo), "|", tally(done), flush=True)
     print(report(done))
-    if not only:
+    if not only and not among:
         for kind, (measures, figures) in headlines(done).items():
             headline(f"blind-{kind}", measures, figures)
     return 0

@@ -12,7 +12,7 @@ from benchmarks.published.section import Row, Section, rows_of
 from benchmarks.published.water import Relay, relay_run
 from gcs_autotune.identify.relay.iso import estimate
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
-from gcs_autotune.research import LaserCurve, calibrate
+from gcs_autotune.vision import LaserCurve, calibrate
 
 __all__ = ["laser", "surge"]
 

@@ -7,6 +7,7 @@ From the wire up:
   on them;
 * ``session``: periodic tasks and the operator's stop. Its parts are ``frame_port`` (frames, signing, log), ``routing``
   (listeners), ``liveness`` (the accepted sender and its silence) and ``discovery`` of the vehicle;
+* ``distance_sender``: send distances to the vehicle, like a companion computer;
 * ``parameters``: ``exchange`` (request and answer), ``client`` (:class:`Parameters`), ``journal`` and
   ``parameter_transaction`` (temporary changes: verify, restore);
 * ``vehicle``, commanding: ``commands`` (modes, arming), ``setpoint_streamer`` (repeats set-points), ``rc_monitor``
@@ -20,6 +21,7 @@ From the wire up:
 
 from __future__ import annotations
 
+from gcs_autotune.link.distance_sender import DistanceSender
 from gcs_autotune.link.onboard_logs import OnboardLog, fetch_log, list_logs
 from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.parameters.exchange import same_float32
@@ -59,6 +61,7 @@ __all__ = [
     "TWITCH",
     "WANTED_RATES",
     "Commands",
+    "DistanceSender",
     "FenceItem",
     "Granted",
     "Journal",

@@ -35,8 +35,10 @@ from gcs_autotune.report.toolkit.wording import (
 from gcs_autotune.rounding import EXACT
 from gcs_autotune.seatrials import Figure, Sheet
 from gcs_autotune.thrusters import PropellerFit, ThrusterFit
+from gcs_autotune.vision import Calibration
 
 __all__ = [
+    "laser_document",
     "log_document",
     "plan_document",
     "propeller_document",
@@ -302,6 +304,26 @@ def thruster_document(fit: ThrusterFit) -> Document:
         ),
         facts=fit.to_dict(),
     )
+
+
+def laser_document(found: Calibration) -> Document:
+    """Return the report of a calibration of lasers: the curves in the units of Miskovic2010, table 3.1, and errors."""
+    module, heading = found.module, "Calibration of two lasers"
+    curves = (("port", module.port), ("starboard", module.starboard))
+    rows = tuple((side, f"{100.0 * c.a:.4g}", f"{c.b:.4g}", f"{100.0 * c.c:.4g}", f"{c.d:.4g}") for side, c in curves)
+    worst = 100.0 * abs(found.errors).max(axis=0)
+    rms = 100.0 * (found.errors**2).mean(axis=0) ** 0.5
+    errors = tuple((side, f"{rms[i]:.2f}", f"{worst[i]:.2f}") for i, (side, _) in enumerate(curves))
+    parts = (
+        Note(
+            f"{len(found.distances)} distances from {100.0 * module.nearest:g} to {100.0 * module.furthest:g} cm, "
+            f"lasers {100.0 * module.apart:g} cm apart. L = a exp(b x) + c exp(d x)."
+        ),
+        Table(("laser", "a [cm]", "b [1/px]", "c [cm]", "d [1/px]"), "lrrrr", rows),
+        Table(("laser", "rms error [cm]", "largest error [cm]"), "lrr", errors),
+    )
+    sections = (Section("lasers", heading, parts, facts=IN_RESULT),)
+    return Document(title=heading, sections=sections, facts=found.to_dict())
 
 
 def propeller_document(fit: PropellerFit) -> Document:

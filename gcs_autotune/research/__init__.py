@@ -3,7 +3,6 @@
 ================  ==========================================================================================
 correlation       selection of model terms by correlation (Miskovic2007, III)
 parameter_tables  test whether a table of identified parameters, one row per experiment, describes one craft
-laser             distance to a surface from two laser dots (Miskovic2010, 3.4)
 twin_thrusters    surge force and yaw moment of two thrusters to commands and back (ZhaoUSV)
 ================  ==========================================================================================
 """
@@ -11,18 +10,15 @@ twin_thrusters    surge force and yaw moment of two thrusters to commands and ba
 from __future__ import annotations
 
 from gcs_autotune.research.correlation import Correlation, correlations, structure_by_correlation
-from gcs_autotune.research.laser import LaserCurve, calibrate
 from gcs_autotune.research.parameter_tables import ParameterTable, TableFinding, diagnose_table
 from gcs_autotune.research.twin_thrusters import TwinCommand, TwinThrusters
 
 __all__ = [
     "Correlation",
-    "LaserCurve",
     "ParameterTable",
     "TableFinding",
     "TwinCommand",
     "TwinThrusters",
-    "calibrate",
     "correlations",
     "diagnose_table",
     "structure_by_correlation",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -19,8 +19,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gcs_autotune import __version__
 from gcs_autotune.errors import UsageError
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.web.access import Access, AccessMiddleware
-from gcs_autotune.web.archive import Archive
+from gcs_autotune.web.archive import ORDERED, Archive
 from gcs_autotune.web.blueos import blueos_routes
 from gcs_autotune.web.desk import DOFS, Desk, archive_routes
 from gcs_autotune.web.job import CommandLine, Job
@@ -40,6 +41,8 @@ FILES = {
     "charts.js": "text/javascript",
     "start.js": "text/javascript",
     "runs.js": "text/javascript",
+    "result.js": "text/javascript",
+    "whatif.js": "text/javascript",
     "uPlot-LICENSE.txt": "text/plain",
     "icon.svg": "image/svg+xml",
 }
@@ -54,7 +57,8 @@ Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 class Control:
     """Controls the current run, if any, and its state."""
 
-    def __init__(self, runs: Path, program: CommandLine) -> None:
+    def __init__(self, runs: Path, program: CommandLine, preset: Mapping[str, Any]) -> None:
+        self.preset = preset
         self.runs = runs
         self.program = program
         self.live = Live()
@@ -84,9 +88,17 @@ class Control:
                 "begun": now.isoformat(),
             }
         )
-        self._job = Job(self.program, order.arguments, order.directory, self.live)
+        self._job = Job(self.program, order.arguments, order.directory, self.live, is_undo=order.is_undo)
         self._task = asyncio.create_task(self._run(self._job))
+        if not (order.is_undo or chosen.get("resume")):
+            self._task.add_done_callback(lambda _: self._keep(order.directory, chosen))
         return order.directory.name
+
+    @staticmethod
+    def _keep(directory: Path, chosen: dict[str, Any]) -> None:
+        """Store what was *chosen* in the directory of the run, to start it again with the same settings."""
+        with suppress(OSError):  # the disk is full; the run itself has reported that
+            (directory / ORDERED).write_text(json_text(chosen), encoding="utf-8") if directory.is_dir() else None
 
     async def _run(self, job: Job) -> None:
         try:
@@ -121,9 +133,14 @@ class Control:
                 await asyncio.shield(self._task)
 
 
-def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> Starlette:
-    """Return the ASGI application of the page. Runs are stored in *runs* and started by *program*."""
-    control = Control(runs, program or CommandLine())
+def make_app(
+    runs: Path, access: Access, program: CommandLine | None = None, preset: Mapping[str, Any] | None = None
+) -> Starlette:
+    """Return the ASGI application of the page. Runs are stored in *runs* and started by *program*.
+
+    preset : option -> value of the settings file.
+    """
+    control = Control(runs, program or CommandLine(), preset or {})
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -167,7 +184,9 @@ def _page() -> list[BaseRoute]:
 
 def _looking(control: Control, access: Access) -> list[BaseRoute]:
     async def about(request: Request) -> Response:
-        return JSONResponse({"version": __version__, "token_needed": bool(access.token), "dofs": DOFS, **fields()})
+        return JSONResponse(
+            {"version": __version__, "token_needed": bool(access.token), "dofs": DOFS, **fields(control.preset)}
+        )
 
     async def live(socket: WebSocket) -> None:
         await socket.accept()

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from gcs_autotune.axes import AXES
@@ -20,23 +21,30 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import axes_of, limit_of
 from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, ManoeuvreKind, read_area
 from gcs_autotune.registry import lookup
-from gcs_autotune.web.archive import GUIDED, Archive
+from gcs_autotune.web.archive import GUIDED, Archive, undo_of
 
 __all__ = ["RunOrder", "fields", "make_order"]
 
 JOBS: Mapping[str, str] = {
-    GUIDED: "Tune my boat or ROV: all loops in order, one consent, one report",
+    GUIDED: "Tune my boat or ROV: all loops",
     "tune": "Tune one loop: experiments, model, gains, test by a step",
     "experiment": "Experiment: identify a model; writes no parameter",
     "fly": "Fly a standard manoeuvre: preview, figures and model; writes no parameter",
 }
 """Job that can be started -> its description in one line."""
+UNDO = "undo"
+"""Job that restores the parameters of before a ``run``. It is offered beside the run, not in the form."""
+EVERYDAY = "Everyday settings"
+"""Heading of the numbers that the page shows unfolded."""
+CRAFTS: Mapping[str, str] = {"Simulated boat": "sitl:charlie", "Simulated ROV": "sitl:bluerov2"}
+"""Name of a simulated craft on the page -> its link."""
 _ASKED: Mapping[str, tuple[str, ...]] = {
+    EVERYDAY: ("throttle", "max-distance", "max-time"),
     "Safety limits": (
-        *("max-distance", "max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
-        *("max-turn-rate", "max-roll", "max-pitch", "min-battery", "min-battery-voltage", "max-time"),
+        *("max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
+        *("max-turn-rate", "max-roll", "max-pitch", "min-battery", "min-battery-voltage"),
     ),
-    "Manoeuvre": ("throttle", "speed", "relay-output", "relay-hysteresis", "relays", "patience"),
+    "Manoeuvre": ("speed", "relay-output", "relay-hysteresis", "relays", "patience"),
     "Proof": ("step", "step-duration", "settling-time"),
     "Model": ("full-scale",),
     "Link": ("baud", "system-id"),
@@ -59,11 +67,15 @@ _LONGEST_URI, _LONGEST_AREA = 300, 4000
 
 @dataclass(frozen=True, slots=True)
 class RunOrder:
-    """A run to start: ``arguments`` of our command line, and the ``directory`` for its files."""
+    """A run to start: ``arguments`` of our command line, and the ``directory`` for its files.
+
+    is_undo : whether it restores the vehicle of the run in ``directory``.
+    """
 
     title: str
     arguments: tuple[str, ...]
     directory: Path
+    is_undo: bool = False
 
     @property
     def is_simulated(self) -> bool:
@@ -80,16 +92,21 @@ LINK_VARIABLE = "GCS_AUTOTUNE_LINK"
 """Name of the environment variable with the initial link on the page."""
 
 
-def fields() -> dict[str, Any]:
-    """Return the fields of the page: jobs, axes with default links, numbers with ranges, as typed."""
+def fields(preset: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
+    """Return the fields of the page: jobs, axes with default links, numbers with ranges, as typed.
+
+    preset : option -> value of the settings file, which applies to a run that does not choose another.
+    """
     return {
-        "link": os.environ.get(LINK_VARIABLE, ""),
+        "link": os.environ.get(LINK_VARIABLE, "") or str(preset.get("connect", "")),
+        "crafts": CRAFTS,
+        "everyday": EVERYDAY,
         "jobs": [{"name": name, "title": title, "example": _BOAT} for name, title in JOBS.items()],
-        "axes": [{"name": name, "example": kind.example} for name, kind in AXES.items()],
+        "axes": [{"name": name, "example": kind.example, "signal": kind.stepped} for name, kind in AXES.items()],
         "manoeuvres": [_manoeuvre(kind) for kind in MANOEUVRES.values() if kind.make is not None],
         "sides": SIDES,
         "styles": STYLES,
-        "numbers": {heading: [_field(name) for name in names] for heading, names in _ASKED.items()},
+        "numbers": {heading: [_field(name, preset) for name in names] for heading, names in _ASKED.items()},
     }
 
 
@@ -121,7 +138,7 @@ def _example(kind: ManoeuvreKind) -> str:
     return _ROV if kind.stays or tilts or not kind.drives <= {"N", "X"} else _BOAT
 
 
-def _field(name: str) -> dict[str, Any]:
+def _field(name: str, preset: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
     rows = axes_of(name)
     return {
         "name": name,
@@ -131,7 +148,9 @@ def _field(name: str) -> dict[str, Any]:
                 "meaning": row.meaning,
                 "unit": row.unit,
                 "range": row.range,
-                "usual": row.unset.replace("--", "") or ("" if row.default is None else f"{row.default:g}"),
+                "usual": f"{preset[name]:g} (gcs-autotune.toml)"
+                if name in preset
+                else row.unset.replace("--", "") or ("" if row.default is None else f"{row.default:g}"),
             }
             for row in rows
         },
@@ -151,6 +170,8 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
         A value is missing or not valid; the message names the field.
     """
     job, uri = (str(chosen.get(name, "")).strip() for name in ("job", "connect"))
+    if job == UNDO:
+        return _undo(str(chosen.get("run", "")), runs)
     lookup(JOBS, job, "job")
     numbers, dry = chosen.get("numbers") or {}, chosen.get("dry_run") is True
     if job == "fly":
@@ -183,6 +204,16 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
     verb = "tune" if job == GUIDED else job
     title = f"preview of {what}" if job == "fly" and dry else f"{verb} {what}"
     return RunOrder(title, (verb, what, f"--connect={uri}", *words, "--remote"), directory)
+
+
+def _undo(name: str, runs: Path) -> RunOrder:
+    """Return the order that restores the vehicle of the run *name*, over the link of that run."""
+    archive = Archive(runs)
+    folder = archive.path(name)
+    words = undo_of(folder)
+    if not words:
+        raise UsageError("this run has nothing to undo")
+    return RunOrder(f"undo of {name}", (*words, "--remote"), folder, is_undo=True)
 
 
 def _style(chosen: Mapping[str, Any], job: str) -> list[str]:

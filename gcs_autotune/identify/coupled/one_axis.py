@@ -68,12 +68,13 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
     effects = tuple(e for e in fit.model.effects if e.place == axis.force)
     labels = [n for n in fit.parameters if n.startswith(tuple(f"{e.slug}@{e.place}." for e in effects))]
     order = list(fit.parameters)
-    names, signs = [*axis.derivative_names(), *labels], np.array([*SIGNS, *(1.0 for _ in labels)])
+    plainly, own_signs = _derivatives(axis)
+    names, signs = [*plainly, *labels], np.array([*own_signs, *(1.0 for _ in labels)])
     places = [i for i, n in enumerate(names) if n in order]
     at = [order.index(names[i]) for i in places]
     whole = np.zeros((len(names),) * 2)
     whole[np.ix_(places, places)] = np.outer(signs[places], signs[places]) * fit.covariance[np.ix_(at, at)]
-    whole[:5, :5] = table.covariance
+    whole[: len(plainly), : len(plainly)] = table.covariance
     table = Table({**table.parameters, **{n: fit.parameters[n] for n in labels}}, whole)
     own = tuple(t for t in fit.traces if t.signal == main)
     rms = _rms(fit, main)
@@ -98,24 +99,33 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
     )
 
 
+def _derivatives(dof: Dof) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Return the derivatives that correspond to the parameters of one axis, and the signs between them."""
+    if not dof.restored:
+        return dof.derivative_names(), SIGNS
+    return (*dof.derivative_names(), dof.restoring_derivative), (*SIGNS, -1.0)
+
+
 def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:
     """Return the model in physical parameters and their table, from the fit of a form of one axis."""
-    names = dof.derivative_names()
+    names, all_signs = _derivatives(dof)
     order = list(fit.parameters)
-    values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]
+    values = [s * fit.parameters[n].value if n in order else 0.0 for n, s in zip(names, all_signs, strict=True)]
     places = [i for i, n in enumerate(names) if n in order]
-    at, signs = [order.index(names[i]) for i in places], np.array(SIGNS)[places]
-    covariance = np.zeros((5, 5))
+    at, signs = [order.index(names[i]) for i in places], np.array(all_signs)[places]
+    covariance = np.zeros((len(names),) * 2)
     covariance[np.ix_(places, places)] = np.outer(signs, signs) * fit.covariance[np.ix_(at, at)]
     bounds = [fit.parameters[n].bound if n in order else math.nan for n in names]
     model = SingleDof(dof.name, unit, *(float(v) for v in values))
     status: list[Status] = ["fitted" if on else "absent" for on in FREE[structure]]
-    status.append(fit.parameters["delay"].status if "delay" in order else "absent")
+    status += [fit.parameters[n].status if n in order else "absent" for n in names[4:]]
     return model, axis_table(model, covariance, status, bounds)
 
 
-def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
+def for_axis(method: Callable[[Case], Fit[Model]], *, fits_delay: bool = False) -> Callable[[Case], AxisFit]:
     """Return a method for single axes that uses *method*, which fits forms.
+
+    fits_delay : whether *method* fits an unknown delay.
 
     Without a requested structure, all three drag structures are fitted. The one whose free run has the lowest Bayesian
     information criterion is kept. The other structures are listed in ``candidates``.
@@ -123,12 +133,12 @@ def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
 
     def fit_one_axis(case: Case) -> AxisFit:
         if case.structure is not None:
-            return axis_fit(case, case.structure, method(case.as_form(case.structure)))
+            return axis_fit(case, case.structure, method(case.as_form(case.structure, fits_delay=fits_delay)))
         found: list[tuple[float, AxisFit]] = []
         candidates: list[StructureFit] = []
         for structure in FREE:
             try:
-                fit = axis_fit(case, structure, method(case.as_form(structure)))
+                fit = axis_fit(case, structure, method(case.as_form(structure, fits_delay=fits_delay)))
             except NotInformative:
                 continue
             n = sum(len(t.t) for t in fit.traces)

@@ -15,11 +15,11 @@ import numpy as np
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import TelemetryFault
-from gcs_autotune.firmware import ServoMap
+from gcs_autotune.firmware import LEVELLING, ServoMap
 from gcs_autotune.frames import flat, to_body
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog
-from gcs_autotune.mavlink import Message, message_number
+from gcs_autotune.mavlink import Frame, Message, message_number
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Mark, Trial
 
@@ -71,6 +71,7 @@ class Recorder:
         channels = {
             name: Channel(name, UNITS.get(name, "1"), np.array(times), np.array(column))
             for name, (times, column) in self._samples.items()
+            if name not in LEVELLING or any(column)
         }
         details = {**meta, "late_samples": self.late} if self.late else dict(meta)
         return Trial(self._name or "", channels, tuple(self._marks), ending, reason, details)
@@ -138,10 +139,13 @@ class Telemetry:
         self.output_ticks = 0
         self.distance_t = math.nan
         self._rangefinder: int | None = None
+        self._companion: int | None = None
+        self._session = session
         self.t = math.nan
         self.ticks = 0
         for name, reader in self._readers().items():
             session.listen(name, reader)
+        session.routing.overhear(self._overheard)
 
     def _readers(self) -> Mapping[str, Callable[[Message], None]]:
         return {
@@ -309,10 +313,26 @@ class Telemetry:
 
         The rangefinder with the lowest id is ``d``; another one ahead is ``d_starboard``.
         """
-        if m.orientation != 0:
+        if m.orientation == 0 and self._companion is None:
+            self._measured(self._clock.from_ms(m.time_boot_ms), m)
+
+    def _overheard(self, frame: Frame) -> None:
+        """Record the distance that a companion computer of the vehicle sends, from then on instead of the autopilot's.
+
+        Its clock is not the autopilot's, so the time of the latest telemetry is used. ArduPilot cannot distinguish two
+        MAVLink rangefinders ahead, so what it reports of them is not used.
+        """
+        vehicle = self._session.vehicle
+        is_ours = frame.name == "DISTANCE_SENSOR" and vehicle is not None and frame.system == vehicle.system
+        if not is_ours or frame.message.orientation != 0 or not self._clock.is_set:
             return
+        if self._companion is None:
+            self._companion, self._rangefinder = frame.component, None
+        if frame.component == self._companion:
+            self._measured(self._clock.now, frame.message)
+
+    def _measured(self, t: float, m: Message) -> None:
         known = m.min_distance <= m.current_distance <= m.max_distance
-        t = self._clock.from_ms(m.time_boot_ms)
         distance = m.current_distance * 1e-2 if known else math.nan
         self._rangefinder = m.id if self._rangefinder is None else min(m.id, self._rangefinder)
         self._take(t, {"d" if m.id == self._rangefinder else "d_starboard": distance})
@@ -386,6 +406,8 @@ def observation(session: Session, telemetry: Telemetry, mode: str) -> Observatio
         r=value("r"),
         phi=value("phi"),
         theta=value("theta"),
+        p=value("p"),
+        q=value("q"),
         x=value("x"),
         y=value("y"),
         z=value("z"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.research import LaserCurve, calibrate
+from gcs_autotune.vision import LaserCurve, calibrate
 
 TAPE = np.arange(10.0, 100.1, 5.0)
 """Distances of the calibration [cm], Miskovic2010, 3.4."""
