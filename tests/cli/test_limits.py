@@ -45,6 +45,7 @@ POSITIONALS = {
     "restore": (),
     "watch": ("a.csv", "b.csv"),
     "compare": ("a.csv", "b.csv"),
+    "share": ("a",),
     "doctor": (),
     "ports": (),
 }
