@@ -35,6 +35,7 @@ POSITIONALS = {
     "study replay": ("a", "b"),
     "thrusters": ("a.csv",),
     "laser": ("a.mp4",),
+    "track": ("a.mp4", "a.csv"),
     "calibrate laser": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
