@@ -89,7 +89,7 @@ def lasers(folder: Path, seeds: int) -> list[Figure]:
 def table_3_1(folder: Path) -> list[Figure]:
     """Calibrate from pictures whose dots are where the printed curves put them.
 
-    The pairs of the thesis are not printed, so this shows only that pictures lose nothing.
+    The pairs are not printed in Miskovic2010, so this shows only that pictures lose nothing.
     """
     tape = np.arange(10.0, 100.1, 5.0)
     curves = {side: LaserCurve(*row) for side, row in TABLE_3_1.items()}

@@ -76,6 +76,9 @@ EXCITATIONS: Mapping[str, Excitation] = {
         Excitation("heave", 0.15, "depth", _PULSES, below_surface=True),
         Excitation("surge", 0.3, "speed", "a pulse ahead to check the response, then ", by_throttle=True),
         Excitation("sway", 0.3, "sideways speed", _PULSES),
+        # A BlueROV2 rolls by 3 deg in 0.3 s at 0.3 of full output, and turns over at full output.
+        Excitation("roll", math.radians(3.0), "roll", _PULSES, below_surface=True),
+        Excitation("pitch", math.radians(3.0), "pitch", _PULSES, below_surface=True),
     )
 }
 """Degree of freedom -> settings by which it is identified."""

@@ -46,6 +46,8 @@ class Observation:
     r: float = math.nan
     phi: float = math.nan
     theta: float = math.nan
+    p: float = math.nan
+    q: float = math.nan
     x: float = math.nan
     y: float = math.nan
     z: float = math.nan
@@ -73,8 +75,8 @@ class Observation:
 class Actuate:
     """Drive the actuators directly (manual mode): fractions of full output, -1..1, SNAME signs.
 
-    ``Z`` pushes down, ``N`` turns to starboard. A boat's ``N`` is its steering output, ``X`` its throttle. ``K`` and
-    ``M`` are only for previews on a model, because no supported firmware has a channel for them.
+    ``Z`` pushes down, ``N`` turns to starboard. A boat's ``N`` is its steering output, ``X`` its throttle. ``K`` rolls
+    to starboard, ``M`` lifts the bow.
     """
 
     X: float = 0.0

@@ -192,7 +192,8 @@ class Dof:
 
     The letter of ``velocity`` appears in the parameter names: ``alpha_r``, ``beta_r``, ``beta_rr`` for yaw. If it is
     ``along_ground``, the position is a coordinate of the track, usually north or east. It is the integral of the
-    velocity only after the heading is accounted for.
+    velocity only after the heading is accounted for. If it is ``restored``, weight and buoyancy pull the craft back to
+    level.
     """
 
     name: str
@@ -201,6 +202,7 @@ class Dof:
     force: str
     angular: bool
     along_ground: bool = False
+    restored: bool = False
 
     @property
     def position_unit(self) -> str:
@@ -216,6 +218,20 @@ class Dof:
         """Return the names of the derivatives that correspond to :meth:`parameter_names`, and of the delay."""
         force, nu = self.force, self.velocity
         return (f"{force}_{nu}dot", f"{force}_{nu}", f"{force}_{nu}{nu}", f"{force}_0", "delay")
+
+    @property
+    def restoring_name(self) -> str:
+        """Name of the restoring moment per angle in results, positive if it pulls the craft back: ``gamma_phi``."""
+        return f"gamma_{self.position}"
+
+    @property
+    def restoring_derivative(self) -> str:
+        """Name of the derivative that corresponds to :attr:`restoring_name`: ``K_phi = -gamma_phi``."""
+        return f"{self.force}_{self.position}"
+
+    def restoring_unit(self, force_unit: str) -> str:
+        """Return the unit of :attr:`restoring_name` for the unit of the input (``N m``, ``1``)."""
+        return f"{force_unit}/{self.position_unit}"
 
     def parameter_units(self, force_unit: str) -> tuple[str, str, str, str]:
         """Return the units of :meth:`parameter_names` for the unit of the input (``N``, ``N m``, ``rad``, ``1``).
@@ -234,8 +250,8 @@ DOFS: dict[str, Dof] = {
         Dof("surge", "u", "x", "X", False, along_ground=True),
         Dof("sway", "v", "y", "Y", False, along_ground=True),
         Dof("heave", "w", "z", "Z", False),
-        Dof("roll", "p", "phi", "K", True),
-        Dof("pitch", "q", "theta", "M", True),
+        Dof("roll", "p", "phi", "K", True, restored=True),
+        Dof("pitch", "q", "theta", "M", True, restored=True),
     )
 }
 """Name -> degree of freedom."""

@@ -83,7 +83,7 @@ class Constants(Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class SingleDofData(Struct, frozen=True, tag_field="model", tag="single-dof"):
-    """``alpha nu_dot + (beta + beta_quadratic |nu|) nu = tau + delta``, the input *delay* [s] late."""
+    """``alpha nu_dot + (beta + beta_quadratic |nu|) nu + restoring eta = tau + delta``, the input *delay* [s] late."""
 
     dof: Dof
     input_unit: str
@@ -92,6 +92,7 @@ class SingleDofData(Struct, frozen=True, tag_field="model", tag="single-dof"):
     beta_quadratic: float
     delta: float
     delay: Seconds = 0.0
+    restoring: float = 0.0
     schema: Schema = 1
     known_from: KnownFrom | None = None
 

@@ -70,6 +70,7 @@ COMMANDS: Mapping[str, Verb] = {
     "track": Verb("make a run from a video of the craft from above and its log", "track_cmd"),
     "calibrate": Verb("calibrate the lasers of `laser`, or the camera of `track`", "calibrate_cmd"),
     "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),
+    "navigate": Verb("fuse the sensors of a log into motion at the centre of gravity, for identify", "navigate_cmd"),
     "export": Verb(
         "export a model to ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table", "export_cmd"
     ),

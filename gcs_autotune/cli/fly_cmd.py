@@ -41,7 +41,7 @@ __all__ = ["COMMAND", "add_flight", "run_flight"]
 DEFAULT_CONNECTION = "sitl:charlie"
 OPTIONS = (
     "heading", "rudder", "full-rudder", "steering", "executes", "turn", "levels", "astern", "duration", "f-start",
-    "f-stop", "fade-in", "fade-out", "shortest", "push", "set-point", "hysteresis", "second-set-point",
+    "f-stop", "fade-in", "fade-out", "shortest", "push", "tilt", "set-point", "hysteresis", "second-set-point",
     "second-hysteresis", "wall-hysteresis", "least-distance", "ahead", "starboard", "heading-change", "depth",
     "wall-distance", "length-along", "apart",
 )  # fmt: skip

@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, add_loudness, connection_of, uri_of, watching
-from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.cli.command import Command, add_connection, add_loudness, add_remote, connection_of, uri_of
+from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import on_replacing
 from gcs_autotune.untrusted_text import visible
 
@@ -27,6 +27,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     restore.add_argument("--yes", action="store_true", help="do not ask before writing")
     add_connection(restore, otherwise="the link of the run that wrote the file", of_run=True)
     add_loudness(restore)
+    add_remote(restore)
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -34,8 +35,9 @@ def _run(args: argparse.Namespace) -> int:
 
     saving = args.action == "save"
     connection = connection_of(args, uri_of(args) if saving else args.connect or link_of(args.file))
-    operator = ConsoleOperator(yes=saving or args.yes, bell=not args.quiet)
-    with operator.listening(), watching(args) as observer:
+    if saving:
+        args.yes, args.remote = True, False
+    with attending(args) as (operator, observer):
         if saving:
             replaced = on_replacing(args.file)
             count, changed = save_parameters(connection, args.file, operator, observer)
@@ -43,11 +45,10 @@ def _run(args: argparse.Namespace) -> int:
             sys.stdout.write(f"{count} parameters saved to {args.file}{replaced}{own}\n")
         else:
             restored = restore_parameters(connection, args.file, operator, observer)
-            for name, (found, wanted) in restored.items():
-                sys.stdout.write(f"{visible(name)}: {found:g} -> {wanted:g}\n")
-            sys.stdout.write(
-                f"{len(restored)} parameters changed. All parameters in {args.file} verified by reading back\n"
-            )
+            told = [f"{visible(name)}: {found:g} -> {wanted:g}" for name, (found, wanted) in restored.items()]
+            told.append(f"{len(restored)} parameters changed. All parameters in {args.file} verified by reading back")
+            for line in told:  # with --remote standard output is the program's
+                observer.say(line) if args.remote else sys.stdout.write(f"{line}\n")
     return 0
 
 

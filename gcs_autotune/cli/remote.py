@@ -161,8 +161,8 @@ class RemoteOperator(ConsoleOperator):
         threading.Thread(target=self._listen, name="stop", daemon=True).start()
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask a yes/no question, wait for the answer, and return it. *while_waiting* raises an error if a STOP comes
-        first.
+        """Ask a yes/no question, wait for the answer, and return it. A STOP that comes first is a no, unless
+        *while_waiting* raises an error for it.
         """
         if self._yes:
             return True
@@ -171,6 +171,8 @@ class RemoteOperator(ConsoleOperator):
         self._observer.put("question", {"id": asked, "text": question})
         while asked not in self._answers:
             while_waiting()
+            if self._stop:  # where nothing is flown, nothing else heeds it
+                return False
         return self._answers[asked]
 
     def _listen(self) -> None:

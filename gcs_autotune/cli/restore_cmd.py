@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, add_loudness, check_files, connection_of, watching
-from gcs_autotune.cli.console import ConsoleOperator
+from gcs_autotune.cli.command import Command, add_connection, add_loudness, add_remote, check_files, connection_of
+from gcs_autotune.cli.remote import attending
 from gcs_autotune.untrusted_text import visible
 
 __all__ = ["COMMAND"]
@@ -28,21 +28,27 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_connection(parser, otherwise="the link of the run", of_run=True)
     add_loudness(parser)
+    add_remote(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
     check_files(args.run)
     from gcs_autotune.workflow import is_settled, link_of, restore_run
 
-    if is_settled(args.run):
+    if is_settled(args.run) and not args.remote:
         sys.stdout.write("Nothing to restore: this run has already restored everything.\n")
         return 0
-    operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
     connection = connection_of(args, args.connect or link_of(args.run))
-    with operator.listening(), watching(args) as observer:
+    with attending(args) as (operator, observer):
         restored = restore_run(connection, args.run, operator, observer)
-    for name, (found, old) in restored.items():
-        sys.stdout.write(f"{visible(name)}: {found:g} -> {old:g}, verified by reading back\n")
+        told = [
+            f"{visible(name)}: {found:g} -> {old:g}, verified by reading back"
+            for name, (found, old) in restored.items()
+        ]
+        for line in told if args.remote else ():  # standard output is the program's
+            observer.say(line)
+    if not args.remote:
+        sys.stdout.write("".join(f"{line}\n" for line in told))
     return 0
 
 

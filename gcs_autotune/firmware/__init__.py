@@ -13,13 +13,14 @@ from gcs_autotune.firmware.failsafe import DISARMS, Failsafe, SetFailsafe
 from gcs_autotune.firmware.fixed_outputs import Outputs, with_outputs
 from gcs_autotune.firmware.names import Names, read_named
 from gcs_autotune.firmware.profile import Axis, Firmware, Gain, Unsuited
-from gcs_autotune.firmware.servo import Output, ParameterSource, ServoMap, read_servo_map
+from gcs_autotune.firmware.servo import LEVELLING, Output, ParameterSource, ServoMap, read_servo_map
 from gcs_autotune.firmware.values import checked, checked_all
 
 __all__ = [
     "ALIASES",
     "DISARMS",
     "FIRMWARE",
+    "LEVELLING",
     "Alias",
     "Axis",
     "Failsafe",

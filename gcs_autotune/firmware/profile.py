@@ -117,9 +117,9 @@ class Firmware:
     scaling is read from the vehicle's own RCn parameters. ``mixing`` maps a frame (value of ``frame_parameter``) to the
     motors' factors per force. Firmwares that route outputs by ``SERVOn_FUNCTION`` use ``servo_functions`` (function
     number -> force name) instead, or, with two side thrusters, ``skid_functions`` (function number -> factor per
-    force). ``rc_map`` maps a force name to the parameter that changes its channel (RCMAP_*). ``idle`` is for sticks
-    that ``manual_mode`` reads but this program does not drive. They are kept at neutral. It maps the same kind of
-    parameter to the channel used if the parameter does not exist. ``from_one_end`` are the forces whose stick ranges
+    force). ``rc_map`` maps a force name to the parameter that changes its channel (RCMAP_*). ``levelling`` are
+    forces that few manoeuvres need. Their sticks are kept at neutral if they are not calibrated, and left alone if
+    ``rc_map`` maps them to another force's channel or to none. ``from_one_end`` are the forces whose stick ranges
     from RCn_TRIM, at RCn_MIN, to RCn_MAX, with neutral in the middle, if the parameters of ``rc_map`` do not exist.
     ``manual_dead_zone``: whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``. ``fixed_outputs``: wiring
     of versions before SERVOn_FUNCTION; None if there are none. ``unsuited``: vehicle settings that are not supported,
@@ -158,7 +158,7 @@ class Firmware:
     motor_span: float = 500.0
     manual_dead_zone: bool = False
     rc_map: Mapping[str, str] = field(default_factory=dict)
-    idle: Mapping[str, int] = field(default_factory=dict)
+    levelling: Sequence[str] = ()
     from_one_end: Sequence[str] = ()
     mission_mode: str = ""
     position_mode: str = ""

@@ -15,15 +15,17 @@ import numpy as np
 from gcs_autotune.errors import OutputsUnassigned, PreconditionFailed
 from gcs_autotune.firmware.profile import Firmware
 
-__all__ = ["Output", "ParameterSource", "ServoMap", "read_servo_map"]
+__all__ = ["LEVELLING", "Output", "ParameterSource", "ServoMap", "read_servo_map"]
 
 _OUTPUTS = 8
 """Number of outputs read: the first eight, which SERVO_OUTPUT_RAW contains in every version."""
 _MOTOR1 = 33
 """SERVOn_FUNCTION of motor 1; motors 2 to 8 follow."""
-_FORCES = ("X", "Y", "Z", "N")
-_LEVELLING = ("K", "M")
-"""Moments used to level a craft. They are separated from the forces but not reported."""
+LEVELLING = ("K", "M")
+"""Moments that level a craft. A record contains them only if an output drives them at some time."""
+_FORCES = ("X", "Y", "Z", "N", *LEVELLING)
+ROUNDING = 1e-9
+"""Force [fraction of full] below which the sum of several outputs is a rounding error."""
 _MOTORS = range(_MOTOR1, _MOTOR1 + _OUTPUTS)
 
 
@@ -83,11 +85,18 @@ class ServoMap:
         *factors* has one mapping force name -> factor per output.
         """
         names = tuple(n for n in _FORCES if any(f.get(n, 0.0) for f in factors))
-        levelled = tuple(n for n in _LEVELLING if any(f.get(n, 0.0) for f in factors))
-        mixing = np.array([[f.get(n, 0.0) for n in (*names, *levelled)] for f in factors])
-        inverse = np.linalg.pinv(mixing)[: len(names)]
+        mixing = np.array([[f.get(n, 0.0) for n in names] for f in factors])
+        inverse = np.linalg.pinv(mixing)
         rows = tuple(tuple(round(float(w), 12) for w in row) for row in inverse)
         return cls(tuple(outputs), names, rows, tuple(tuple(float(f.get(n, 0.0)) for f in factors) for n in names))
+
+    @property
+    def is_all_thrusters(self) -> bool:
+        """Whether every output drives a thruster. An output that only turns the craft is a rudder."""
+        return not any(
+            [n for n, row in zip(self.names, self.factors, strict=True) if row[k]] == ["N"]
+            for k in range(len(self.outputs))
+        )
 
     def driving(self, force: str) -> tuple[tuple[Output, float], ...]:
         """Return the outputs that produce *force*, each with its fraction of full output at full force."""
@@ -102,9 +111,10 @@ class ServoMap:
         pwms : PWM [us] of outputs 1, 2, 3...
         """
         fractions = [output.fraction(pwms[output.channel - 1]) for output in self.outputs]
+        sums = (sum(w * f for w, f in zip(row, fractions, strict=True)) + 0.0 for row in self.weights)
         return {
-            name: sum(w * f for w, f in zip(row, fractions, strict=True)) + 0.0
-            for name, row in zip(self.names, self.weights, strict=True)
+            name: 0.0 if name in LEVELLING and abs(force) < ROUNDING else force
+            for name, force in zip(self.names, sums, strict=True)
         }
 
 

@@ -276,6 +276,9 @@ def fit_axis(
         structure_of(structure)
     known_delay = _known(delay)
     axis = _common_axis(runs, dof)
+    if axis.restored and chosen.coupled is None:
+        others = [n for n, m in METHODS.items() if m.axis and m.coupled]
+        raise UsageError(_no_answer(method, f"the restoring moment of {axis.name}", others))
     with _contradictions_named(runs):
         runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
     _check_one_input({r.input_names[0] for r in records}, {r.input_units[0] for r in records})

@@ -68,14 +68,14 @@ class Case:
             raise UsageError("this method needs a form or a damping structure. Supply one of them")
         return self.form
 
-    def as_form(self, structure: Structure) -> Case:
+    def as_form(self, structure: Structure, *, fits_delay: bool = False) -> Case:
         """Return this task of one degree of freedom as a task with a form of the drag *structure*.
 
-        An unknown delay is set to 0.
+        fits_delay : whether the method fits an unknown delay. Otherwise it is set to 0.
         """
-        first, delay = self.records[0], self.delay or 0.0
+        first, delay = self.records[0], self.delay if fits_delay else self.delay or 0.0
         form = axis_form(
-            first.dof, first.input_names[0], structure, normalised=first.input_units[0] == "1", delay=delay
+            first.dof, first.input_names[0], structure, normalised=first.input_units[0] == "1", delay=delay or 0.0
         )
         return replace(self, form=form, delay=delay, records=tuple(self._used(r) for r in self.records))
 

@@ -49,7 +49,7 @@ def with_bounds(fit: Fit[ModelT], trials: Trial | Sequence[Trial]) -> Fit[ModelT
     if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
         return fit
     try:
-        if is_of_one_axis(fit):
+        if is_of_one_axis(fit) and not fit.model.axis.restored:
             bounds = _axis_bounds(fit, trials)
         else:
             bounds = information_on(fitted_model_of(fit, trials)).bounds

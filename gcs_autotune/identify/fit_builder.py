@@ -99,12 +99,16 @@ def form_table(
 def axis_table(model: SingleDof, covariance: Array, status: Sequence[Status], bounds: Sequence[float] = ()) -> Table:
     """Return the table of one degree of freedom.
 
-    covariance : (5, 5), in the order (alpha, beta, beta_quadratic, delta, delay).
+    covariance : (5, 5), in the order (alpha, beta, beta_quadratic, delta, delay). In roll and pitch (6, 6): the
+        restoring moment follows.
     status, bounds : one entry per parameter, in the same order.
     """
-    names = (*model.axis.parameter_names(), "delay")
-    units = (*model.axis.parameter_units(model.input_unit), "s")
-    values = (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
+    names: tuple[str, ...] = (*model.axis.parameter_names(), "delay")
+    units: tuple[str, ...] = (*model.axis.parameter_units(model.input_unit), "s")
+    values: tuple[float, ...] = (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
+    if model.axis.restored:
+        names, values = (*names, model.axis.restoring_name), (*values, model.restoring)
+        units = (*units, model.axis.restoring_unit(model.input_unit))
     return table_of(
         dict(zip(names, values, strict=True)),
         dict(zip(names, units, strict=True)),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.axis.form import ExplicitForm
+from gcs_autotune.identify.axis.form import ExplicitForm, as_coupled
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.start import bounds_of
 from gcs_autotune.identify.doubt import Doubt
@@ -225,7 +225,10 @@ def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequenc
         The model diverges on the inputs of this run.
     """
     if isinstance(model, SingleDof):
-        return _axis(model, segment.only(tuple(names) or first_names([segment])))
+        segment = segment.only(tuple(names) or first_names([segment]))
+        if not model.axis.restored:
+            return _axis(model, segment)
+        model = as_coupled(model, segment.input_names[0])
     states = Simulator(model.form).states
     free = tuple(n for n in states if not n.startswith("lagged") and _observable(n, segment))
     simulator = Simulator(model.form, (), free)

@@ -69,7 +69,9 @@ class ModelFile:
         """
         if self.axis is None:
             return {}
-        return dict(zip(self.axis.axis.derivative_names(), zip(PHYSICAL, SIGNS, strict=True), strict=True))
+        dof = self.axis.axis
+        words = dict(zip(dof.derivative_names(), zip(PHYSICAL, SIGNS, strict=True), strict=True))
+        return words | ({dof.restoring_derivative: ("restoring", -1.0)} if dof.restored else {})
 
 
 def save_model(fit: Fit[Model], path: Path) -> None:
@@ -186,5 +188,6 @@ def _as_derivatives(names: tuple[str, ...], covariance: Array, dofs: Sequence[st
     dof = DOFS[dofs[0]]
     own = (*dof.parameter_names(), "delay")
     words = {a: (b, s) for a, b, s in zip(own, dof.derivative_names(), SIGNS, strict=True)}
+    words[dof.restoring_name] = dof.restoring_derivative, -1.0
     signs = np.array([words.get(n, (n, 1.0))[1] for n in names])
     return tuple(words.get(n, (n, 1.0))[0] for n in names), np.outer(signs, signs) * covariance

@@ -445,6 +445,16 @@ MANOEUVRED = (
         mistakes=(MS,),
     ),
     Limit(
+        "tilt",
+        "angle at which the craft is held before release",
+        "deg",
+        5.0,
+        40.0,
+        "below this range, waves hide the decay; above it, the craft is near its roll and pitch limits",
+        20.0,
+        mistakes=(RADIANS,),
+    ),
+    Limit(
         "duration",
         "duration of the manoeuvre, if it ends by time",
         "s",

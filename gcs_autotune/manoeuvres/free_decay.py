@@ -1,20 +1,21 @@
-"""Free decay after a push by hand: the operator tilts and releases the craft, and its oscillation decays.
+"""Free decay of roll and pitch (ITTC 7.5-02-07-04.5): the craft is released at an angle, and its oscillation decays.
 
-It is used for roll and pitch, which no actuator drives (ITTC 7.5-02-07-04.5).
+The thrusters hold it at the angle first, or a person pushes it down if no thruster can.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.errors import UsageError
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, HoldGains, hold
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 
-__all__ = ["KIND", "FreeDecay"]
+__all__ = ["KIND", "FreeDecay", "Release", "released"]
 
 REST = 3.0
 """Time [s] over which the angle at rest is averaged. Project choice."""
@@ -43,7 +44,7 @@ class FreeDecay(Manoeuvre):
     @property
     def asked(self) -> Mapping[str, Any]:
         """Force, its degree of freedom and the angle at rest [rad] by name, for the trial's ``meta``."""
-        return {"dof": {"K": "roll", "M": "pitch"}[self.force], "force": self.force, "signal": self.signal,
+        return {"dof": _DOF[self.force], "force": self.force, "signal": self.signal,
                 "rest": self._rest, "duration": self._duration}  # fmt: skip
 
     def commands(self, now: Observation) -> Commands:
@@ -74,6 +75,84 @@ class FreeDecay(Manoeuvre):
             now = yield Actuate()
         self._end("completed", f"decay from {math.degrees(largest):.0f} deg recorded for {now.t - start:.0f} s")
         yield Actuate()
+
+
+HELD = 6.0
+"""Time [s] for which the thrusters hold the craft at the angle before it is released. Project choice."""
+LEAST_OF_TILT = 0.5
+"""Smallest angle at the release, as a fraction of the requested one. Project choice."""
+_HOLDS: Mapping[str, HoldGains] = {
+    "K": HoldGains("phi", "p", "K", P=0.15, I=0.1, D=0.06, most=0.4),
+    "M": HoldGains("theta", "q", "M", P=0.15, I=0.1, D=0.06, most=0.4),
+}
+"""Gains that hold the angle. They are damped on craft that full output accelerates at 5 to 60 rad/s^2, at a delay of
+0.1 s. Project choice."""
+
+
+class Release(Manoeuvre):
+    """Holds the craft at *tilt* [rad] from rest by the thrusters, releases it, and records the decay.
+
+    It ends at most ``duration`` [s] after the release. It marks ``release``. Heading and depth are held throughout.
+    """
+
+    kind = "free-decay"
+
+    def __init__(self, force: str, tilt: float, duration: float) -> None:
+        super().__init__(force=force, signal=_HOLDS[force].signal)
+        self._tilt, self._duration, self._rest = tilt, duration, math.nan
+        self._holds = [HoldController(gains) for gains in HELD_DURING[self.signal]]
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Force, degree of freedom, tilt and angle at rest [rad] by name, for the trial's ``meta``."""
+        return {"dof": _DOF[self.force], "force": self.force, "signal": self.signal,
+                "tilt": self._tilt, "rest": self._rest, "duration": self._duration}  # fmt: skip
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield the outputs that hold the angle, then neutral ones until the oscillation has decayed."""
+        start, seen = now.t, []
+        self.phase = "at rest"
+        while now.t - start < REST:
+            seen.append(now.value(self.signal))
+            now = yield hold(Actuate(), self._holds, now)
+        self._rest = sum(seen) / len(seen)
+        self.phase, self.target, start = "held at the angle", self._rest + self._tilt, now.t
+        keeper = HoldController(_HOLDS[self.force], self.target)
+        while now.t - start < HELD:
+            now = yield hold(Actuate(), [*self._holds, keeper], now)
+        angle = now.value(self.signal) - self._rest
+        if not angle / self._tilt >= LEAST_OF_TILT:
+            self._end(
+                "aborted",
+                f"the thrusters tilted the craft by {math.degrees(angle):.0f} deg in {HELD:.0f} s instead of "
+                f"{math.degrees(self._tilt):.0f} deg. Check them, or use a smaller --tilt",
+            )
+        self._mark(now.t, "release", {self.signal: angle})
+        self.phase, self.target, start, last = "decay", self._rest, now.t, now.t
+        while self.outcome is None:
+            last = now.t if abs(now.value(self.signal) - self._rest) > DECAYED * abs(angle) else last
+            if now.t - start >= self._duration or now.t - last >= QUIET:
+                self._end("completed", f"decay from {math.degrees(angle):.0f} deg recorded for {now.t - start:.0f} s")
+            now = yield hold(Actuate(), self._holds, now)
+        yield Actuate()
+
+
+def released(force: str, row: Callable[[str], ManoeuvreKind]) -> ManoeuvreKind:
+    """Return the row of ``free-decay`` for roll (``K``) or pitch (``M``). *row* returns that of another force."""
+    return ManoeuvreKind(
+        name="free-decay",
+        help=f"the thrusters hold an angle in {_DOF[force]} and let go, to record the decay of the motion",
+        excites=frozenset({_DOF[force]}),
+        drives=frozenset({force}),
+        make=lambda options: Release(force, options["side"] * options["tilt"], options["duration"]),
+        options=("tilt", "duration"),
+        stays=True,
+        for_force=row,
+        shrinks={"tilt": 1.0},
+    )
+
+
+_DOF: Mapping[str, str] = {"K": "roll", "M": "pitch"}
 
 
 def _of(force: str) -> ManoeuvreKind:

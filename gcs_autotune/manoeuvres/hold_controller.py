@@ -40,6 +40,8 @@ HELD_DURING: Mapping[str, tuple[HoldGains, ...]] = {
     "x": (_HEADING, _DEPTH),
     "y": (_HEADING, _DEPTH),
     "d": (_HEADING, _DEPTH),
+    "phi": (_HEADING, _DEPTH),
+    "theta": (_HEADING, _DEPTH),
 }
 """Signal of a relay -> controllers of the signals that are held during the relay."""
 HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}
@@ -50,11 +52,14 @@ With neutral outputs a buoyant craft would rise to the surface, where it can mov
 
 
 class HoldController:
-    """Holds a signal at its value in the first observation. It is idle while the signal is unknown."""
+    """Holds a signal at *reference*; NaN: at its value in the first observation.
 
-    def __init__(self, gains: HoldGains) -> None:
+    It is idle while the signal is unknown.
+    """
+
+    def __init__(self, gains: HoldGains, reference: float = math.nan) -> None:
         self._gains = gains
-        self._reference = math.nan
+        self._reference = reference
         self._t = math.nan
         self._integral = 0.0
 
@@ -75,7 +80,9 @@ class HoldController:
         if not math.isfinite(x):
             return 0.0
         if math.isnan(self._reference):
-            self._reference, self._t = x, observation.t
+            self._reference = x
+        if math.isnan(self._t):
+            self._t = observation.t
         error = self._reference - x
         self._integral += g.I * error * (observation.t - self._t)
         self._integral = max(-g.most, min(g.most, self._integral))

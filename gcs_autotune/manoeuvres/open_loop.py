@@ -28,6 +28,7 @@ from gcs_autotune.manoeuvres.excitation import (
     sine,
     staircase,
 )
+from gcs_autotune.manoeuvres.free_decay import released
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HeadingHold, HoldController, hold
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
@@ -207,13 +208,18 @@ def _of_any_force(
     options: Sequence[str] = (),
     tied: bool = False,
     shrinks: Mapping[str, float] = MappingProxyType({}),
+    instead: Mapping[str, Callable[..., ManoeuvreKind]] = MappingProxyType({}),
 ) -> ManoeuvreKind:
     """Return a row for a manoeuvre on any force; *signal* (options, whether the force may reverse) is the waveform.
 
+    *instead*: force -> function that returns its row, called with the force and this function.
     *shrinks*: as in the row, in addition to the duration. It includes the amplitude if a smaller one needs less space.
     """
 
     def row(force: str) -> ManoeuvreKind:
+        if force in instead:
+            return instead[force](force, row)
+
         def make(given: Mapping[str, float]) -> OpenLoopProgramme:
             seconds, keep_still = given["duration"], bool(given["keep-still"]) and not tied
             ahead_only = force == "X" and not keep_still and not tied
@@ -370,6 +376,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         lambda given, either_way: decay(given),
         options=("push",),
         shrinks={"push": 1.0},
+        instead={"K": released, "M": released},
     ),
     _steered(
         "s-manoeuvre",

@@ -58,8 +58,8 @@ class NominalPlant:
 
     Attributes
     ----------
-    yaw : yaw model. others : models along a force (``X``, ``Y``, ``Z``); without one it does not respond to ``Y``
-        and ``Z``, and any thrust ahead gives ``speed`` [m/s].
+    yaw : yaw model. others : models along a force (``X``, ``Y``, ``Z``) or about one of the axes ``K`` and ``M``;
+        without one it does not respond to it, except that any thrust ahead gives ``speed`` [m/s].
     speed_gain : thrust per speed error [1/(m/s)] of the autopilot's own speed loop, in addition to the steady thrust.
     source : text on the origin of the numbers. assumed : whether they are assumptions, sufficient only to estimate
         the space.
@@ -214,6 +214,7 @@ class _NominalMotion:
         self._t, self._psi, self._r = begins.t, begins.psi, begins.r
         self._x, self._y, self._z = begins.x, begins.y, begins.z
         self._along = {"X": begins.u, "Y": begins.v, "Z": begins.w}
+        self._tilt = {force: (0.0, 0.0) for force in ("K", "M") if force in plant.others}
         self._late: deque[float] = deque([0.0] * round(plant.yaw.delay * INSIDE / TICK))
         self._command: Command = Actuate()
         self._output = Actuate()
@@ -227,11 +228,13 @@ class _NominalMotion:
     def observe(self) -> Observation:
         """Return the present motion as an observation."""
         u, v, w = self._along.values()
-        tilt = _pushed(self._t - self._start) if self._by_hand else 0.0
+        pushed = _pushed(self._t - self._start) if self._by_hand else 0.0
+        (phi, p), (theta, q) = (self._tilt.get(force, (0.0, 0.0)) for force in "KM")
         o = self._output
         return Observation(
-            t=self._t, psi=self._psi, r=self._r, phi=tilt, theta=tilt, x=self._x, y=self._y, z=self._z, u=u, v=v, w=w,
-            speed=math.hypot(u, v), d=WALL - self._x, output={"N": o.N, "X": o.X, "Y": o.Y, "Z": o.Z}, armed=True,
+            t=self._t, psi=self._psi, r=self._r, phi=phi + pushed, theta=theta + pushed, p=p, q=q, x=self._x, y=self._y,
+            z=self._z, u=u, v=v, w=w, speed=math.hypot(u, v), d=WALL - self._x,
+            output={"N": o.N, "X": o.X, "Y": o.Y, "Z": o.Z, "K": o.K, "M": o.M}, armed=True,
         )  # fmt: skip
 
     def take(self, command: Command) -> None:
@@ -251,6 +254,9 @@ class _NominalMotion:
             for force, tau in (("X", o.X), ("Y", o.Y), ("Z", o.Z)):
                 held = _held(self._command, self._plant, force, along[force], self._z)
                 along[force] += h * (_along(self._plant, force, along[force], tau) if held is None else held)
+            for force, (angle, rate) in self._tilt.items():
+                rate += h * self._plant.others[force].acceleration(rate, getattr(o, force), angle)
+                self._tilt[force] = angle + h * rate, rate
             u, v, w = along.values()
             self._x += h * (u * math.cos(self._psi) - v * math.sin(self._psi))
             self._y += h * (u * math.sin(self._psi) + v * math.cos(self._psi))

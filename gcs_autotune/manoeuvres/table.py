@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping
 
 from gcs_autotune.axes import EXCITATIONS
-from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import free_decay, layered, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.relay import Relay, WallRelay
@@ -35,9 +34,7 @@ _OF_EXPERIMENT = OptionNames("--relay-output (of `experiment`)", "--relay-hyster
 
 def _relay_of(force: str) -> ManoeuvreKind:
     """Return the row for a relay on one *force*, which determines its own size."""
-    d = next((e for e in EXCITATIONS.values() if e.names.force == force), None)
-    if d is None:
-        raise UsageError(f"a relay can drive N, X, Y or Z, not {force}")
+    d = next(e for e in EXCITATIONS.values() if e.names.force == force)
 
     def make(options: Mapping[str, float]) -> Relay:
         settings = RelaySettings(
@@ -52,7 +49,8 @@ def _relay_of(force: str) -> ManoeuvreKind:
 
     return ManoeuvreKind(
         name="relay",
-        help="relay experiment: a relay with hysteresis on heading, depth, or distance ahead or to the side",
+        help="relay experiment: a relay with hysteresis on heading, depth, roll, pitch, or distance ahead or to the "
+        "side",
         excites=frozenset({d.dof}),
         drives=frozenset({force}),
         make=make,

@@ -1,7 +1,8 @@
 """The model of one degree of freedom.
 
 ``alpha * nu_dot + (beta + beta_quadratic*|nu|) * nu = tau(t - delay) + delta``, ``eta_dot = nu`` (Miskovic2010, eq.
-(6.33)-(6.35); signs in :mod:`gcs_autotune.sname`).
+(6.33)-(6.35); signs in :mod:`gcs_autotune.sname`). In roll and pitch, ``restoring * eta`` is added on the left: weight
+and buoyancy pull a craft back to level.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ class SingleDof:
     - ``input_unit``: ``N m``, ``N``, ``rad`` (rudder) or ``1`` (fraction of full output). The units of the other fields
       follow from it, see ``Dof.parameter_units``.
     - ``delay`` [s]: delay between input and force.
+    - ``restoring``: moment per angle that pulls the craft back to level; 0 for other degrees of freedom.
     """
 
     dof: str
@@ -37,15 +39,20 @@ class SingleDof:
     beta_quadratic: float = 0.0
     delta: float = 0.0
     delay: float = 0.0
+    restoring: float = 0.0
 
     @property
     def axis(self) -> Dof:
         """Definition of the degree of freedom: names of its motion, force and parameters."""
         return DOFS[self.dof]
 
-    def acceleration(self, nu: float, tau: float) -> float:
-        """Return the acceleration [rad/s^2 or m/s^2] at the velocity *nu* under *tau*, which is already delayed."""
-        return (tau + self.delta - (self.beta + self.beta_quadratic * abs(nu)) * nu) / self.alpha
+    def acceleration(self, nu: float, tau: float, eta: float = 0.0) -> float:
+        """Return the acceleration [rad/s^2 or m/s^2] at the velocity *nu* under *tau*, which is already delayed.
+
+        eta : angle [rad] from level, for a model with a restoring moment.
+        """
+        drag = (self.beta + self.beta_quadratic * abs(nu)) * nu
+        return (tau + self.delta - drag - self.restoring * eta) / self.alpha
 
     def steady_velocity(self, tau: float) -> float:
         """Return the velocity [rad/s or m/s] at which drag balances ``tau + delta`` (Miskovic2010, eq. (7.4),
@@ -88,6 +95,7 @@ class SingleDof:
             "beta_quadratic": self.beta_quadratic,
             "delta": self.delta,
             "delay": self.delay,
+            **({"restoring": self.restoring} if self.restoring else {}),
         }
 
     @classmethod
@@ -104,5 +112,5 @@ class SingleDof:
     @classmethod
     def of_data(cls, told: SingleDofData) -> SingleDof:
         """Return the model that a file contains."""
-        numbers = (told.alpha, told.beta, told.beta_quadratic, told.delta, told.delay)
+        numbers = (told.alpha, told.beta, told.beta_quadratic, told.delta, told.delay, told.restoring)
         return cls(told.dof, told.input_unit, *numbers)

@@ -38,6 +38,7 @@ WORDS: Mapping[str, tuple[int, ...]] = {
     "seed": (0,),
     "argument": (1,),
     "tune": (1,),
+    "experiment": (1,),
     "fly": (1,),
     "identify": (1,),
     "diagnose": (1,),
@@ -72,15 +73,23 @@ class Job:
 
 JOBS: Mapping[str, Job] = {
     "tune": Job(("tune",), success="kept", measure="metrics.after.itae"),
+    "experiment": Job(("experiment",), measure="residual_rms"),
     "fly": Job(("fly",)),
     "identify": Job(("fly", "identify")),
     "diagnose": Job(("fly", "diagnose"), truth="effect", answer="causes.0", timed=("seconds",)),
 }
 """What a study can do with a case. To add a job, add a row, and its command to :data:`POSITIONAL`."""
-POSITIONAL: Mapping[str, str] = {"tune": "axis", "fly": "manoeuvre", "identify": "", "diagnose": ""}
+POSITIONAL: Mapping[str, str] = {
+    "tune": "axis",
+    "experiment": "axis",
+    "fly": "manoeuvre",
+    "identify": "",
+    "diagnose": "",
+}
 """Command -> name of the value that it takes without an option; empty: the runs of the command before it."""
 _OPTIONS: Mapping[str, tuple[str, ...]] = {
     "tune": ("--yes", "--quiet", "--json"),
+    "experiment": ("--yes", "--quiet", "--json"),
     "fly": ("--yes", "--quiet", "--json"),
     "identify": ("--quiet", "--json", "--no-page"),
     "diagnose": ("--quiet", "--json"),

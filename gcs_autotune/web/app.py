@@ -19,8 +19,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gcs_autotune import __version__
 from gcs_autotune.errors import UsageError
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.web.access import Access, AccessMiddleware
-from gcs_autotune.web.archive import Archive
+from gcs_autotune.web.archive import ORDERED, Archive
 from gcs_autotune.web.blueos import blueos_routes
 from gcs_autotune.web.desk import DOFS, Desk, archive_routes
 from gcs_autotune.web.job import CommandLine, Job
@@ -40,6 +41,8 @@ FILES = {
     "charts.js": "text/javascript",
     "start.js": "text/javascript",
     "runs.js": "text/javascript",
+    "result.js": "text/javascript",
+    "whatif.js": "text/javascript",
     "uPlot-LICENSE.txt": "text/plain",
     "icon.svg": "image/svg+xml",
 }
@@ -84,9 +87,17 @@ class Control:
                 "begun": now.isoformat(),
             }
         )
-        self._job = Job(self.program, order.arguments, order.directory, self.live)
+        self._job = Job(self.program, order.arguments, order.directory, self.live, is_undo=order.is_undo)
         self._task = asyncio.create_task(self._run(self._job))
+        if not (order.is_undo or chosen.get("resume")):
+            self._task.add_done_callback(lambda _: self._keep(order.directory, chosen))
         return order.directory.name
+
+    @staticmethod
+    def _keep(directory: Path, chosen: dict[str, Any]) -> None:
+        """Store what was *chosen* in the directory of the run, to start it again with the same settings."""
+        with suppress(OSError):  # the disk is full; the run itself has reported that
+            (directory / ORDERED).write_text(json_text(chosen), encoding="utf-8") if directory.is_dir() else None
 
     async def _run(self, job: Job) -> None:
         try:

@@ -8,21 +8,24 @@ from __future__ import annotations
 import asyncio
 import re
 import shutil
+import tempfile
+import zipfile
 from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from datetime import datetime
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from msgspec import Struct
 
-from gcs_autotune.errors import UsageError
+from gcs_autotune.axes import AXES
+from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.untrusted_text import visible
 from gcs_autotune.web.job import JOB, page_of, read_json
 from gcs_autotune_files import Refused, conform, parse, read
 
-__all__ = ["GUIDED", "KINDS", "Archive"]
+__all__ = ["GUIDED", "KINDS", "ORDERED", "STYLED", "Archive", "loop_of", "packed", "undo_of"]
 
 KINDS: Mapping[str, str] = {
     ".html": "text/html",
@@ -30,6 +33,10 @@ KINDS: Mapping[str, str] = {
     **dict.fromkeys((".tlog", ".bin", ".log"), "application/octet-stream"),
 }
 """File name ending that is served -> content type with which the file is sent."""
+ORDERED = "ordered.json"
+"""File of a run with what was chosen for it on the page."""
+STYLED = "styles.json"
+"""File of a run with the designs of all styles."""
 GUIDED = "all"
 """Job of ``tune all``: the loops of a vehicle in order."""
 DROPPED = (".tlog", ".bin", ".log", ".csv")
@@ -64,6 +71,7 @@ class Archive:
             "reason": visible(str(summary.get("reason", ""))),
             "change": _change(summary),
             "report": page_of(folder),
+            "loop": loop_of(folder),
             "log": visible(logs[0]) if logs else "",
             "models": [p.relative_to(folder).as_posix() for p in sorted(_models(folder)) if _plain(p)],
         }
@@ -79,12 +87,15 @@ class Archive:
         folder = self.path(name)
         found = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix.lower() in KINDS and _plain(p)]
         files = [p.relative_to(folder).as_posix() for p in found]
-        trials = [f for f in files if f.startswith("trials/") and f.endswith(".csv") and "-with-lead-in" not in f]
+        trials = [f for f in files if "/trials/" in f"/{f}" and f.endswith(".csv") and "-with-lead-in" not in f]
         return {
             **self._entry(folder),
             "files": files,
             "trials": [_trial(folder, file) for file in trials],
             "resume": _resume(folder),
+            "link": visible(_link(folder)),
+            "undo": bool(undo_of(folder)),
+            "again": read_json(folder / ORDERED) or None,
         }
 
     def path(self, name: str, inner: str = "") -> Path:
@@ -153,6 +164,44 @@ def _link(folder: Path) -> str:
     return ""
 
 
+def loop_of(folder: Path) -> str:
+    """Return the loop that can be designed from the model of the run in *folder*; empty if there is none."""
+    loop = str(read_json(folder / "summary.json").get("axis", ""))
+    return loop if loop in AXES and (folder / "model.json").is_file() else ""
+
+
+def undo_of(folder: Path) -> tuple[str, ...]:
+    """Return our command line that undoes the run in *folder*; empty if there is nothing to undo.
+
+    A run that did not restore its vehicle is restored. One that kept new gains gets its old parameters back. A
+    simulated vehicle ended with its run.
+    """
+    link = _link(folder)
+    if not link or link.startswith("sitl:"):
+        return ()
+    if not all(_is_settled(path) for path in (*folder.glob("journal.jsonl"), *folder.glob("*/journal.jsonl"))):
+        return ("restore", str(folder))
+    saved = folder / "parameters_before.param"
+    kept = _ending(folder) == "kept"
+    steps = read_json(folder / JOB).get("steps")
+    if isinstance(steps, list):  # a job that was stopped may have kept the gains of a step
+        kept = any(isinstance(step, dict) and step.get("ending") == "kept" for step in steps)
+    return ("params", "restore", str(saved)) if kept and saved.is_file() else ()
+
+
+def _ending(folder: Path) -> str:
+    return str(read_json(folder / "summary.json").get("ending", ""))
+
+
+def _is_settled(journal: Path) -> bool:
+    from gcs_autotune.link import Journal  # half a second, which only this needs
+
+    try:
+        return Journal.read(journal).is_settled
+    except (AutotuneError, OSError):
+        return True  # there is nothing in it to restore from
+
+
 def _resume(folder: Path) -> dict[str, Any] | None:
     """Return the choices on the page that continue a guided run; None if nothing is left to fly.
 
@@ -170,6 +219,25 @@ def _resume(folder: Path) -> dict[str, Any] | None:
         "style": str(job.get("style", "")),
         "dry_run": job.get("dry_run") is True,
     }
+
+
+def packed(folder: Path) -> BinaryIO:
+    """Return the files of a run as a zip, to be read from its beginning.
+
+    Raises
+    ------
+    UsageError
+        The files are too large.
+    """
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.suffix.lower() in KINDS]
+    if sum(path.stat().st_size for path in files) > MOST_BYTES:
+        raise UsageError(f"the run is larger than {MOST_BYTES // (1024 * 1024)} MB. Copy its folder instead")
+    whole = tempfile.TemporaryFile()  # noqa: SIM115  (the response closes it)
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in files:
+            archive.write(path, f"{folder.name}/{path.relative_to(folder).as_posix()}")
+    whole.seek(0)
+    return whole
 
 
 def _plain(path: Path) -> bool:
@@ -218,7 +286,7 @@ def _trial(folder: Path, file: str) -> dict[str, Any]:
     values = [(mark.t, mark.detail.get("value")) for mark in told.marks if mark.kind == "target"]
     return {
         "file": file,
-        "name": visible(told.name or Path(file).stem),
+        "name": visible(" ".join([*Path(file).parts[:-2], told.name or Path(file).stem])),
         "signal": visible(told.meta.signal),
         "force": visible(told.meta.force),
         "reference": told.meta.reference,

@@ -9,14 +9,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from starlette.background import BackgroundTask
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.web.archive import KINDS, Archive
+from gcs_autotune.web.archive import KINDS, STYLED, Archive, loop_of, packed
 from gcs_autotune.web.job import CommandLine
 from gcs_autotune.web.live import Live
 from gcs_autotune_files import whole
@@ -45,6 +46,12 @@ VERBS: Mapping[str, Callable[[Path, Path, str, Path], list[str]]] = {
         f"--dof={dof}",
         f"--out={folder / 'diagnosis'}",
     ],
+    "what-if": lambda folder, file, dof, other: [
+        "design",
+        str(folder),
+        f"--for={loop_of(folder)}",
+        f"--styles={folder / STYLED}",
+    ],
     "compare": lambda folder, file, dof, other: [
         "compare",
         str(file),
@@ -53,8 +60,11 @@ VERBS: Mapping[str, Callable[[Path, Path, str, Path], list[str]]] = {
     ],
 }
 """Operation on a record -> our command line for it, also with the record of another run."""
-REPORTS = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox"
-"""Content security policy of the pages in the folder of runs: any style is allowed, but no script."""
+REPORTS = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; "
+    "sandbox allow-scripts allow-downloads; script-src "
+)
+"""Content security policy of the pages in the folder of runs, except the permitted script: any style is allowed."""
 
 
 class Desk:
@@ -80,6 +90,8 @@ class Desk:
         file = self._record(name)
         if verb == "list" and not entry["log"]:
             file = self._archive.path(name, "telemetry.tlog")
+        if verb == "what-if" and not entry["loop"]:
+            raise UsageError("this run has no model of a loop that can be designed")
         arguments = VERBS[verb](folder, file, dof, self._record(other) if verb == "compare" else folder)
         self._tell(name, verb, "", running=True)
         self._task = asyncio.create_task(self._run(name, verb, arguments, folder))
@@ -154,10 +166,24 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
         kind = KINDS.get(path.suffix.lower())
         if kind is None:
             return JSONResponse({"error": "files of this type are not available"}, 404)
-        headers = {"Content-Security-Policy": REPORTS}
+        from gcs_autotune.report import script_digest  # imported with the first report: it takes a second
+
+        headers = {"Content-Security-Policy": REPORTS + script_digest()}
         if kind == "application/octet-stream":
             return FileResponse(path, media_type=kind, headers=headers, filename=path.name)
         return FileResponse(path, media_type=kind, headers=headers)
+
+    def download(request: Request) -> Response:
+        name = request.path_params["name"]
+        try:
+            whole = packed(archive.path(name))
+        except UsageError as error:
+            return JSONResponse({"error": str(error)}, 404)
+        headers = {"Content-Disposition": f'attachment; filename="{name}.zip"'}
+        pieces = iter(lambda: whole.read(1 << 16), b"")
+        return StreamingResponse(
+            pieces, media_type="application/zip", headers=headers, background=BackgroundTask(whole.close)
+        )
 
     async def drop(request: Request) -> Response:
         announced = request.headers.get("content-length", "")
@@ -184,5 +210,6 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
         return JSONResponse({"ok": True})
 
     looking: list[BaseRoute] = [Route("/runs", runs), Route("/runs/{name}", run)]
+    looking.append(Route("/zip/{name}", download))
     looking.append(Route("/files/{name}/{inner:path}", file))
     return looking, (drop, work)

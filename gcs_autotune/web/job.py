@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.web.live import Live
 from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["JOB", "CommandLine", "Job", "how_it_ended", "page_of", "read_json"]
+__all__ = ["JOB", "CommandLine", "Job", "how_it_ended", "how_the_undo_ended", "page_of", "read_json"]
 
 _LONGEST_LINE = 1 << 22
 _STDERR = 8000
@@ -33,6 +34,9 @@ _MEANINGS: Mapping[int, str] = {
     **{code: meaning for _, code, meaning in EXIT_CODES},
 }
 
+_UNDONE: Mapping[int, str] = {130: "stopped or declined, so not everything was restored"}
+_RESULT = re.compile(r"^\S+: \S+ -> |verified by reading back")
+"""Sentences of a restore that state what was written."""
 JOB = "job.json"
 """File of a guided run with its steps."""
 _ENDINGS: Mapping[str, str] = {
@@ -60,11 +64,14 @@ class CommandLine:
 class Job:
     """One run of our command line with *arguments*, which writes its files to *directory*."""
 
-    def __init__(self, program: CommandLine, arguments: Sequence[str], directory: Path, live: Live) -> None:
+    def __init__(
+        self, program: CommandLine, arguments: Sequence[str], directory: Path, live: Live, *, is_undo: bool = False
+    ) -> None:
         self._program = program
         self._arguments = list(arguments)
         self._directory = directory
         self._live = live
+        self._is_undo = is_undo
         self._process: asyncio.subprocess.Process | None = None
         self._answered: set[int] = set()
         self._errors = ""
@@ -87,7 +94,10 @@ class Job:
         await asyncio.gather(self._listen(self._process), self._overhear(self._process))
         code = await self._process.wait()
         left = self._live.get("left")
-        end = await asyncio.to_thread(how_it_ended, code, self._errors, self._directory, left)
+        if self._is_undo:
+            end = how_the_undo_ended(code, self._errors, self._live.said)
+        else:
+            end = await asyncio.to_thread(how_it_ended, code, self._errors, self._directory, left)
         self._live.put("question", None)
         self._live.put("end", end)
 
@@ -137,9 +147,7 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     ``report`` its page, if any; ``fine`` whether no action is needed; ``put_back`` sentences.
     """
     summary = read_json(directory / "summary.json")
-    marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]
-    said = marked[-1].removeprefix("gcs-autotune: ") if marked else ""
-    reason = said or str(summary.get("reason", "")) or (errors.strip().splitlines() or [""])[-1]
+    reason = _last_error(errors) or str(summary.get("reason", "")) or (errors.strip().splitlines() or [""])[-1]
     fine, craft = _as_to_craft(left, directory)
     return {
         "code": code,
@@ -150,6 +158,24 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
         "report": page_of(directory),
         "put_back": [craft, *_as_to_parameters(directory)],
     }
+
+
+def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str, Any]:
+    """Return the page's summary of a finished undo, as :func:`how_it_ended`; *said* are its sentences."""
+    return {
+        "code": code,
+        "meaning": "the old parameters are restored" if code == 0 else _UNDONE.get(code, "not everything was restored"),
+        "reason": _last_error(errors),
+        "flown": [],
+        "fine": code == 0,
+        "report": "",
+        "put_back": [text for text in said if _RESULT.search(text) and not text.startswith("answered ")],
+    }
+
+
+def _last_error(errors: str) -> str:
+    marked = [line for line in errors.splitlines() if line.startswith("gcs-autotune: ")]
+    return marked[-1].removeprefix("gcs-autotune: ") if marked else ""
 
 
 def _meaning(code: int, *, is_job: bool) -> str:

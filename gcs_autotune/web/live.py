@@ -71,6 +71,11 @@ class Live:
         """Return *key* of the document; None if it has no such key."""
         return self._state.get(key)
 
+    @property
+    def said(self) -> list[str]:
+        """The latest sentences of the tool, without those of the vehicle."""
+        return [words["text"] for words in self._words if words["severity"] is None]
+
     def say(self, text: str, severity: int | None = None) -> None:
         """Add a sentence to the document. With a *severity* it is a message of the vehicle."""
         self._count += 1

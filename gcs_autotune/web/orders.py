@@ -20,7 +20,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import axes_of, limit_of
 from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, ManoeuvreKind, read_area
 from gcs_autotune.registry import lookup
-from gcs_autotune.web.archive import GUIDED, Archive
+from gcs_autotune.web.archive import GUIDED, Archive, undo_of
 
 __all__ = ["RunOrder", "fields", "make_order"]
 
@@ -31,6 +31,8 @@ JOBS: Mapping[str, str] = {
     "fly": "Fly a standard manoeuvre: preview, figures and model; writes no parameter",
 }
 """Job that can be started -> its description in one line."""
+UNDO = "undo"
+"""Job that restores the parameters of before a ``run``. It is offered beside the run, not in the form."""
 _ASKED: Mapping[str, tuple[str, ...]] = {
     "Safety limits": (
         *("max-distance", "max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
@@ -59,11 +61,15 @@ _LONGEST_URI, _LONGEST_AREA = 300, 4000
 
 @dataclass(frozen=True, slots=True)
 class RunOrder:
-    """A run to start: ``arguments`` of our command line, and the ``directory`` for its files."""
+    """A run to start: ``arguments`` of our command line, and the ``directory`` for its files.
+
+    is_undo : whether it restores the vehicle of the run in ``directory``.
+    """
 
     title: str
     arguments: tuple[str, ...]
     directory: Path
+    is_undo: bool = False
 
     @property
     def is_simulated(self) -> bool:
@@ -85,7 +91,7 @@ def fields() -> dict[str, Any]:
     return {
         "link": os.environ.get(LINK_VARIABLE, ""),
         "jobs": [{"name": name, "title": title, "example": _BOAT} for name, title in JOBS.items()],
-        "axes": [{"name": name, "example": kind.example} for name, kind in AXES.items()],
+        "axes": [{"name": name, "example": kind.example, "signal": kind.stepped} for name, kind in AXES.items()],
         "manoeuvres": [_manoeuvre(kind) for kind in MANOEUVRES.values() if kind.make is not None],
         "sides": SIDES,
         "styles": STYLES,
@@ -151,6 +157,8 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
         A value is missing or not valid; the message names the field.
     """
     job, uri = (str(chosen.get(name, "")).strip() for name in ("job", "connect"))
+    if job == UNDO:
+        return _undo(str(chosen.get("run", "")), runs)
     lookup(JOBS, job, "job")
     numbers, dry = chosen.get("numbers") or {}, chosen.get("dry_run") is True
     if job == "fly":
@@ -183,6 +191,16 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
     verb = "tune" if job == GUIDED else job
     title = f"preview of {what}" if job == "fly" and dry else f"{verb} {what}"
     return RunOrder(title, (verb, what, f"--connect={uri}", *words, "--remote"), directory)
+
+
+def _undo(name: str, runs: Path) -> RunOrder:
+    """Return the order that restores the vehicle of the run *name*, over the link of that run."""
+    archive = Archive(runs)
+    folder = archive.path(name)
+    words = undo_of(folder)
+    if not words:
+        raise UsageError("this run has nothing to undo")
+    return RunOrder(f"undo of {name}", (*words, "--remote"), folder, is_undo=True)
 
 
 def _style(chosen: Mapping[str, Any], job: str) -> list[str]:

@@ -89,6 +89,9 @@ _WEIGHT = 0.03
 """Weight in water or buoyancy of an unknown ROV [fraction of full output]; known ROVs have 0.02 to 0.03. Project
 choice."""
 _WAYS: Mapping[str, str] = {"X": "ahead", "Y": "to the side", "Z": "up or down"}
+_TILTING: Mapping[str, tuple[float, float, float]] = {"K": (5.0, 0.08, 0.06), "M": (4.5, 0.1, 0.1)}
+"""Moment -> rate at full output [rad/s], time constant [s] and restoring moment per angle [fraction of full/rad] of an
+unknown ROV: about those of a BlueROV2 Heavy (Benzon2022, table A1). Project choice."""
 
 
 def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
@@ -131,6 +134,9 @@ def nominal_plant(
     drives = settings.kind.drives
     if settings.kind.axis:
         words = f"an assumed, well damped {settings.kind.axis} loop"
+    if tilting := drives & _TILTING.keys():
+        dofs = " and ".join(sorted(DOF_OF[f] for f in tilting))
+        words = f"an assumed {dofs} (more accurate with a --model file)"
     along = [f for f in _WAYS if drives == {f}]
     if along:
         (force,) = along
@@ -188,6 +194,8 @@ def assumed_plant(
         )
     ahead = speed / math.sqrt(throttle) if speed and throttle else like.ahead
     others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], _FULL_SPEED[f], _SIDEWAYS) for f in "YZ"}}
+    for force, (rate, lag, restoring) in _TILTING.items():
+        others[force] = replace(_lively(DOF_OF[force], rate, lag), restoring=restoring)
     if like.gains != SPEED_TIME:
         others["X"] = _lively("surge", ahead, like.gains)
     return NominalPlant(yaw, speed, words, assumed=True, others=others, speed_gain=present.get("ATC_SPEED_P", 0.0))

@@ -53,7 +53,7 @@ __all__ = [
     "steered_meanwhile",
 ]
 
-CHECKED = {"N": "yaw", "X": "surge", "Y": "sway", "Z": "heave"}
+CHECKED = {"N": "yaw", "X": "surge", "Y": "sway", "Z": "heave", "K": "roll", "M": "pitch"}
 """Force -> degree of freedom whose actuator is checked before the force is applied."""
 STAGE = "sign check"
 LEAST_SPEED = 0.25
@@ -446,7 +446,10 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     if idle:
         can = [k.name for k in MANOEUVRES.values() if k.layered and all(map(craft.servos.driving, k.drives))]
         fits = f". It can fly: {', '.join(can)}" if kind.layered else ""
-        raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} needs{fits}")
+        frame = f" on this {firmware.frame_parameter}" if firmware.frame_parameter else ""
+        raise WrongVehicle(
+            f"none of this vehicle's outputs drives {' or '.join(idle)}{frame}, which {kind.name} needs{fits}"
+        )
     if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
         raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering (normalised output)")
 

@@ -25,7 +25,7 @@ RIGHT = Outcome("single", 1, 0, "dead-zone", ["dead-zone"], ["N"], "yaw", 1.0, 2
 
 def test_every_effect_of_the_book_and_of_the_simulator_has_a_recipe_or_a_reason() -> None:
     assert len({*RECIPES, *SURROUNDINGS, *NOT_DRAWN}) == len(RECIPES) + len(SURROUNDINGS) + len(NOT_DRAWN)
-    assert {*RECIPES, *SURROUNDINGS, *NOT_DRAWN} == set(EFFECTS) == set(SIMULATED)
+    assert {*RECIPES, *SURROUNDINGS, *NOT_DRAWN} - {"sea"} == set(EFFECTS) == set(SIMULATED)
 
 
 def test_foreign_effects_are_in_no_book() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import embedded_accuracy
+from benchmarks import embedded_accuracy, thesis_7_5
 from benchmarks.embedded_accuracy import CASE, Result, Row, result_of
 from benchmarks.studies import FOLDER
 from gcs_autotune.study import check_plan, load_plan, open_study
@@ -33,3 +33,40 @@ def test_a_row_of_the_embedded_accuracy_gives_its_result(tmp_path: Path, monkeyp
     rows = open_study(tmp_path / "out").to_dict("records")
     assert len(rows) == 12
     assert all(result_of(row) == results[row[CASE].split()[1]] for row in rows)
+
+
+def relay_row(C: float, x_a: float, beta: float, **other: object) -> dict[str, object]:
+    """A row of the study of Miskovic2010, 7.5: a craft with linear drag *beta*, seen exactly by IS-O."""
+    cycle = {"C": C, "x_a": x_a, "x_a_star": x_a, "X_m": 2.0 * x_a, "x_0": 0.0, "omega": 0.3, "T_H": 10.0, "T_L": 10.0}
+    values = {"argument.n2": 16, "argument.C": C, "argument.x_a": x_a, "valid": True, "ending": "completed"}
+    readings = {f"cycle.{name}": value for name, value in {**cycle, "periods": 5, "scatter": 0.0}.items()}
+    iso = {"iso.alpha": 10.0, "iso.beta": beta, "iso.beta_quadratic": beta / C, "iso.delta": 0.0}
+    fits = {f"{s}.{n}": 10.0 if n == "alpha" else 3.0 for s in thesis_7_5.STRUCTURES for n in ("alpha", "beta", "fit")}
+    return {**values, **readings, **iso, **fits, **other}
+
+
+def test_pairs_of_relays_with_one_output_decide_nothing_and_equal_drags_are_linear() -> None:
+    rows = [relay_row(C, x_a, 3.0) for C in (10.0, 20.0) for x_a in (5.0, 10.0)]
+    assert thesis_7_5.decisions(rows, "none") == (4, 0, 0)
+    quadratic = [relay_row(C, x_a, C) for C in (10.0, 20.0) for x_a in (5.0, 10.0)]
+    assert thesis_7_5.decisions(quadratic, "none") == (0, 4, 0)
+
+
+def test_the_drag_of_a_relay_is_compared_with_least_squares_at_its_speed() -> None:
+    rows = [relay_row(10.0, 5.0, 3.3), relay_row(20.0, 5.0, 3.0), relay_row(25.0, 5.0, 9.0, valid=False)]
+    (drag, constant), (none, same) = thesis_7_5.compared(rows)
+    assert drag == pytest.approx(10.0)
+    assert constant == pytest.approx(10.0 / 3.0 - 10.0 / 3.3)
+    assert (none, same) == (0.0, 0.0)
+
+
+def test_a_day_of_relays_counts_what_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
+    lost = relay_row(10.0, 10.0, 3.0, valid=False, ending="no oscillation")
+    figures = thesis_7_5.figures_of("day 2", [relay_row(10.0, 5.0, 3.0), relay_row(20.0, 5.0, 3.9), lost], 0.8)
+    told = capsys.readouterr().out
+    assert "not valid: n2 = 16 V^2, C = 10 deg, x_a = 10 deg: no oscillation" in told
+    assert "apart: n2 = 16 V^2, C = 20 deg, x_a = 5 deg: drag by 30.0 %" in told
+    shown = {figure.name: figure.value for figure in figures}
+    assert shown["day 2: valid experiments"] == 2
+    assert shown["day 2: error of beta against least squares, largest"] == pytest.approx(30.0)
+    assert not next(f for f in figures if "largest" in f.name).met

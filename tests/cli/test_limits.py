@@ -34,6 +34,7 @@ POSITIONALS = {
     "study report": ("a",),
     "study replay": ("a", "b"),
     "thrusters": ("a.csv",),
+    "navigate": ("a.bin",),
     "laser": ("a.mp4",),
     "track": ("a.mp4", "a.csv"),
     "calibrate laser": ("a.csv",),

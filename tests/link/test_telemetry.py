@@ -24,14 +24,14 @@ fractions = st.floats(-1.0, 1.0).map(lambda x: round(x, 3))
 # --- servo outputs --------------------------------------------------------------------------------
 
 
-@given(fractions, fractions, fractions, fractions)
-def test_mixed_motors_give_back_the_forces(N: float, X: float, Y: float, Z: float) -> None:
+@given(fractions, fractions, fractions, fractions, fractions, fractions)
+def test_mixed_motors_give_back_the_forces(N: float, X: float, Y: float, Z: float, K: float, M: float) -> None:
     assert len(SUB.mixing) >= 3
     for factors in SUB.mixing.values():
         outputs = [Output(i, 1500, 1100, 1900) for i in range(1, len(factors) + 1)]
         servos = ServoMap.of_mixing(outputs, factors)
-        forces = {name: value for name, value in zip("NXYZ", (N, X, Y, Z), strict=True) if name in servos.names}
-        pwms = [1500 + 400 * sum(f.get(n, 0.0) * forces.get(n, 0.0) for n in "NXYZ") for f in factors]
+        forces = {name: value for name, value in zip("NXYZKM", (N, X, Y, Z, K, M), strict=True) if name in servos.names}
+        pwms = [1500 + 400 * sum(f.get(n, 0.0) * forces.get(n, 0.0) for n in "NXYZKM") for f in factors]
         assert servos.forces([*pwms, *[0] * 8]) == pytest.approx(forces, abs=1e-9)
 
 

@@ -65,18 +65,25 @@ def test_held_channels_are_sent_beside_the_driven_ones_and_nudged_with_them() ->
     assert overrides.probe == {1: 1518, 4: 1508}
 
 
-def test_an_rovs_map_drives_its_four_forces_and_holds_pitch_and_roll() -> None:
-    overrides = read_override_map(told(**SUB_MAP, RCMAP_LATERAL=6, RC2_TRIM=1493.0), SUB)
-    assert {force: n for force, (n, _) in overrides.channels.items()} == {"Z": 3, "N": 4, "X": 5, "Y": 6}
-    assert overrides.held == {1: 1500, 2: 1493}
+def test_an_rovs_map_drives_its_six_forces_and_holds_a_roll_stick_without_travel() -> None:
+    known = {**SUB_MAP, "RCMAP_LATERAL": 6}
+    every = {"Z": 3, "N": 4, "X": 5, "Y": 6, "K": 2, "M": 1}
+    overrides = read_override_map(told(**known), SUB)
+    assert {force: n for force, (n, _) in overrides.channels.items()} == every
+    assert not overrides.held
+    overrides = read_override_map(told(**known, RC2_TRIM=1493.0, RC2_MIN=1493.0), SUB)
+    assert {force: n for force, (n, _) in overrides.channels.items()} == {f: n for f, n in every.items() if f != "K"}
+    assert overrides.held == {2: 1493}
     down = overrides.values(Actuate(Z=1.0))
     assert down[3] == 1100, "a stick pulled back dives"
 
 
-@pytest.mark.parametrize(("pitch", "held"), [(4, {2}), (0, {2}), (9, {2}), (8, {2, 8})])
-def test_a_stick_that_is_driven_or_nowhere_is_not_held_besides(pitch: int, held: set[int]) -> None:
+@pytest.mark.parametrize(("pitch", "drives"), [(4, False), (0, False), (9, False), (8, True)])
+def test_a_pitch_stick_that_is_another_forces_or_nowhere_is_left_alone(pitch: int, drives: bool) -> None:
     overrides = read_override_map(told(**{**SUB_MAP, "RCMAP_PITCH": pitch, "RCMAP_LATERAL": 6}), SUB)
-    assert set(overrides.held) == held
+    assert ("M" in overrides.channels) is drives
+    assert overrides.channels["N"][0] == 4
+    assert not overrides.held
 
 
 @pytest.mark.parametrize(("low", "trim", "high"), [(1471.0, 1500.0, 1900.0), (1100.0, 1500.0, 1529.0)])

@@ -29,6 +29,7 @@ class PondCraft:
         self.clock = ManualClock()
         self.gain, self.drag, self.bias = gain, drag, bias
         self.psi = self.r = self.z = self.w = self.speed = self.x = self.v = 0.0
+        self.roll, self.pitch = [0.0, 0.0], [0.0, 0.0]
         self.mode, self.armed = "STABILIZE" if firmware == "ardusub" else "HOLD", False
         self.command: Command = Actuate()
         self.tick = 0
@@ -59,8 +60,10 @@ class PondCraft:
             z=self.z,
             x=self.x,
             y=0.0,
-            phi=self.tilt(),
-            theta=self.tilt(),
+            phi=self.tilt() + self.roll[0],
+            theta=self.tilt() + self.pitch[0],
+            p=self.roll[1],
+            q=self.pitch[1],
             u=self.speed,
             v=self.v,
             speed=self.speed,
@@ -161,6 +164,10 @@ class PondCraft:
         self.psi += dt * self.r
         self.z += dt * self.w
         self.speed += dt * (X - 0.5 * self.speed)
+        for tilt, force in ((self.roll, "K"), (self.pitch, "M")):
+            moment = getattr(self.command, force) if isinstance(self.command, Actuate) else 0.0
+            tilt[1] += dt * (6.0 * moment - 1.5 * tilt[1] - 4.0 * tilt[0])
+            tilt[0] += dt * tilt[1]
 
 
 class BeforeWall(PondCraft):

@@ -42,7 +42,7 @@ from gcs_autotune.trial import Trial
 
 from .pond import BeforeWall, PondCraft, Pushed
 
-FREE = Envelope(heading_excursion=math.inf, depth_excursion=math.inf)
+FREE = Envelope(heading_excursion=math.inf, depth_excursion=math.inf, roll=math.inf, pitch=math.inf)
 SHORT = {"duration": 6.0, "executes": 2.0, "levels": 2.0, "turn": 2.0, "push": 2.0, "f-start": 0.3, "fade-in": 1.0}
 BY_COMMAND: Mapping[str, Callable[[], Manoeuvre]] = {
     "throttle-steps": lambda: ThrottleSteps(ThrottleStepsSettings(0.5)),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from html.parser import HTMLParser
 
+from gcs_autotune.report.toolkit.chart import chart_script
+
 VOID = {"meta", "link", "br", "hr", "img", "input", "path", "use", "rect"}
 
 
@@ -18,6 +20,7 @@ class Page(HTMLParser):
         self.references: list[str] = []
         self.tags: list[str] = []
         self.words: list[str] = []
+        self.scripts: list[str] = []
         self.feed(text)
         self.close()
 
@@ -42,7 +45,12 @@ class Page(HTMLParser):
             self.open.pop()
 
     def handle_data(self, data):
-        self.words.append(data)
+        (self.scripts if self.open and self.open[-1] == "script" else self.words).append(data)
+
+    @property
+    def runs_only_ours(self) -> bool:
+        """Whether the page has no script but that of its charts, if any."""
+        return self.scripts in ([], [chart_script()]) and self.tags.count("script") == len(self.scripts)
 
     @property
     def text(self) -> str:

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from page_reader import Page
 
 from gcs_autotune.identify import fit, validate
 from gcs_autotune.report import MethodOutcome, RunRow, Study, plot, study_document, to_html
@@ -43,7 +44,7 @@ def test_the_page_fetches_nothing_and_is_the_same_twice(study: Study) -> None:
     page = to_html(study_document(study))
     assert page == to_html(study_document(study))
     assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", page)
-    assert "<script" not in page
+    assert Page(page).runs_only_ours
 
 
 def test_the_page_is_well_formed_and_names_are_escaped(study: Study) -> None:
@@ -91,7 +92,7 @@ def test_the_page_draws_the_input_under_every_fit_and_where_the_craft_went(study
     gone = {"x": Channel("x", "m", t, 0.5 * t), "y": Channel("y", "m", t, 0.1 * t)}
     bare = to_html(study_document(study))
     page = to_html(study_document(replace(study, trials=(replace(run, channels={**run.channels, **gone}),))))
-    assert page.count("N [N m]") == 2
+    assert sum(figure.count("N [N m]") for figure in re.findall(r"<svg.*?</svg>", page, re.DOTALL)) == 2
     assert "east [m]; circle: start, square: end" in page
     assert "N [N m]" not in bare
     assert "circle: start" not in bare

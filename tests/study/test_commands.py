@@ -51,6 +51,27 @@ def test_a_case_of_two_commands_is_flown_and_then_identified(tmp_path: Path) -> 
     assert "--no-check" in identify
 
 
+def test_an_experiment_has_the_relay_of_its_case(tmp_path: Path) -> None:
+    text = """
+title = "relays of a boat"
+do = "experiment"
+[fixed]
+vehicle.like = "charlie"
+experiment.axis = "heading"
+experiment.throttle = 0.75
+[vary]
+experiment.relay-output = [0.5, 0.9]
+experiment.relay-hysteresis = [5, 10]
+"""
+    plan = plan_of(tmp_path, text)
+    check_plan(plan, parse)
+    (line,) = commands_of(plan.do, plan[3].given, tmp_path, tmp_path)
+    assert line[:4] == ["experiment", "heading", "--connect", "sitl:charlie"]
+    assert {"--throttle=0.75", "--relay-output=0.9", "--relay-hysteresis=10"} <= set(line)
+    with pytest.raises(BadFile, match=r"vary\.experiment\.relay-output: 5: .*relay-output"):
+        check_plan(plan_of(tmp_path, text.replace("0.9]", "5]")), parse)
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
@@ -150,6 +171,6 @@ def test_the_command_names_the_extra_where_dask_is_missing(
 
 
 def test_every_job_can_be_asked_for() -> None:
-    assert set(JOBS) == {"tune", "fly", "identify", "diagnose"}
+    assert set(JOBS) == {"tune", "experiment", "fly", "identify", "diagnose"}
     with pytest.raises(UsageError):
         list(commands_of("tune", {"seed": 1}, Path(), Path()))

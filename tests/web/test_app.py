@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 import sys
+import time
+import zipfile
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -20,12 +23,15 @@ from gcs_autotune.manoeuvres import MANOEUVRES, ManoeuvreKind
 from gcs_autotune.web import Access, CommandLine, make_app
 from gcs_autotune.web.access import TOKEN_HEADER
 from gcs_autotune.web.app import FILES, STATIC
-from gcs_autotune.web.job import Job, how_it_ended
+from gcs_autotune.web.archive import loop_of
+from gcs_autotune.web.desk import VERBS
+from gcs_autotune.web.job import Job, how_it_ended, how_the_undo_ended
 from gcs_autotune.web.live import Live
 from gcs_autotune.web.orders import fields, make_order
 
 SCRIPT = Path(__file__).with_name("scripted_run.py")
 PROGRAM = CommandLine((sys.executable, str(SCRIPT)))
+NOW = datetime(2026, 11, 23)
 OURS = {TOKEN_HEADER: "none"}
 HEADING = {"job": "tune", "axis": "heading", "connect": "udpin:127.0.0.1:14550"}
 
@@ -341,6 +347,92 @@ def test_the_end_of_a_guided_run_states_what_each_step_left(tmp_path: Path) -> N
         "loop 2: not flown.",
     ]
     assert not how_it_ended(130, "", folder, None)["fine"]  # a step was flown, and how it left the craft is unknown
+
+
+def kept_run(folder: Path, link: str, *, settled: bool = True, ending: str = "kept") -> Path:
+    """Write a run that changed a gain of the vehicle on *link*."""
+    folder.mkdir()
+    lines: list[dict[str, Any]] = [{"event": "opened", "time": "2026-11-26T21:19:09+00:00", "schema": 1, "link": link}]
+    lines += [{"event": "closed", "time": "2026-11-26T21:20:09+00:00"}] * settled
+    (folder / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (folder / "summary.json").write_text(json.dumps({"title": "tune heading", "ending": ending}))
+    (folder / "parameters_before.param").write_text("ATC_STR_RAT_P,0.2\n")
+    return folder
+
+
+def test_a_run_that_kept_its_gains_is_undone_by_restoring_its_parameters(tmp_path: Path) -> None:
+    folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0")
+    with client_of(tmp_path) as one:
+        assert one.get("/runs/lake").json()["undo"]
+    args = make_parser().parse_args(list(make_order({"job": "undo", "run": "lake"}, tmp_path, NOW).arguments))
+    assert (args.action, args.file, args.remote, args.yes) == (
+        "restore",
+        folder / "parameters_before.param",
+        True,
+        False,
+    )
+
+
+def test_a_run_that_did_not_restore_its_vehicle_is_restored_as_by_the_command(tmp_path: Path) -> None:
+    folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0", settled=False, ending="aborted")
+    args = make_parser().parse_args(list(make_order({"job": "undo", "run": "lake"}, tmp_path, NOW).arguments))
+    assert (args.command, args.run, args.yes) == ("restore", folder, False)
+
+
+@pytest.mark.parametrize(("link", "ending"), [("sitl:charlie", "kept"), ("/dev/ttyUSB0", "restored"), ("", "kept")])
+def test_nothing_is_undone_where_nothing_was_kept_or_the_vehicle_is_gone(
+    tmp_path: Path, link: str, ending: str
+) -> None:
+    kept_run(tmp_path / "lake", link, ending=ending)
+    with pytest.raises(UsageError, match="nothing to undo"):
+        make_order({"job": "undo", "run": "lake"}, tmp_path, NOW)
+
+
+def test_a_run_with_the_model_of_a_loop_offers_what_if_and_its_proof_is_a_tune_from_that_model(
+    tmp_path: Path,
+) -> None:
+    folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0")
+    assert loop_of(folder) == ""
+    (folder / "summary.json").write_text(json.dumps({"axis": "heading"}))
+    assert loop_of(folder) == ""
+    (folder / "model.json").write_text("{}")
+    with client_of(tmp_path) as one:
+        entry = one.get("/runs/lake").json()
+    words = VERBS["what-if"](folder, folder, "yaw", folder)
+    args = make_parser().parse_args(words)
+    assert (args.loop, args.styles, entry["loop"]) == ("heading", folder / "styles.json", "heading")
+    proof = {"job": "tune", "axis": entry["loop"], "style": "quick", "model": "lake/model.json"}
+    tune = make_parser().parse_args(list(make_order({**proof, "connect": entry["link"]}, tmp_path, NOW).arguments))
+    assert (tune.style, tune.model, tune.connect, tune.yes) == ("quick", folder / "model.json", "/dev/ttyUSB0", False)
+
+
+def test_a_run_is_downloaded_whole_without_files_that_are_not_of_a_run(tmp_path: Path) -> None:
+    (kept_run(tmp_path / "lake", "/dev/ttyUSB0") / "signing.key").write_text("secret")
+    with client_of(tmp_path) as one:
+        answer = one.get("/zip/lake")
+        assert one.get("/zip/%2e%2e").status_code == 404
+    with zipfile.ZipFile(io.BytesIO(answer.content)) as whole:
+        names = [f"lake/{name}" for name in ("journal.jsonl", "parameters_before.param", "summary.json")]
+        assert whole.namelist() == names
+
+
+def test_what_was_chosen_for_a_run_is_kept_with_it_to_start_it_again(client: TestClient) -> None:
+    with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        name = client.post("/start", json=HEADING, headers=OURS).json()["name"]
+        Viewer(socket).until("question")
+        client.post("/stop", headers=OURS)
+        while not (again := client.get(f"/runs/{name}").json()["again"]):
+            time.sleep(0.02)
+    assert again == HEADING
+
+
+def test_an_undo_asks_first_and_its_end_lists_what_was_restored() -> None:
+    said = ["connected", "answered yes: Write P 2 -> 1?", "P: 2 -> 1", "1 parameters changed, verified by reading back"]
+    end = how_the_undo_ended(0, "", said)
+    assert end["fine"] and end["put_back"] == said[2:]
+    declined = how_the_undo_ended(130, "gcs-autotune: nothing was written: the answer was no\n", said[:1])
+    assert (declined["fine"], declined["put_back"]) == (False, [])
+    assert declined["reason"] == "nothing was written: the answer was no"
 
 
 def test_a_new_step_begins_without_the_proposal_of_the_last_one() -> None:

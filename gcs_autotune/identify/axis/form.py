@@ -30,8 +30,10 @@ __all__ = [
     "Explicit",
     "ExplicitForm",
     "Structure",
+    "as_coupled",
     "as_extended",
     "axis_form",
+    "derivatives_of",
     "structure_of",
 ]
 
@@ -128,11 +130,15 @@ class ExplicitForm(Form):
 def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bool, delay: float | None = 0.0) -> Form:
     """Return the form of one degree of freedom with the drag *structure* and the input *input_name*.
 
+    In roll and pitch it includes the restoring moment of weight and buoyancy.
+
     normalised : whether the input is a fraction of full output (unit 1).
     delay : fixed value [s]. 0 omits the delay, None makes it a free parameter.
     """
     names = dof.derivative_names()
     free = [n for n, on in zip(names[:4], FREE[structure], strict=True) if on]
+    if dof.restored:
+        free.append(dof.restoring_derivative)
     known = {} if not delay else {"delay": float(delay)}
     return Form(
         name=f"{dof.name}/{structure}",
@@ -146,15 +152,28 @@ def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bo
     )
 
 
+def derivatives_of(axis: SingleDof) -> dict[str, float]:
+    """Return name -> value of the derivatives of *axis*, its delay and, in roll and pitch, its restoring moment."""
+    dof = axis.axis
+    numbers = (axis.alpha, axis.beta, axis.beta_quadratic, axis.delta, axis.delay)
+    values = {n: s * v for n, s, v in zip(dof.derivative_names(), SIGNS, numbers, strict=True)}
+    return values | ({dof.restoring_derivative: -axis.restoring} if dof.restored else {})
+
+
+def as_coupled(axis: SingleDof, input_name: str) -> CoupledModel:
+    """Return *axis*, driven by *input_name*, as a coupled model with the same delay."""
+    values = derivatives_of(axis)
+    form = axis_form(axis.axis, input_name, "affine", normalised=axis.input_unit == "1", delay=axis.delay)
+    return CoupledModel(form, {n: values[n] for n in form.parameters})
+
+
 def as_extended(axis: SingleDof) -> ExtendedModel:
     """Return *axis* as a coupled model with effects, in which its delay is the effect ``input-delay``."""
     dof = axis.axis
     channel = "delta" if axis.input_unit == "rad" else dof.force
     structure: Structure = "affine" if axis.beta_quadratic else "linear"
     form = axis_form(dof, channel, structure, normalised=axis.input_unit == "1")
-    numbers = (axis.alpha, axis.beta, axis.beta_quadratic, axis.delta)
-    names = dof.derivative_names()[:4]
-    values = {n: s * v for n, s, v in zip(names, SIGNS, numbers, strict=False)}
+    values = derivatives_of(axis)
     base = CoupledModel(form, {n: values[n] for n in form.parameters})
     delay = (EffectInstance("input-delay", channel, {"delay": axis.delay}),) if axis.delay > 0.0 else ()
     return ExtendedModel(base, delay)

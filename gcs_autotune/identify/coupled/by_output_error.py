@@ -13,6 +13,7 @@ from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.limits import OPTIONS, horizon_of, limits_of
 from gcs_autotune.identify.coupled.local import Delayed, fit_with_delay, local_fit
+from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import FittedDelay, Gains, doubts_about
 from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, solution_extra
@@ -23,7 +24,7 @@ from gcs_autotune.identify.problems.problem import Problem
 from gcs_autotune.identify.problems.quick_fit import quanta_of
 from gcs_autotune.identify.problems.solution import solve
 from gcs_autotune.identify.problems.stamp_correction import corrected
-from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.result import AxisFit, Fit
 from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["METHOD", "fit_coupled_by_output_error", "outcome", "with_known_delay"]
@@ -135,10 +136,21 @@ def _doubts(chosen: Delayed, limits: Limits) -> list[Doubt]:
     )
 
 
+def fit_axis_by_output_error(case: Case) -> AxisFit:
+    """Return the output-error fit of one degree of freedom.
+
+    Roll and pitch have a restoring moment, which the exact simulation of the other degrees of freedom does not contain.
+    They are fitted as forms.
+    """
+    if case.records[0].dof.restored:
+        return for_axis(fit_coupled_by_output_error, fits_delay=True)(case)
+    return fit_by_output_error(case)
+
+
 METHOD = Method(
     "output-error",
     "maximum likelihood fit of the simulated to the measured motion",
-    axis=fit_by_output_error,
+    axis=fit_axis_by_output_error,
     coupled=fit_coupled_by_output_error,
     options=OPTIONS,
     bears=frozenset({"stamps", "rounding", "robust", "delay", "effects", "lever arm"}),

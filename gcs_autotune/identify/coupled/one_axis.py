@@ -100,22 +100,27 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
 
 def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:
     """Return the model in physical parameters and their table, from the fit of a form of one axis."""
-    names = dof.derivative_names()
+    names: tuple[str, ...] = dof.derivative_names()
+    all_signs: tuple[float, ...] = SIGNS
+    if dof.restored:
+        names, all_signs = (*names, dof.restoring_derivative), (*SIGNS, -1.0)
     order = list(fit.parameters)
-    values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]
+    values = [s * fit.parameters[n].value if n in order else 0.0 for n, s in zip(names, all_signs, strict=True)]
     places = [i for i, n in enumerate(names) if n in order]
-    at, signs = [order.index(names[i]) for i in places], np.array(SIGNS)[places]
-    covariance = np.zeros((5, 5))
+    at, signs = [order.index(names[i]) for i in places], np.array(all_signs)[places]
+    covariance = np.zeros((len(names),) * 2)
     covariance[np.ix_(places, places)] = np.outer(signs, signs) * fit.covariance[np.ix_(at, at)]
     bounds = [fit.parameters[n].bound if n in order else math.nan for n in names]
     model = SingleDof(dof.name, unit, *(float(v) for v in values))
     status: list[Status] = ["fitted" if on else "absent" for on in FREE[structure]]
-    status.append(fit.parameters["delay"].status if "delay" in order else "absent")
+    status += [fit.parameters[n].status if n in order else "absent" for n in names[4:]]
     return model, axis_table(model, covariance, status, bounds)
 
 
-def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
+def for_axis(method: Callable[[Case], Fit[Model]], *, fits_delay: bool = False) -> Callable[[Case], AxisFit]:
     """Return a method for single axes that uses *method*, which fits forms.
+
+    fits_delay : whether *method* fits an unknown delay.
 
     Without a requested structure, all three drag structures are fitted. The one whose free run has the lowest Bayesian
     information criterion is kept. The other structures are listed in ``candidates``.
@@ -123,12 +128,12 @@ def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
 
     def fit_one_axis(case: Case) -> AxisFit:
         if case.structure is not None:
-            return axis_fit(case, case.structure, method(case.as_form(case.structure)))
+            return axis_fit(case, case.structure, method(case.as_form(case.structure, fits_delay=fits_delay)))
         found: list[tuple[float, AxisFit]] = []
         candidates: list[StructureFit] = []
         for structure in FREE:
             try:
-                fit = axis_fit(case, structure, method(case.as_form(structure)))
+                fit = axis_fit(case, structure, method(case.as_form(structure, fits_delay=fits_delay)))
             except NotInformative:
                 continue
             n = sum(len(t.t) for t in fit.traces)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.axis.form import SIGNS, axis_form, structure_of
+from gcs_autotune.identify.axis.form import SIGNS, axis_form, derivatives_of, structure_of
 from gcs_autotune.identify.problems.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.problems.likelihood import Limits, Objective
 from gcs_autotune.identify.problems.problem import Problem
@@ -153,17 +153,16 @@ def model_delay(form: Form, theta: Array) -> float:
 def _of_axis(fit: AxisFit, runs: Sequence[Trial]) -> tuple[Form, Array, tuple[str, ...], tuple[str, ...], Array]:
     model = fit.model
     dof = DOFS[model.dof]
-    labels, derivatives = tuple(fit.parameters), dof.derivative_names()
+    labels, values = tuple(fit.parameters), derivatives_of(model)
+    derivatives, signs = tuple(values), (*SIGNS, -1.0)
     fitted = [fit.parameters[n].status == "fitted" for n in labels]
     delay = None if fitted[4] else model.delay
     input_name = prepare(runs[0], dof)[0].input_names[0]
     form = axis_form(dof, input_name, structure_of(fit.structure), normalised=model.input_unit == "1", delay=delay)
-    numbers = (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
-    values = {n: s * v for n, s, v in zip(derivatives, SIGNS, numbers, strict=True)}
     theta = np.array([values[n] for n in form.parameters])
     at = [i for i, n in enumerate(derivatives) if fitted[i] and n in form.free]
     free = tuple(derivatives[i] for i in at)
-    return form, theta, free, tuple(labels[i] for i in at), np.array([SIGNS[i] for i in at])
+    return form, theta, free, tuple(labels[i] for i in at), np.array([signs[i] for i in at])
 
 
 def _signals(fit: Fit[Model], form: Form, run: Trial) -> tuple[str, ...] | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import TelemetryFault
-from gcs_autotune.firmware import ServoMap
+from gcs_autotune.firmware import LEVELLING, ServoMap
 from gcs_autotune.frames import flat, to_body
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog
@@ -71,6 +71,7 @@ class Recorder:
         channels = {
             name: Channel(name, UNITS.get(name, "1"), np.array(times), np.array(column))
             for name, (times, column) in self._samples.items()
+            if name not in LEVELLING or any(column)
         }
         details = {**meta, "late_samples": self.late} if self.late else dict(meta)
         return Trial(self._name or "", channels, tuple(self._marks), ending, reason, details)
@@ -405,6 +406,8 @@ def observation(session: Session, telemetry: Telemetry, mode: str) -> Observatio
         r=value("r"),
         phi=value("phi"),
         theta=value("theta"),
+        p=value("p"),
+        q=value("q"),
         x=value("x"),
         y=value("y"),
         z=value("z"),

@@ -104,33 +104,38 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     PreconditionFailed
         Its RC limits leave no usable range, it ignores overrides, or it would keep the last one for ever.
     """
-    settings = parameters.read_existing(["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle])
+    settings = parameters.read_existing(["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values()])
     _check_expiry(settings.get("RC_OVERRIDE_TIME"))
     if int(settings.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
         raise PreconditionFailed(
             f"RC_OPTIONS is {settings['RC_OPTIONS']:g}: its bit 1 makes the vehicle ignore overrides. "
             f"Set it to {int(settings['RC_OPTIONS']) & ~_IGNORE_OVERRIDES} and try again"
         )
-    numbers = {force: _channel(settings, firmware, force) for force in firmware.channels}
-    idle = [int(settings.get(name, number)) for name, number in firmware.idle.items()]
+    numbers = {f: _channel(settings, firmware, f) for f in firmware.channels if f not in firmware.levelling}
+    for force in firmware.levelling:
+        number = int(settings.get(firmware.rc_map[force], firmware.channels[force]))
+        if 1 <= number <= _CHANNELS and number not in numbers.values():
+            numbers[force] = number
     fields = ("MIN", "TRIM", "MAX", "DZ", "REVERSED")
     names = {n: [f"RC{n}_{field}" for field in fields] for n in numbers.values()}
-    trims = {n: f"RC{n}_TRIM" for n in idle if n not in names and 1 <= n <= _CHANNELS}
-    values = parameters.read_all([*(name for group in names.values() for name in group), *trims.values()])
-    channels = {}
+    values = parameters.read_all(name for group in names.values() for name in group)
+    channels, held = {}, {}
     for force, number in numbers.items():
         low, trim, high, dead_zone, is_reversed = (values[name] for name in names[number])
         dead_zone = dead_zone if firmware.manual_dead_zone else 0.0
         if force in firmware.from_one_end and not settings.keys() & set(firmware.rc_map.values()):
             trim = _middle(number, low, trim, high, is_reversed != 0.0)
         if not low + dead_zone < trim < high - dead_zone:
+            if force in firmware.levelling:
+                held[number] = round(trim)
+                continue
             raise PreconditionFailed(
                 f"RC{number}_MIN {low:g}, TRIM {trim:g}, MAX {high:g}, DZ {dead_zone:g} leave no travel on both "
                 "sides of neutral. Calibrate the radio first"
             )
         sign = firmware.channel_signs[force] * (-1.0 if is_reversed else 1.0)
         channels[force] = (number, RcChannel(low, trim, high, dead_zone, sign))
-    return OverrideMap(channels, {n: round(values[name]) for n, name in trims.items()})
+    return OverrideMap(channels, held)
 
 
 def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool) -> float:

@@ -204,7 +204,7 @@ def draw_flight(
     measured, unit = scaled(before.measured, before.unit)
     dots = finite(before.t - start, measured)
     every = -(-len(dots) // MOST_DOTS) or 1
-    top.plot(dots.t[::every], dots.y[::every], ".", ms=4.0, color=INK, label="measured")
+    top.plot(dots.t[::every], dots.y[::every], ".", ms=4.0, color=FAINT, label="measured")
     for trace, colour, label in ((before, BEFORE, "simulation"), (after, AFTER, "extended simulation")):
         if trace is None:
             continue

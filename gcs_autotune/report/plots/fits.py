@@ -27,7 +27,7 @@ __all__ = ["draw_trace", "fit_plot", "label_as_read", "plot_trace"]
 
 Array = NDArray[np.float64]
 
-MEASURED, MODEL, BAND, INK = "#d55e00", "#0072b2", "#9ecae1", "#222222"
+MEASURED, MODEL, BAND, INK = "#8a8a8a", "#0072b2", "#9ecae1", "#222222"
 """Colours of measurement, model, uncertainty band and residual, from the colour-blind-safe palette of Okabe2008."""
 
 MOST_POINTS = 900

@@ -110,7 +110,9 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     said = [_DAMPING[fit.structure]]
     if model.beta != 0.0 and fit.structure != "nonlinear":
         said.append(f"At low speed, motion decays with a time constant of {format_seconds(model.alpha / model.beta)}.")
-    if model.input_unit == "1":
+    if axis.restored:
+        said.extend(_restoring_sentence(model))
+    elif model.input_unit == "1":
         said.extend(_top_speed(fit, unit))
     said.extend(_actuator_sentence(fit, own) for own in fit.effects)
     output = _most_flown(fit)
@@ -126,6 +128,14 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
     shown = trace.unit if trace is not None and trace.unit else axis.position_unit
     return (*said, remainder_sentence(left, shown))
+
+
+def _restoring_sentence(model: SingleDof) -> list[str]:
+    """Return a sentence on the natural oscillation of a craft that is pulled back to level, without drag."""
+    if not model.restoring * model.alpha > 0.0:
+        return ["No restoring moment is visible: the craft does not come back to level by itself."]
+    period = math.tau * math.sqrt(model.alpha / model.restoring)
+    return [f"Released at an angle, it oscillates about level with a period of {format_seconds(period)}."]
 
 
 _MUCH = 0.02
@@ -311,6 +321,7 @@ def meanings(fit: AxisFit) -> dict[str, str]:
     """Return name -> meaning of the parameters of one axis."""
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
     found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
+    found[fit.model.axis.restoring_name] = "restoring moment per angle"
     for own in fit.effects:
         found |= {own.label_of(q.name): q.meaning for q in EFFECTS[own.slug].parameters}
     return found

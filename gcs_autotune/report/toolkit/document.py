@@ -95,7 +95,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure of the page.
+    """A figure of the page: an interactive chart on the screen, and SVG on paper and without scripts.
 
     name : unique on the page. draw : returns the matplotlib figure, or None if there is nothing to plot.
     """

@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 
 from gcs_autotune.report.toolkit.canvas import pens, to_svg
+from gcs_autotune.report.toolkit.chart import chart_script, to_chart
 from gcs_autotune.report.toolkit.document import Document, Figure, Note, Part, Section, Table, is_empty
 from gcs_autotune.untrusted_text import visible
 
@@ -19,10 +20,11 @@ __all__ = ["drawn", "to_html"]
 
 @dataclass(frozen=True, slots=True)
 class _Drawn:
-    """A figure as SVG."""
+    """A figure as SVG, and as data of an interactive chart; empty if it has none."""
 
     caption: str
     svg: Markup
+    chart: str = ""
 
 
 _Blocks = tuple[tuple[str, object], ...]
@@ -64,6 +66,7 @@ def to_html(document: Document) -> str:
         lead_figures=[one for figure in document.lead_figures for one in drawn(figure)],
         sections=[laid for laid in sections if not laid.folded],
         folded=[laid for laid in sections if laid.folded],
+        script=lambda: Markup(chart_script()),
     )
     return visible(page, keep="\n\t\u00ad") + "\n"
 
@@ -90,11 +93,12 @@ def _blocks(parts: Sequence[Part]) -> Iterator[tuple[str, object]]:
 
 
 def drawn(figure: Figure) -> Iterator[_Drawn]:
-    """Yield *figure* as an SVG element, if there is anything to plot."""
+    """Yield *figure* as an SVG element and an interactive chart, if there is anything to plot."""
     with pens(figure.name):
         drawing = figure.draw()
         if drawing is not None:
-            yield _Drawn(figure.caption, to_svg(drawing, figure.name, figure.caption))
+            svg = to_svg(drawing, figure.name, figure.caption)
+            yield _Drawn(figure.caption, svg, to_chart(drawing))
 
 
 def _is_wide(table: Table) -> bool:

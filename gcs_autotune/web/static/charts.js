@@ -23,6 +23,46 @@ function makePlot(node, series, least, legend, label) {
   }, [[], ...series.map(() => [])], node);
 }
 
+// The proof of a tune: the same step with the old and the new gains, from the moment of the step.
+export function drawProof(node, before, after, signal) {
+  const kind = about(signal), sides = [before, after].map((rows) => fromStep(rows, kind.factor));
+  const line = (label, name, dash) => ({ label, stroke: css(name), width: 2, dash, points: { show: false }, spanGaps: true });
+  const axis = { stroke: css("soft"), grid: { stroke: css("faint"), width: 1 }, ticks: { stroke: css("faint") } };
+  const [old, made] = sides;
+  return new uPlot({
+    width: node.clientWidth, height: 220, cursor: { show: false }, legend: { show: true, live: false },
+    scales: { x: { time: false } }, axes: [{ ...axis, size: 34 }, { ...axis, size: 52 }],
+    series: [{}, line("target", "wanted", [8, 5]), line("before", "soft"), line("after", "measured")],
+  }, uPlot.join([[made.t, made.target], [old.t, old.value], [made.t, made.value]]), node);
+}
+
+// What a style would do: the step with the present and the new gains, and the output for it. Returns the plots.
+export function drawStyle(node, step, signal) {
+  const k = about(signal).factor, axis = { stroke: css("soft"), grid: { stroke: css("faint"), width: 1 }, ticks: { stroke: css("faint") } };
+  const line = (label, name, dash, width = 2) => ({ label, stroke: css(name), width, dash, points: { show: false } });
+  const plot = (series, data, height) => new uPlot({
+    width: node.clientWidth, height, cursor: { show: false }, legend: { show: true, live: false },
+    scales: { x: { time: false } }, axes: [{ ...axis, size: 34 }, { ...axis, size: 52 }], series: [{}, ...series],
+  }, data, node);
+  const scaled = (values) => values.map((v) => v * k);
+  return [
+    plot([line("target", "wanted", [8, 5]), line("present gains", "soft"), line("new gains", "measured"),
+      line("95 % range: low", "measured", [2, 4], 1), line("high", "measured", [2, 4], 1)],
+    [step.t, step.t.map(() => step.size * k), ...["before", "after", "low", "high"].map((name) => scaled(step[name]))], 230),
+    plot([line("output [% of full]", "measured")], [step.t, step.output.map((v) => 100 * v)], 150),
+  ];
+}
+
+function fromStep(rows, factor) {
+  const shown = rows.filter((r) => r[2] !== null && r[3] !== null);
+  let at = shown.findIndex((r, k) => k > 0 && r[3] !== shown[k - 1][3]);
+  const base = at > 0 ? shown[at - 1][3] : shown[0][2];
+  if (at < 0) at = 0;
+  const from = Math.max(0, at - 40), t0 = shown[at][1];
+  const part = shown.slice(from);
+  return { t: part.map((r) => r[1] - t0), value: part.map((r) => (r[2] - base) * factor), target: part.map((r) => (r[3] - base) * factor) };
+}
+
 function spread(low, high, least) {
   if (low === null || high === null) return [-least, least];
   const middle = (low + high) / 2, half = Math.max((high - low) * 0.55, least);

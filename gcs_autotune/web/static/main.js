@@ -1,8 +1,10 @@
 // The page: what is known is shown, as text and never as HTML; STOP; questions.
 import { about, draw, forget, resize } from "./charts.js";
 import { apply, connect, empty, link, post, token } from "./state.js";
-import { make, models } from "./start.js";
+import { offer } from "./result.js";
+import { fill, make, models } from "./start.js";
 import * as runs from "./runs.js";
+import * as whatIf from "./whatif.js";
 
 const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, wantStop = 0, refused = "", view = "live";
@@ -172,7 +174,7 @@ function showBar() {
   $("progress-done").style.width = `${done}%`;
   const button = $("stop"), stopping = running() && (state.stopping || wantStop);
   button.disabled = !running() || !mayTouch;
-  $("resume").disabled = running() || !mayTouch;
+  for (const each of document.querySelectorAll(".starts")) each.disabled = !does.may();
   button.classList.toggle("stopping", Boolean(stopping));
   say("stop", stopping ? "STOPPING: restoring the vehicle" : "STOP");
   document.title = `${stopping ? "STOPPING – " : running() ? "▶ " : ""}gcs-autotune`;
@@ -246,25 +248,25 @@ function showEnd() {
   say("end-reason", end.meaning.startsWith(end.reason) ? "" : end.reason);
   if ($("put-back").dataset.of === state.run.begun) return;
   $("put-back").dataset.of = state.run.begun;
-  $("end-resume").hidden = true;
+  $("end-offer").replaceChildren();
   offerMore(state.run.name);
   $("flown").replaceChildren(...items(end.flown || []));
   $("put-back").replaceChildren(...items(end.put_back));
+  $("put-back-title").hidden = !end.put_back.length;
 }
 
 // What can follow the run: it is asked of the archive, which a reload finds as it is.
-let next = null;
+const does = {
+  may: () => mayTouch && !running(),
+  read: runs.parse,
+  again: (chosen) => { fill(chosen); look("start"); },
+  started: () => look("live"),
+  refused: (why) => { refused = why; show(); },
+};
 async function offerMore(name) {
   const answer = await fetch(`runs/${encodeURIComponent(name)}`).catch(() => null);
-  if (!answer || !answer.ok || !state.run || state.run.name !== name) return;
-  next = await answer.json();
-  $("end-resume").hidden = !next.resume;
+  if (answer && answer.ok && state.run && state.run.name === name) offer($("end-offer"), await answer.json(), does);
 }
-$("resume").onclick = async () => {
-  const answer = await post("start", next.resume);
-  refused = answer.ok ? "" : `Not continued: ${answer.error}`;
-  show();
-};
 
 let drawn = 0;
 function show() {
@@ -320,7 +322,8 @@ async function begin() {
   say("version", fields.version);
   mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
   make(fields, () => look("live"));
-  runs.make(fields.dofs, () => { if (mayTouch) look("runs"); return mayTouch; });
+  whatIf.make(fields);
+  runs.make(fields.dofs, does, () => { if (mayTouch) look("runs"); return mayTouch; });
   show();
 }
 begin().catch(() => setTimeout(() => location.reload(), 3000));

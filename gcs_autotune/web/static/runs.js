@@ -1,13 +1,15 @@
 // What is on disk: runs and dropped logs, their replay on the charts of the live view, and work on them.
 import { draw, forget, resize } from "./charts.js";
+import { offer } from "./result.js";
+import * as whatIf from "./whatif.js";
 import { empty, post, token } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 const MOST_ROWS = 6000;
-const VERBS = ["list", "identify", "diagnose", "compare"];
+const VERBS = ["list", "identify", "diagnose", "compare", "what-if"];
 let entries = [];
-let entry = null, touch = () => false, desk = null, replay = null;
+let does = null, entry = null, touch = () => false, desk = null, replay = null;
 
 function item(...nodes) {
   const node = document.createElement("li");
@@ -26,7 +28,8 @@ function press(text, act) {
 
 const address = (name, file) => `files/${encodeURIComponent(name)}/${file.split("/").map(encodeURIComponent).join("/")}`;
 
-export function make(dofs, mayTouch) {
+export function make(dofs, doing, mayTouch) {
+  does = doing;
   touch = mayTouch;
   $("dof").replaceChildren(...dofs.map((dof) => new Option(dof, dof)));
   for (const verb of VERBS) $(`work-${verb}`).onclick = () => work(verb);
@@ -101,6 +104,8 @@ async function open(name) {
   if (!entry.trials.length) $("trials").replaceChildren(item("This run contains no record to replay."));
   $("files").replaceChildren(...entry.files.map((file) => item(report(entry.name, file, file))));
   others();
+  offer($("entry-offer"), entry, does);
+  whatIf.show(entry, does);
   $("entry").scrollIntoView({ block: "nearest" });
 }
 

@@ -37,10 +37,10 @@ export function make(fields, started) {
 }
 
 // The models that runs and the desk have left; none chosen: the run finds its own.
-export async function models() {
+export async function models(wanted = null) {
   const { entries } = await fetch("runs").then((answer) => answer.json()).catch(() => ({ entries: [] }));
   const found = entries.flatMap((each) => (each.models || []).map((file) => `${each.name}/${file}`));
-  const before = $("model").value;
+  const before = wanted ?? $("model").value;
   $("model").replaceChildren(option("", "none"), ...found.map((path) => option(path, path)));
   $("model").value = found.includes(before) ? before : "";
 }
@@ -53,6 +53,20 @@ function chosen() {
     first_to: $("first-to").value, area: $("area").value.trim(), model: $("model").value, connect: $("connect").value.trim(),
     dry_run: $("dry").checked, fetch_log: $("fetch").checked, numbers,
   };
+}
+
+// The same choices again, to be looked through before they are started.
+export function fill(choice) {
+  const ids = { job: "job", axis: "axis", manoeuvre: "manoeuvre", style: "style", first_to: "first-to", area: "area", connect: "connect" };
+  for (const [name, id] of Object.entries(ids)) if (choice[name]) $(id).value = choice[name];
+  $("dry").checked = choice.dry_run === true;
+  $("fetch").checked = choice.fetch_log === true;
+  forces();
+  if (choice.force) $("force").value = choice.force;
+  offer();
+  for (const node of document.querySelectorAll("#numbers input")) node.value = (choice.numbers || {})[node.name] || "";
+  models(choice.model || "");
+  offer();
 }
 
 const manoeuvre = () => table.manoeuvres.find((each) => each.name === $("manoeuvre").value);
