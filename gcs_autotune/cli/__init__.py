@@ -68,7 +68,8 @@ COMMANDS: Mapping[str, Verb] = {
     "study": Verb("run many simulated cases over ranges of numbers (needs gcs-autotune[study])", "study_cmd"),
     "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),
     "laser": Verb("measure distance and angle to a wall from two laser dots in a video", "laser_cmd"),
-    "calibrate": Verb("calibrate the lasers of `laser`", "calibrate_cmd"),
+    "track": Verb("make a run from a video of the craft from above and its log", "track_cmd"),
+    "calibrate": Verb("calibrate the lasers of `laser`, or the camera of `track`", "calibrate_cmd"),
     "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),
     "navigate": Verb("fuse the sensors of a log into motion at the centre of gravity, for identify", "navigate_cmd"),
     "export": Verb(

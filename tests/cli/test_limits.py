@@ -36,6 +36,7 @@ POSITIONALS = {
     "thrusters": ("a.csv",),
     "navigate": ("a.bin",),
     "laser": ("a.mp4",),
+    "track": ("a.mp4", "a.csv"),
     "calibrate laser": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
