@@ -34,6 +34,7 @@ ROOMS = (
     "gcs_autotune/manoeuvres",
     "gcs_autotune/mavlink",
     "gcs_autotune/models",
+    "gcs_autotune/navigation",
     "gcs_autotune/report",
     "gcs_autotune/research",
     "gcs_autotune/seatrials",

@@ -63,12 +63,14 @@ COMMANDS: Mapping[str, Verb] = {
         "recheck_cmd",
     ),
     "compare": Verb("show several runs of one craft side by side, and what changed", "compare_cmd"),
+    "share": Verb("pack a run into one file to send to others", "share_cmd"),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
     "study": Verb("run many simulated cases over ranges of numbers (needs gcs-autotune[study])", "study_cmd"),
     "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),
     "laser": Verb("measure distance and angle to a wall from two laser dots in a video", "laser_cmd"),
     "calibrate": Verb("calibrate the lasers of `laser`", "calibrate_cmd"),
     "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),
+    "navigate": Verb("fuse the sensors of a log into motion at the centre of gravity, for identify", "navigate_cmd"),
     "export": Verb(
         "export a model to ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table", "export_cmd"
     ),

@@ -169,6 +169,15 @@ DESK = (
         mistakes=(MM,),
     ),
     Limit(
+        "rate",
+        "rate of the navigation solution",
+        "Hz",
+        1.0,
+        400.0,
+        "below this range, motion between samples is lost; no autopilot logs its inertial sensor faster",
+        10.0,
+    ),
+    Limit(
         "trial-speed",
         "trial speed, if the run does not contain it",
         "m/s",

@@ -20,7 +20,7 @@ from gcs_autotune.logs.aboard_record import runs_aboard
 from gcs_autotune.logs.files import TRIALS_FOLDER, load_runs, record
 from gcs_autotune.logs.formats import FORMATS, format_of
 from gcs_autotune.logs.renaming import parse_columns, renamed
-from gcs_autotune.logs.sample_store import Census, Recording
+from gcs_autotune.logs.sample_store import Census, Recording, SampleStore
 from gcs_autotune.logs.segmentation import Cut, SkippedPart, cut_runs, runs_of
 from gcs_autotune.logs.survey import fresh_folder, survey, write_runs
 
@@ -32,6 +32,7 @@ __all__ = [
     "Census",
     "Cut",
     "Recording",
+    "SampleStore",
     "SkippedPart",
     "cut_runs",
     "format_of",

@@ -36,6 +36,8 @@ ATTITUDES = ("attitude", "ahrs2", "aboard")
 """Sources of ``phi theta psi`` in order of preference: the estimate that the autopilot uses, its second estimate, and
 the rows of a script of ours, which are left if the autopilot logs nothing else.
 """
+NAVIGATION = "navigation"
+"""Source of a navigation solution, which replaces all others. It contains the standard deviations too."""
 POSITIONS = ("local", "ekf", "aboard", "global", "gps")
 """Sources of ``x y`` and of velocity over ground in order of preference.
 
@@ -65,6 +67,14 @@ def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, s
     ``psi`` stays wrapped as recorded; ``u v`` are velocity over ground turned by the heading at their own time stamps.
     """
     pick = _Pick({}, {})
+    if f"{NAVIGATION}.psi" in store:
+        for name in SIGNALS:
+            for channel in (name, f"std_{name}"):
+                if f"{NAVIGATION}.{channel}" in store:
+                    t, values = store.series(f"{NAVIGATION}.{channel}")
+                    pick.channels[channel] = Channel(channel, SIGNALS[name].unit, t, values)
+                    pick.sources[channel] = NAVIGATION
+        return pick.channels, pick.sources
     for source in ATTITUDES:
         if _has(store, f"{source}.psi"):
             for name in ("phi", "theta", "psi"):

@@ -24,7 +24,7 @@ from gcs_autotune.logs.aboard_record import ENDS, ROWS, sources_of
 from gcs_autotune.logs.dataflash_format import HEAD, BinaryLog, Block, DataflashTextLog, TextBlock
 from gcs_autotune.logs.sample_store import UNKNOWN, Census, Note, Recording, SampleStore
 
-__all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signals_of", "strays_of"]
+__all__ = ["EVENTS", "SIGNALS", "WATER_PRESSURE", "Columns", "Missing", "record_dataflash", "signals_of", "strays_of"]
 
 Array = NDArray[np.float64]
 Columns: TypeAlias = Mapping[str, Any]
@@ -58,7 +58,28 @@ def _gps(c: Columns) -> dict[str, Array]:
         "gps.U": speed,
         "gps.vn": speed * np.cos(course),
         "gps.ve": speed * np.sin(course),
+        **_if_there(c, gps__z=("Alt", -1.0), gps__vd=("VZ", 1.0)),
     }
+
+
+def _if_there(c: Columns, **columns: tuple[str, float]) -> dict[str, Array]:
+    """Return the sources whose columns the message has; older firmware lacks some."""
+    return _picked(**{source: row for source, row in columns.items() if row[0] in c})(c)
+
+
+def _imu(c: Columns) -> dict[str, Array]:
+    rates = _picked(imu__p=("GyrX", 1.0), imu__q=("GyrY", 1.0), imu__r=("GyrZ", 1.0))(c)
+    return rates | _if_there(c, imu__ax=("AccX", 1.0), imu__ay=("AccY", 1.0), imu__az=("AccZ", 1.0))
+
+
+def _ekf(c: Columns) -> dict[str, Array]:
+    angles = _if_there(c, ekf__phi=("Roll", RAD), ekf__theta=("Pitch", RAD), ekf__psi=("Yaw", RAD))
+    return _EKF(c) | angles
+
+
+def _visual_odometry(c: Columns) -> dict[str, Array]:
+    """Return the velocity that a DVL reports as displacement since its last report."""
+    return {f"dvl.{name}": c[f"PosD{axis}"] / c["dt"] for name, axis in zip("uvw", "XYZ", strict=True)}
 
 
 def _shafts(c: Columns) -> dict[str, Array]:
@@ -86,11 +107,13 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     "ATT": _picked(attitude__phi=("Roll", RAD), attitude__theta=("Pitch", RAD), attitude__psi=("Yaw", RAD)),
     "AHR2": _picked(ahrs2__phi=("Roll", RAD), ahrs2__theta=("Pitch", RAD), ahrs2__psi=("Yaw", RAD)),
     "RATE": _picked(rate__p=("R", RAD), rate__q=("P", RAD), rate__r=("Y", RAD)),
-    "IMU": _picked(imu__p=("GyrX", 1.0), imu__q=("GyrY", 1.0), imu__r=("GyrZ", 1.0)),
+    "IMU": _imu,
+    "MAG": _picked(compass__mx=("MagX", 1.0), compass__my=("MagY", 1.0), compass__mz=("MagZ", 1.0)),
+    "VISO": _visual_odometry,
     "STER": _picked(steering__r=("TurnRt", RAD)),
-    "XKF1": _EKF,
-    "NKF1": _EKF,
-    "EKF1": _EKF,
+    "XKF1": _ekf,
+    "NKF1": _ekf,
+    "EKF1": _ekf,
     "POS": _picked(global__lat=("Lat", 1.0), global__lon=("Lng", 1.0), global__z=("RelHomeAlt", -1.0)),
     "GPS": _gps,
     "CTUN": _picked(control__z=("Alt", -1.0)),
@@ -104,8 +127,12 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
 """Message -> function that returns its sources in the store, from arrays or single numbers."""
 
 
-def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
-    """Return source -> values of the messages of one *kind*. Values of instances other than the first are NaN.
+WATER_PRESSURE = "baro1"
+"""Name of the second pressure sensor. It is outside the hull of a usual ArduSub vehicle, the first one inside."""
+
+
+def signals_of(kind: str, columns: Columns, instance: int = 0) -> dict[str, Array]:
+    """Return source -> values of the messages of one *kind*. Values of instances other than *instance* are NaN.
 
     Raises
     ------
@@ -119,7 +146,7 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
         raise Missing(str(error)) from None
     for name in INSTANCE:
         if name in columns and columns[name].dtype == np.float64:
-            found = {source: np.where(columns[name] == 0, values, np.nan) for source, values in found.items()}
+            found = {source: np.where(columns[name] == instance, values, np.nan) for source, values in found.items()}
     return found
 
 
@@ -359,6 +386,9 @@ class _Decoder:
             store.dated_by_arrival.update(source.partition(".")[0] for source in values)
         for part in [{name: column} for name, column in values.items()] if kind == "ESC" else [values]:
             store.take_all(*_whole(stamps, part))
+        if kind == "BARO":
+            second = signals_of(kind, columns, 1)["baro.z"] if "I" in columns else np.full(len(stamps), np.nan)
+            store.take_all(*_whole(stamps, {f"{WATER_PRESSURE}.z": second}))
 
 
 def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[float, float]]:

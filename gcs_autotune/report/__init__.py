@@ -12,6 +12,7 @@ cases      the report of a study of many cases
 flight     the report of a manoeuvre, and of its preview
 diagnosis  the report of what a simulation gets wrong
 designed   the report of gains designed at the desk
+navigated  the report of a navigation solution
 summaries  reports of the commands that write no page
 =========  ======================================================================
 """
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report.cases import (
+    BOUND_CLASSES,
     BoundCheck,
     CaseStudy,
     Confusion,
@@ -30,7 +32,7 @@ from gcs_autotune.report.cases import (
     WorstCase,
     case_study_document,
 )
-from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document
+from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document, styles_compared
 from gcs_autotune.report.diagnosis.document import diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
@@ -55,6 +57,7 @@ from gcs_autotune.report.flight.held import (
     position_figures,
 )
 from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_document
+from gcs_autotune.report.navigated import navigation_document
 from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
 from gcs_autotune.report.study.document import fit_document, method_list, study_document
 from gcs_autotune.report.study.study import MethodOutcome, RunRow, Study
@@ -80,6 +83,7 @@ from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.wording import proof_command
 
 __all__ = [
+    "BOUND_CLASSES",
     "BoundCheck",
     "CaseStudy",
     "ComparedRun",
@@ -135,6 +139,7 @@ __all__ = [
     "lead_sentence",
     "log_document",
     "method_list",
+    "navigation_document",
     "plan_document",
     "plan_plot",
     "plot",
@@ -149,6 +154,7 @@ __all__ = [
     "script_digest",
     "sheets_document",
     "study_document",
+    "styles_compared",
     "thruster_document",
     "to_html",
     "to_json",

@@ -17,7 +17,7 @@ from gcs_autotune.workflow.aboard import AboardSettings, fly_aboard
 from gcs_autotune.workflow.actuators import tune_actuators
 from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.comparison import COMPARED, compare, fits_in
-from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
+from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk, designs_of_styles
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
 from gcs_autotune.workflow.experiment import experiment
@@ -36,6 +36,7 @@ from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.self_planned import first_run
 from gcs_autotune.workflow.settings import CommonSettings, Connection, StudySettings, SuppliedGains, TuneSettings
+from gcs_autotune.workflow.share import Shared, share_run
 from gcs_autotune.workflow.study import study
 from gcs_autotune.workflow.supplied_gains import load_gains
 from gcs_autotune.workflow.tune import job_of, tune
@@ -56,6 +57,7 @@ __all__ = [
     "HoldSettings",
     "Operator",
     "Precision",
+    "Shared",
     "StudySettings",
     "SuppliedGains",
     "TuneSettings",
@@ -63,6 +65,7 @@ __all__ = [
     "authority",
     "compare",
     "design_at_desk",
+    "designs_of_styles",
     "examine",
     "experiment",
     "fetch_onboard_log",
@@ -86,6 +89,7 @@ __all__ = [
     "restore_run",
     "run_diagnosis",
     "save_parameters",
+    "share_run",
     "study",
     "tune",
     "tune_actuators",

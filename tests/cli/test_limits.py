@@ -34,6 +34,7 @@ POSITIONALS = {
     "study report": ("a",),
     "study replay": ("a", "b"),
     "thrusters": ("a.csv",),
+    "navigate": ("a.bin",),
     "laser": ("a.mp4",),
     "calibrate laser": ("a.csv",),
     "logs list": ("a.tlog",),
@@ -44,6 +45,7 @@ POSITIONALS = {
     "restore": (),
     "watch": ("a.csv", "b.csv"),
     "compare": ("a.csv", "b.csv"),
+    "share": ("a",),
     "doctor": (),
     "ports": (),
 }

@@ -58,7 +58,8 @@ class Residual:
     """Residual of one signal in one segment.
 
     - ``t``, ``measured``, ``predicted`` (n,): stamps [s], measured values and predicted values.
-    - ``judged`` (n,): measured minus predicted. If a disturbance among the effects explains a fraction of this
+    - ``judged`` (n,): measured minus predicted, over the relative standard deviation of each sample if that is known.
+    If a disturbance among the effects explains a fraction of this
       difference, that fraction is subtracted. NaN marks samples that the disturbance explains completely.
     - ``jacobian`` (n, k): derivatives of the prediction in the segment's own columns, empty without sensitivities.
     - ``step``: resolution of the sensor, 0 if negligible.
@@ -115,6 +116,7 @@ class Objective(FreeNumbers):
         self.shift, self.dated = shift, problem.dating > 0.0
         self.levels: dict[str, float] = {}
         self._recent: dict[bytes, tuple[Residual, ...] | None] = {}
+        self.scales = _scales(problem.segments)
         typical = [] if problem.summary is None else self._typical(problem.summary)
         used = self.shared
         by_names: dict[tuple[str, ...], SegmentSimulator] = {}
@@ -203,6 +205,9 @@ class Objective(FreeNumbers):
                 if effects:
                     left = EffectResidual(segment.run, name, signal.t, error, signal.values, self._level(name))
                     error, by, fee = judged_by(effects, left, by)
+                if name in self.scales:
+                    size = signal.std / self.scales[name]
+                    error, by = error / size, by / size[:, None] if len(by) else by
                 found.append(Residual(i, name, signal.t, signal.values, prediction, error, by, signal.step, fee))
         return tuple(found)
 
@@ -301,6 +306,20 @@ class Objective(FreeNumbers):
         table = np.zeros((int(good.sum()), self.size))
         table[:, self.columns[residual.segment]] = residual.jacobian[good]
         return table
+
+
+def _scales(segments: Sequence[Segment]) -> dict[str, float]:
+    """Return signal -> standard deviation of a typical sample, for signals whose samples all have one.
+
+    The fit estimates the noise level of this sample. The others have the same noise times their own standard deviation
+    over the typical one.
+    """
+    found: dict[str, list[Array]] = {}
+    for segment in segments:
+        for name, signal in segment.signals.items():
+            found.setdefault(name, []).append(signal.std if len(signal.std) else np.zeros(1))
+    joined = {name: np.concatenate(stds) for name, stds in found.items()}
+    return {name: float(np.median(stds)) for name, stds in joined.items() if np.all(stds > 0.0)}
 
 
 def sums_of(residuals: Sequence[Residual]) -> tuple[dict[str, float], dict[str, int]]:

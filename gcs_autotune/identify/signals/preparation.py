@@ -398,7 +398,8 @@ def _cut(
         for name, channel in channels.items():
             keep = (channel.t >= start) & (channel.t < end)
             if int(keep.sum()) >= MIN_SAMPLES:
-                signals[name] = Signal(name, channel.t[keep], channel.values[keep], quantum(channel.values[keep]))
+                t, values = channel.t[keep], channel.values[keep]
+                signals[name] = Signal(name, t, values, quantum(values), _std_of(trial, name, t))
         if signals:
             name = trial.name if len(borders) == 2 else f"{trial.name}#{len(parts) + 1}"
             parts.append(replace(whole, name=name, signals=signals, notes=() if parts else tuple(notes)))
@@ -407,6 +408,18 @@ def _cut(
             f"run '{trial.name}' has no uninterrupted stretch of {MIN_SAMPLES} samples. Stay within good radio range"
         )
     return tuple(parts)
+
+
+def _std_of(trial: Trial, name: str, t: Array) -> Array:
+    """Return the standard deviations (n,) of samples at *t*, of a run that contains them; else an empty array.
+
+    The channel ``std_u`` contains those of ``u``. ``navigate`` writes them.
+    """
+    told = trial.channels.get(f"std_{name}")
+    if told is None or not len(told) or not np.all(told.values > 0.0):
+        return np.zeros(0)
+    found: Array = np.interp(t, told.t, told.values)
+    return found
 
 
 def _edges(t: Array) -> Array:

@@ -34,22 +34,33 @@ class Signal:
     - ``t`` (n,): stamps [s].
     - ``values`` (n,): samples; angles are continuous.
     - ``step``: resolution of the sensor, 0 if negligible.
+    - ``std`` (n,): standard deviation of each sample if the run contains it (``std_u``), else empty.
     """
 
     name: str
     t: Array
     values: Array
     step: float
+    std: Array = field(default_factory=lambda: np.zeros(0))
 
     def since(self, start: float) -> Signal:
         """Return the signal from the time *start* [s] on."""
         keep = self.t >= start
-        return replace(self, t=self.t[keep], values=self.values[keep])
+        return self._kept(keep)
 
     def between(self, first: float, last: float) -> Signal:
         """Return the signal between the times *first* and *last* [s], both included."""
         keep = (self.t >= first) & (self.t <= last)
-        return replace(self, t=self.t[keep], values=self.values[keep])
+        return self._kept(keep)
+
+    def first(self, count: int) -> Signal:
+        """Return the first *count* samples."""
+        return self._kept(np.arange(len(self.t)) < count)
+
+    def _kept(self, keep: NDArray[np.bool_]) -> Signal:
+        return replace(
+            self, t=self.t[keep], values=self.values[keep], std=self.std[keep] if len(self.std) else self.std
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +194,7 @@ class Segment:
             return self
         end = self.start + share * (float(self.stamps[-1]) - self.start)
         count = {n: max(int(np.searchsorted(s.t, end)), MIN_SAMPLES) for n, s in self.signals.items()}
-        signals = {n: replace(s, t=s.t[: count[n]], values=s.values[: count[n]]) for n, s in self.signals.items()}
+        signals = {n: s.first(count[n]) for n, s in self.signals.items()}
         return replace(self, signals=signals)
 
     def pieces(self, count: int) -> list[Segment]:

@@ -1,0 +1,187 @@
+"""The navigation solution of simulated logs beside the truth, and what is refused."""
+
+from __future__ import annotations
+
+import functools
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from navigation_logs import log
+
+from gcs_autotune.cli import main
+from gcs_autotune.identify import fit
+from gcs_autotune.logs import load_runs
+from gcs_autotune.navigation import Mounting, Navigation, navigate, readings_of, store_of
+from gcs_autotune.trial import Channel, Trial, save_trial
+
+BOAT, ROV = ("tugboat", ("gps", "compass")), ("bluerov2-6dof", ("dvl", "compass", "depth"))
+HERE = Path("log.csv")
+
+
+def solved(craft: tuple[str, tuple[str, ...]], seed: int, seconds: float = 60.0):
+    """Return (solution, hidden constants, true signals at its stamps)."""
+    run, told, true = log(craft[0], seed, seconds, craft[1])
+    solution = navigate(readings_of(store_of(run, HERE), HERE), Mounting(tuple(told["centre"])))[0]
+    columns = np.hstack([true.at, true.angles, true.velocity, true.rates]).T
+    there = {n: np.interp(solution.t, true.t, c) for n, c in zip(solution.values, columns, strict=True)}
+    return solution, told, there
+
+
+@functools.cache
+def boat():
+    return solved(BOAT, 3)
+
+
+def off(solution: Navigation, told: dict) -> dict[str, float]:
+    """Return constant -> error in standard errors."""
+    found = {}
+    for name, own in solution.constants.items():
+        stem, _, axis = name.rpartition(" ")
+        truth = told[stem]["xyzpqr".index(axis) % 3] if stem in told else told[name]
+        found[name] = (own.value - truth) / own.std
+    return found
+
+
+def errors(solution: Navigation, there: dict) -> dict[str, np.ndarray]:
+    found = {n: solution.values[n] - there[n] for n in there}
+    return {n: (e + np.pi) % (2.0 * np.pi) - np.pi if n == "psi" else e for n, e in found.items()}
+
+
+@pytest.mark.parametrize("craft", [BOAT, ROV], ids=["boat", "rov"])
+def test_hidden_biases_arms_and_delays_are_found(craft):
+    solution, told, _ = boat() if craft is BOAT else solved(craft, 1)
+    z = off(solution, told)
+    assert max(abs(v) for v in z.values()) < 3.5, z
+    known = [n for n, c in solution.constants.items() if c.is_determined]
+    assert {"gyro bias r", "accelerometer bias x", "compass delay"} <= set(known)
+    assert f"{craft[1][0]} delay" in known and f"{craft[1][0]} arm x" in known
+
+
+def test_velocity_at_the_centre_of_gravity_has_the_stated_error():
+    solution, _, there = boat()
+    missed = errors(solution, there)
+    for name in ("u", "v", "w", "phi", "theta", "p", "q", "r"):
+        ratio = float(np.sqrt(np.mean((missed[name] / solution.stds[name]) ** 2)))
+        assert 0.5 < ratio < 2.0, (name, ratio)
+    assert np.std(missed["u"]) < 0.02
+    assert 0.8 < solution.nis < 1.2
+
+
+def test_a_dvl_adds_no_information_about_the_heading():
+    solution, _, _ = solved(ROV, 2, 30.0)
+    own = solution.constants["compass offset"]
+    assert own.std > 0.9 * own.prior
+    assert not own.is_determined
+
+
+def test_a_longer_gap_of_the_inertial_sensor_separates_stretches():
+    run, _, _ = log(*BOAT[:1], 3, 60.0, BOAT[1])
+    kept = {
+        n: replace(c, t=c.t[keep], values=c.values[keep]) if n.startswith("imu") else c
+        for n, c in run.channels.items()
+        for keep in [(c.t < 25.0) | (c.t > 28.0)]
+    }
+    found = readings_of(store_of(replace(run, channels=kept), HERE), HERE)
+    assert [round(part.samples[-1, 0] - part.samples[0, 0]) for part in found.stretches] == [25, 32]
+
+
+def table(tmp_path: Path, **changes) -> Path:
+    """Return the file of a simulated log. changes : channel, with _ for the dot -> its replacement, or None."""
+    run, _, _ = log("tugboat", 3, 60.0, BOAT[1])
+    channels = dict(run.channels)
+    for name, change in changes.items():
+        for own in [n for n in channels if n.replace(".", "_").startswith(name)]:
+            channel = channels.pop(own)
+            if change is not None:
+                channels[own] = change(channel)
+    save_trial(Trial("log", channels), tmp_path / "log.csv")
+    return tmp_path / "log.csv"
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    assert main(["navigate", *map(str, arguments)]) != 0
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    return told
+
+
+def test_the_command_writes_runs_that_identify_reads(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run, told, true = log("tugboat", 3, 60.0, BOAT[1])
+    force = Channel("N", "1", true.t[::100], np.sin(true.t[::100]))
+    save_trial(replace(run, channels={**run.channels, "N": force}), tmp_path / "log.csv")
+    centre = ",".join(f"{x:.4f}" for x in told["centre"])
+    assert main(["navigate", "log.csv", f"--centre={centre}"]) == 0
+    assert "expected 1" in capsys.readouterr().out
+    (got,) = load_runs(tmp_path / "runs" / "navigated-log")
+    assert {"u", "std_u", "r", "std_r", "N"} <= set(got.channels)
+    assert got["std_u"].unit == "m/s"
+
+
+def test_json_contains_every_constant(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["navigate", str(table(tmp_path)), "--json", "--out", "runs"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["solutions"][0]["constants"]["gps delay"]["determined"] is True
+    assert told["not_determined"] == []
+
+
+def test_a_log_without_an_inertial_sensor_is_refused(tmp_path, capsys):
+    told = refused(capsys, table(tmp_path, imu=None))
+    assert "log.csv contains no inertial sensor" in told and "LOG_BITMASK" in told
+
+
+def test_a_log_without_accelerometer_is_refused(tmp_path, capsys):
+    assert "a gyro but no accelerometer" in refused(capsys, table(tmp_path, imu_a=None))
+
+
+def test_a_log_without_heading_is_refused(tmp_path, capsys):
+    told = refused(capsys, table(tmp_path, compass=None))
+    assert "contains no heading" in told and "compass" in told
+
+
+def test_an_accelerometer_in_g_is_refused(tmp_path, capsys):
+    told = refused(capsys, table(tmp_path, imu_a=lambda c: replace(c, values=c.values / 9.81)))
+    assert "check the unit of imu.ax" in told.lower()
+
+
+def test_a_slow_inertial_sensor_is_refused(tmp_path, capsys):
+    told = refused(capsys, table(tmp_path, imu=lambda c: replace(c, t=c.t[::10], values=c.values[::10])))
+    assert "5 Hz" in told and "10 Hz" in told
+
+
+def test_a_clock_that_goes_back_is_refused(tmp_path, capsys):
+    path = table(tmp_path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:2000], *lines[1000:]]) + "\n")
+    told = refused(capsys, path)
+    assert "log.csv" in told and "back" in told
+
+
+@pytest.mark.parametrize("place", ["400,0,-600", "0.4,0", "a,b,c", "nan,0,0"])
+def test_a_lever_arm_that_is_not_in_metres_is_refused(tmp_path, capsys, place):
+    told = refused(capsys, tmp_path / "log.csv", "--arm", f"gps={place}")
+    assert "--arm gps" in told
+    assert "Write 0.4,0,-0.6" in told or "Write e.g. 0.4,0,-0.6" in told
+
+
+def test_samples_with_a_larger_standard_deviation_weigh_less_in_identify():
+    """Half of the velocity is useless, and its std column reports it."""
+    rng = np.random.default_rng(5)
+    t = np.arange(0.0, 60.0, 0.1)
+    force = np.where((t // 5.0) % 2 == 0, 1.0, -1.0)
+    r = np.zeros(len(t))
+    for i in range(len(t) - 1):
+        r[i + 1] = r[i] + 0.1 * (force[i] - 2.0 * r[i]) / 3.0
+    std = np.where(t < 30.0, 0.005, 0.2)
+    noisy = r + std * rng.standard_normal(len(t))
+    plain = {"N": Channel("N", "N m", t, force), "r": Channel("r", "rad/s", t, noisy)}
+    told = {**plain, "std_r": Channel("std_r", "rad/s", t, std)}
+    fits = [fit(Trial("run", c), dof="yaw", structure="linear") for c in (plain, told)]
+    errors = [abs(f.model.alpha - 3.0) for f in fits]
+    stds = [f.parameters["alpha_r"].std for f in fits]
+    assert stds[1] < 0.3 * stds[0]
+    assert errors[1] < 4.0 * stds[1] + 0.15
