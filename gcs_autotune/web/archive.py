@@ -20,9 +20,9 @@ from typing import Any, BinaryIO
 from msgspec import Struct
 
 from gcs_autotune.axes import AXES
-from gcs_autotune.errors import AutotuneError, UsageError
+from gcs_autotune.errors import UsageError
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.web.job import JOB, page_of, read_json
+from gcs_autotune.web.job import JOB, is_settled, page_of, read_json
 from gcs_autotune_files import Refused, conform, parse, read
 
 __all__ = ["GUIDED", "KINDS", "ORDERED", "STYLED", "Archive", "loop_of", "packed", "undo_of"]
@@ -179,7 +179,7 @@ def undo_of(folder: Path) -> tuple[str, ...]:
     link = _link(folder)
     if not link or link.startswith("sitl:"):
         return ()
-    if not all(_is_settled(path) for path in (*folder.glob("journal.jsonl"), *folder.glob("*/journal.jsonl"))):
+    if not is_settled(folder):
         return ("restore", str(folder))
     saved = folder / "parameters_before.param"
     kept = _ending(folder) == "kept"
@@ -191,15 +191,6 @@ def undo_of(folder: Path) -> tuple[str, ...]:
 
 def _ending(folder: Path) -> str:
     return str(read_json(folder / "summary.json").get("ending", ""))
-
-
-def _is_settled(journal: Path) -> bool:
-    from gcs_autotune.link import Journal  # half a second, which only this needs
-
-    try:
-        return Journal.read(journal).is_settled
-    except (AutotuneError, OSError):
-        return True  # there is nothing in it to restore from
 
 
 def _resume(folder: Path) -> dict[str, Any] | None:

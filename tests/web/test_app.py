@@ -383,6 +383,17 @@ def kept_run(folder: Path, link: str, *, settled: bool = True, ending: str = "ke
     return folder
 
 
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_run_that_ends_before_arming_is_judged_by_whether_earlier_steps_restored_the_vehicle(
+    tmp_path: Path, settled: bool
+) -> None:
+    (tmp_path / "job").mkdir()
+    kept_run(tmp_path / "job" / "02-heading", "/dev/ttyUSB0", settled=settled)
+    end = how_it_ended(130, "", tmp_path / "job", None)
+    assert end["fine"] == settled
+    assert ("vehicle is restored" in end["put_back"][0]) == settled
+
+
 def test_a_run_that_kept_its_gains_is_undone_by_restoring_its_parameters(tmp_path: Path) -> None:
     folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0")
     with client_of(tmp_path) as one:
