@@ -63,6 +63,7 @@ COMMANDS: Mapping[str, Verb] = {
         "recheck_cmd",
     ),
     "compare": Verb("show several runs of one craft side by side, and what changed", "compare_cmd"),
+    "share": Verb("pack a run into one file to send to others", "share_cmd"),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
     "study": Verb("run many simulated cases over ranges of numbers (needs gcs-autotune[study])", "study_cmd"),
     "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),

@@ -46,6 +46,7 @@ POSITIONALS = {
     "restore": (),
     "watch": ("a.csv", "b.csv"),
     "compare": ("a.csv", "b.csv"),
+    "share": ("a",),
     "doctor": (),
     "ports": (),
 }
