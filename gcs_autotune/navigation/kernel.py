@@ -462,7 +462,7 @@ def backward(
                     c[i] = total
                     double += K[i] * total
                 u, D = y / S + by, 1.0 / S + double
-                told[m, 3] = (R * u) ** 2 + rows[m, 6] - R * R * D
+                told[m, 3] = (R * u) ** 2 + R - R * R * D
                 told[m, 4] = 1.0
                 for i in range(SIZE):
                     l[i] -= H[i] * u
