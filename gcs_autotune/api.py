@@ -65,6 +65,7 @@ __all__ = [
     "fit",
     "load_model",
     "load_runs",
+    "open_study",
     "plot",
     "save_model",
     "save_trial",
@@ -91,6 +92,32 @@ def _with_python_arguments(function: Callable[Given, Returned]) -> Callable[Give
             raise
 
     return wrapped
+
+
+@_with_python_arguments
+def open_study(folder: str | Path, *, arrow: bool = False) -> Any:
+    """Return the results of `study run` in *folder* as a pandas DataFrame, one row per case.
+
+    Parameters
+    ----------
+    folder : the results folder.
+    arrow : return the pyarrow table as it is stored instead, with the results as maps.
+
+    Raises
+    ------
+    BadFile
+        The folder contains no study, or a part cannot be read. UsageError: pandas or pyarrow is missing.
+
+    Examples
+    --------
+    >>> open_study("empty")
+    Traceback (most recent call last):
+        ...
+    gcs_autotune.errors.BadFile: empty contains no study: study.json is missing. Give the results folder of `study run`
+    """
+    from gcs_autotune.study import open_study as opened
+
+    return opened(folder, arrow=arrow)
 
 
 @_with_python_arguments

@@ -344,8 +344,8 @@ class ThrusterSet(Actuators):
         if len(motors) != len(propellers):
             raise ValueError(f"thrusters: the lists have {len(propellers)} entries, but the frame has {len(motors)}")
         self._channels, self._span, self._curve, self._rudder = channels, span, curve, rudder
-        self._known: dict[float, float] = {}
-        self._biases = dict(biases)
+        self._known: dict[int, float] = {}
+        self._biases = tuple(biases.get(name, 0.0) for name in "XYZKMN")
         used = [name for name in Motor._fields if any(getattr(motor, name) for motor in motors)]
         self._patterns = {name: np.array([getattr(motor, name) for motor in motors]) for name in used}
         self._commands = np.zeros(len(motors) + (rudder[2] if rudder else 0))
@@ -410,29 +410,30 @@ class ThrusterSet(Actuators):
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
         """Command the thrusters so that each axis has its output in *shares*; *wrench* gets the constant forces."""
-        self._command(self._mixed(shares).tolist(), shares.get("N", 0.0), wrench)
+        shaped = [self._shaped(output) for output in self._mixed(shares).tolist()]
+        self._command(shaped, shares.get("N", 0.0), wrench)
 
     def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
         """Command each thruster by its own pulse [us]; *wrench* gets the constant forces."""
-        turned = _fraction(pwm[self._rudder[0] - 1], _RUDDER_SPAN) if self._rudder else 0.0
-        self._command(self._outputs(pwm), turned, wrench)
-
-    def _command(self, outputs: Sequence[float], turned: float, wrench: Wrench) -> None:
         known = self._known
-        if not all(output in known for output in outputs):
+        try:
+            shaped = [known[pwm[channel - 1]] for channel in self._channels]
+        except KeyError:
             if len(known) > _MOST_KNOWN:
                 known.clear()
-            known.update((output, self._shaped(output)) for output in outputs)
-        shaped = [known[output] for output in outputs]
+            shaped = [self._shaped(output) for output in self._outputs(pwm)]
+            known.update((pwm[channel - 1], each) for channel, each in zip(self._channels, shaped, strict=True))
+        self._command(shaped, _fraction(pwm[self._rudder[0] - 1], _RUDDER_SPAN) if self._rudder else 0.0, wrench)
+
+    def _command(self, shaped: list[float], turned: float, wrench: Wrench) -> None:
         if self._rudder:
             shaped += [turned * self._rudder[1]] * self._rudder[2]
         self._commands[:] = shaped
-        for name in ("X", "Y", "Z", "K", "M", "N"):
-            setattr(wrench, name, self._biases.get(name, 0.0))
+        wrench.X, wrench.Y, wrench.Z, wrench.K, wrench.M, wrench.N = self._biases
 
 
 _MOST_KNOWN = 10_000
-"""Outputs whose commands are kept. Pulses are whole microseconds, so that they recur. Project choice."""
+"""Pulses whose commands are kept. Pulses are whole microseconds, so that they recur. Project choice."""
 _DRIVEN = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
 """Force -> degree of freedom that effects and models may drive."""
 PAIR = (Motor(N=0.5, X=0.5), Motor(N=-0.5, X=0.5))

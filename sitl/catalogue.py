@@ -36,7 +36,7 @@ from sitl.actuators import (
     TwinThrusterBoat,
     YawSchedule,
 )
-from sitl.effects import HiddenEffect, make_effect
+from sitl.effects import SURROUNDINGS, BadEffect, HiddenEffect, make_effect
 from sitl.instruments import INSTRUMENTS, Instrument
 from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
 from sitl.sensors import Rangefinder, SensorData
@@ -176,14 +176,30 @@ class VehicleData:
         return ThrusterSet(FRAMES[kind], range(1, len(rows) + 1), 400.0, rows, biases, curve=curve)
 
     def make_effects(self) -> tuple[HiddenEffect, ...]:
-        """Return the effects that the file gives its own parts: slew and backlash of a rudder."""
+        """Return the effects of the file: slew and backlash of a rudder, and those of the surroundings."""
         rudder = values_of(self.tables.get("rudder", {}))
         slugs = (("backlash", "backlash", "width"), ("slew", "rate-limit", "rate"))
-        return tuple(
+        parts = (
             make_effect(slug, "N", {parameter: rudder[name] / rudder["full"]})
             for name, slug, parameter in slugs
             if name in rudder
         )
+        there = (heading for heading in SURROUNDINGS if heading in self.tables)
+        around = (make_effect(SURROUNDINGS[heading], "", values_of(self.tables[heading])) for heading in there)
+        return (*parts, *around)
+
+
+def _verify_surroundings(data: VehicleData) -> None:
+    """Raise ``ValueError`` with the heading of the file if *data* has surroundings that its craft cannot be in."""
+    if not set(SURROUNDINGS) & set(data.tables):
+        return
+    from sitl.craft import Craft  # it needs this module
+
+    try:
+        Craft(data).begin("0")
+    except BadEffect as error:
+        heading, slug = next(((h, s) for h, s in SURROUNDINGS.items() if str(error).startswith(s)), ("", ""))
+        raise ValueError(heading + str(error).removeprefix(slug)) from error
 
 
 def load_vehicle(name: str) -> VehicleData:
@@ -204,6 +220,7 @@ def load_vehicle(name: str) -> VehicleData:
         data = _read(Path(name).stem, Path(name))
         data.make_plant()
         data.make_actuators()
+        _verify_surroundings(data)
         data.make_instruments(0)
     except Unreadable as error:
         raise BadVehicle(f"the vehicle file {name} cannot be read: {error}") from error

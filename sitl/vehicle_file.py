@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct, defstruct
 
 from gcs_autotune_files import conform, shown
+from sitl.effects import EFFECTS, SURROUNDINGS
 
 __all__ = ["HEADINGS", "VehicleFile", "verify_entries", "verify_vehicle_tables"]
 
@@ -188,6 +189,10 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "noise": _noise("m"),
         "period": Range(("s",), 0.0, 60.0, above=True),
         "apart": Range(("m",), 0.0, 10.0),
+    },
+    **{
+        heading: {p.name: Range((p.unit,), max(p.least, -1e9), min(p.most, 1e9)) for p in EFFECTS[slug].parameters}
+        for heading, slug in SURROUNDINGS.items()
     },
 }
 """Heading of a vehicle file -> name of a number -> its permitted units and range.

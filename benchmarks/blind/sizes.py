@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from benchmarks.blind.craft import POSITION, SPEED, Craft, log_uniform
+from benchmarks.blind.craft import FORCE, POSITION, SPEED, Craft, log_uniform
 from benchmarks.blind.secret import Hidden, Recipe
 
 __all__ = ["NOT_DRAWN", "RECIPES", "SURROUNDINGS"]
@@ -211,6 +211,22 @@ def _wind_moment(rng: Rng, craft: Craft) -> Hidden:
     return Hidden("wind-moment", "yaw", values, craft, turns=True)
 
 
+def _wind_load(rng: Rng, craft: Craft) -> Hidden:
+    """A wind of 5 to 15 m/s with gusts, from sheltered water to the whole NORSOK spectrum."""
+    full = {dof: craft.linear[dof] * craft.top[dof] for dof in craft.dofs}
+    values = {
+        "speed": rng.uniform(5.0, 15.0),
+        "direction": rng.uniform(-np.pi, np.pi),
+        "X": full["surge"] * log_uniform(rng, 0.05, 0.4),
+        **({"Y": full["sway"] * log_uniform(rng, 0.05, 0.4)} if "sway" in full else {}),
+        "N": _sign(rng) * full["yaw"] * log_uniform(rng, 0.03, 0.3),
+        "gust": log_uniform(rng, 0.05, 1.0),
+    }
+    return Hidden(
+        "wind-load", "+".join(d for d in ("surge", "sway", "yaw") if d in craft.dofs), values, craft, turns=True
+    )
+
+
 def _wave(rng: Rng, craft: Craft) -> Hidden:
     highest = min(8.0 / craft.pace, 0.8 / craft.interval)
     bandwidth = 0.0 if rng.random() < 0.2 else log_uniform(rng, 0.02, 0.2)
@@ -218,6 +234,20 @@ def _wave(rng: Rng, craft: Craft) -> Hidden:
         "amplitude": craft.full[craft.input] * log_uniform(rng, 0.03, 0.5),
         "frequency": log_uniform(rng, min(1.0 / craft.pace, 0.5 * highest), highest),
         "bandwidth": bandwidth,
+    }
+    return Hidden("wave-disturbance", craft.main, values, craft)
+
+
+def _sea(rng: Rng, craft: Craft) -> Hidden:
+    """A sea with the JONSWAP spectrum instead of shaped noise, for surge with its drift force."""
+    shaped = _wave(rng, craft)
+    full = craft.full[craft.input]
+    values = {
+        "amplitude": shaped.values["amplitude"],
+        "frequency": shaped.values["frequency"],
+        "gamma": rng.uniform(1.0, 5.0),
+        "direction": float(rng.choice((0.0, np.pi))) if craft.main == "surge" else rng.uniform(-np.pi, np.pi),
+        "drift": full * log_uniform(rng, 0.01, 0.1) if craft.main == "surge" else 0.0,
     }
     return Hidden("wave-disturbance", craft.main, values, craft)
 
@@ -233,6 +263,22 @@ def _tether(rng: Rng, craft: Craft) -> Hidden:
     name, anchor = POSITION[dof], float(rng.normal(0.0, reach))
     values = {"stiffness": craft.full[craft.input] / reach * log_uniform(rng, 0.03, 0.5), "anchor": anchor}
     return Hidden("tether-pull", dof, values, craft, start={name: (anchor, 0.3 * reach)})
+
+
+def _tether_line(rng: Rng, craft: Craft) -> Hidden:
+    """A line that becomes taut within the space that the craft moves in."""
+    place = "surge+sway" if craft.kind in _PLANAR else "heave"
+    dof, names = place.partition("+")[0], ("x", "y") if craft.kind in _PLANAR else ("z",)
+    full, top = craft.full[FORCE[dof]], craft.top[dof]
+    reach = top * craft.time_constant(dof) * 3.0
+    values = {
+        "stiffness": full / reach * log_uniform(rng, 0.3, 5.0),
+        "length": reach * rng.uniform(0.2, 0.8),
+        **({"drag": full / top**2 * log_uniform(rng, 0.02, 0.3)} if len(names) > 1 else {}),
+        **{name: float(rng.normal(0.0, reach)) for name in names},
+    }
+    start = {name: (values[name], 0.2 * reach) for name in names}
+    return Hidden("tether-line", place, values, craft, start=start)
 
 
 # -- sensors
@@ -318,8 +364,11 @@ RECIPES: Mapping[str, Recipe] = {
 
 SURROUNDINGS: Mapping[str, Recipe] = {
     "changing-current": Recipe(("boat", "raft", "diver"), _changing_current),
+    "wind-load": Recipe(("boat", "raft", "steered"), _wind_load),
+    "sea": Recipe(("yaw", "surge", "heave", "boat"), _sea),
+    "tether-line": Recipe(("raft", "raft", "heave"), _tether_line),
 }
-"""Slug -> recipe of effects of the surroundings, hidden by the kind ``environment`` only.
+"""Slug (``sea``: another law of ``wave-disturbance``) -> recipe, hidden by the kind ``environment`` only.
 
 In :data:`RECIPES` they would change the cases of every seed in use.
 """

@@ -250,8 +250,10 @@ def _counted(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, f
         odds = values["share"] / max(1.0 - values["share"], 1e-9) * (rms / values.pop("U_ref")) ** 2
         values["share"] = odds / (1.0 + odds)
     if craft.kind == "boat":  # nothing drives its sway: the mass in that equation is counted as one
-        values = {n: v / craft.inertia["sway"] if n in ("Y_ur", "Y_r") else v for n, v in values.items()}
+        values = {n: v / craft.inertia["sway"] if n in ("Y_ur", "Y_r", "Y") else v for n, v in values.items()}
         values = {n: v for n, v in values.items() if n not in ("N_v", "Y_rdot")}  # sway follows yaw: not to be told
+    if values.get("gamma"):  # a sea: the book knows the band, and the drift force by another name
+        values = {"amplitude": values["amplitude"]}
     if hidden.slug == "ground-effect":
         off = BOTTOM - max(float(f[POSITION["heave"]].max()) for f in files)
         values["strength"] *= float(np.exp(-off / values["length"]))

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files
 from gcs_autotune.cli.hold_cmd import LAWS
-from gcs_autotune.cli.tune_cmd import FUNCTIONS, add_style, check_style
+from gcs_autotune.cli.tune_cmd import FUNCTIONS, STYLES, add_style, check_style
 from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import BadFile, UsageError
+
+if TYPE_CHECKING:
+    from gcs_autotune.workflow import DeskSettings
 
 __all__ = ["COMMAND"]
 
@@ -76,6 +81,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     out.add_argument("--page", type=Path, metavar="FILE", help="file for the report page (default design-LOOP.html)")
     out.add_argument("--no-page", action="store_true", help="write no report page")
     out.add_argument("--save", type=Path, metavar="FILE", help="write the autopilot's gains to FILE (.param)")
+    out.add_argument(
+        "--styles", type=Path, metavar="FILE", help="write the designs of all styles to FILE (.json), to compare them"
+    )
     out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
 
 
@@ -114,6 +122,8 @@ def _run(args: argparse.Namespace) -> int:
         relay_hysteresis=inside(args.relay_hysteresis),
         control_rate=args.control_rate,
     )
+    if args.styles is not None:
+        return _write_styles(settings, args.styles)
     designed = design_at_desk(settings)
     lines = []
     if args.save is not None:
@@ -125,6 +135,21 @@ def _run(args: argparse.Namespace) -> int:
     if args.page is not None or not (args.no_page or args.json):
         lines.append(write_page(document, args.page or fresh(Path(f"design-{args.loop}.html"))))
     put_out(document, *lines, as_json=args.json)
+    return 0
+
+
+def _write_styles(settings: DeskSettings, file: Path) -> int:
+    """Write the designs of all styles to *file*."""
+    from gcs_autotune.plain_json import json_text
+    from gcs_autotune.report import styles_compared
+    from gcs_autotune.workflow import designs_of_styles
+
+    compared, replaced = styles_compared(designs_of_styles(settings)), on_replacing(file)
+    try:
+        file.write_text(json_text(compared), encoding="utf-8")
+    except OSError as error:
+        raise BadFile(f"{file} cannot be written: {error.strerror}") from error
+    sys.stdout.write(f"Designs of all styles: {file}{replaced}\n")
     return 0
 
 
@@ -141,6 +166,13 @@ def _check(args: argparse.Namespace) -> None:
     if args.omega_0 is not None and args.settling_time is not None:
         raise UsageError("use either --omega-0 or --settling-time, not both")
     check_style(args)
+    if args.styles is not None:
+        others = (args.own, args.loop in ("line", "relay"), args.save, args.json, args.omega_0, args.settling_time)
+        if any(others) or args.style != STYLES[0]:
+            raise UsageError(
+                "--styles compares the styles of a loop of the autopilot. Use it without --own, --save, --json, "
+                "--style, --omega-0 and --settling-time"
+            )
     if args.save is not None and (args.own or args.loop in ("line", "relay")):
         raise UsageError("--save writes gains of the autopilot. Leave it out for a relay or a controller of our own")
 

@@ -37,11 +37,17 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add the options ``--pick``, ``--system-id``, ``--columns`` and ``--full-scale``."""
+    """Add the options ``--pick``, ``--system-id``, ``--parameters``, ``--input``, ``--columns``, ``--full-scale``."""
     read = parser.add_argument_group("reading")
     read.add_argument("--pick", metavar="N[,N]", default="", help="segments of a log, by number (default: all)")
     add_number(read, "system-id", "ID", meaning="system id of the vehicle, if the .tlog contains several")
     add_parameters(read)
+    read.add_argument(
+        "--input",
+        choices=("command", "speed"),
+        default="command",
+        help="inputs from a log: the commands to the actuators, or the shaft speeds that ESCs report (default command)",
+    )
     read.add_argument(
         "--columns",
         metavar="OLD=NEW,...",
@@ -110,7 +116,9 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
     return [
         trial.with_full_scale(full)
         for path in paths
-        for trial in load_runs(path, pick=pick, system=args.system_id, columns=columns, parameters=given)
+        for trial in load_runs(
+            path, pick=pick, system=args.system_id, columns=columns, parameters=given, by_speed=args.input == "speed"
+        )
     ]
 
 

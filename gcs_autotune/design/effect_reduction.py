@@ -268,11 +268,13 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "steady-current": ("omitted, since it does not affect heading or depth", ""),
     "changing-current": ("omitted, since it does not affect heading or depth", ""),
     "wind-moment": ("omitted, since the integral gain removes its error", ""),
+    "wind-load": ("omitted, since the integral gain removes its error", ""),
     "wave-disturbance": (
         "omitted, since waves are only a disturbance of this loop",
         "for less actuator use in waves, set a longer settling time",
     ),
     "tether-pull": ("omitted, since the integral gain removes its error", ""),
+    "tether-line": ("omitted, since it acts only beyond the tether's length", ""),
     "sensor-position": (
         "omitted, since it does not affect heading or turn rate",
         "set the sensor's position in the autopilot",

@@ -37,8 +37,10 @@ from gcs_autotune.effects.inflow import AdvanceSpeedLoss, PropellerWash, SpeedDe
 from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, SensorPosition
 from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
 from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.effects.tether_line import TetherLine
 from gcs_autotune.effects.velocity_products import MunkMoment, SpeedDamping, SwayMoment, VelocityProduct
 from gcs_autotune.effects.wave_disturbance import WaveDisturbance
+from gcs_autotune.effects.wind_load import WindLoad
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS, SIGNALS
@@ -84,8 +86,10 @@ OURS: tuple[Effect, ...] = (
     SteadyCurrent(),
     ChangingCurrent(),
     WindMoment(),
+    WindLoad(),
     WaveDisturbance(),
     TetherPull(),
+    TetherLine(),
     SensorPosition(),
     CompassDeviation(),
     GyroBias(),

@@ -90,6 +90,14 @@ class ServoMap:
         rows = tuple(tuple(round(float(w), 12) for w in row) for row in inverse)
         return cls(tuple(outputs), names, rows, tuple(tuple(float(f.get(n, 0.0)) for f in factors) for n in names))
 
+    @property
+    def is_all_thrusters(self) -> bool:
+        """Whether every output drives a thruster. An output that only turns the craft is a rudder."""
+        return not any(
+            [n for n, row in zip(self.names, self.factors, strict=True) if row[k]] == ["N"]
+            for k in range(len(self.outputs))
+        )
+
     def driving(self, force: str) -> tuple[tuple[Output, float], ...]:
         """Return the outputs that produce *force*, each with its fraction of full output at full force."""
         if force not in self.names:

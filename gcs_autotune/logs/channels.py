@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import AutotuneError, OutputsUnassigned, PreconditionFailed
+from gcs_autotune.errors import AutotuneError, OutputsUnassigned, PreconditionFailed, UsageError
 from gcs_autotune.firmware import LEVELLING, Firmware, Output, Outputs, ServoMap, read_servo_map, with_outputs
 from gcs_autotune.frames import flat, to_body
 from gcs_autotune.logs.sample_store import UNKNOWN, Note, RecordedParameters, SampleStore
+from gcs_autotune.logs.shafts import Shafts, shafts_of
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel
 
-__all__ = ["drive_channels", "filters_of", "motion_channels", "servo_map_of"]
+__all__ = ["SERVOS", "SHAFTS", "drive_channels", "filters_of", "motion_channels", "servo_map_of"]
 
 Array = NDArray[np.float64]
 
@@ -177,6 +178,8 @@ _OTHER = "neither ArduRover nor ArduSub, so the functions of its outputs are unk
 LONGEST_GAP = 0.5
 """Silence of the outputs [s] after which the time of a change is that of its own message. Project choice."""
 
+SERVOS, SHAFTS = "servo outputs", "shaft speeds"
+"""Sources of inputs whose changes are dated midway."""
 STICKS = 400.0
 """Half the range of an RC channel [us], assumed if the log does not contain its limits."""
 
@@ -185,16 +188,27 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
     """Return the force channels (unit 1) and PWM channels of a store by name, their sources, and the doubts about them.
 
     The time of an output change is midway between the last message before the change and the first message after it, as
-    in the recorder of live runs.
+    in the recorder of live runs. With ``by_speed`` of the store the forces are those of the shafts' measured speeds.
+
+    Raises
+    ------
+    UsageError
+        The speeds are required and the log does not contain them.
     """
     every = [Channel(f"servo{n}", "pwm", *store.series(f"servo.{n}")) for n in store.numbered("servo")]
     pwm = {c.name: c for c in every if np.any(c.values)}
     try:
         servos, outputs = servo_map_of(store)
-        forces = _from_servos(store, servos)
+        forces, shafts = _from_servos(store, servos)
+        doubts = [*_assumed(outputs), *(shafts.doubts(by_speed=store.by_speed) if shafts else [])]
+        if forces and store.by_speed:
+            measured = _from_shafts(shafts, servos)
+            return {**pwm, **{name: measured[name] for name in forces if name in measured}}, SHAFTS, doubts
         if forces:
-            return {**pwm, **forces}, "servo outputs", _assumed(outputs)
+            return {**pwm, **forces}, SERVOS, doubts
         why, cure = NO_OUTPUTS
+    except UsageError:
+        raise
     except AutotuneError as error:
         is_told = store.firmware is None or store.numbered("servo")
         why, cure = (str(error), _cure(store)) if is_told else NO_OUTPUTS
@@ -259,15 +273,29 @@ def _assumed(outputs: Outputs) -> list[Note]:
     ]
 
 
-def _from_servos(store: SampleStore, servos: ServoMap) -> dict[str, Channel]:
+def _from_servos(store: SampleStore, servos: ServoMap) -> tuple[dict[str, Channel], Shafts | None]:
     numbers = [output.channel for output in servos.outputs]
     if not all(f"servo.{n}" in store for n in numbers):
-        return {}
+        return {}, None
     columns = [store.series(f"servo.{n}") for n in numbers]
     t = columns[0][0]
     if any(len(stamps) != len(t) for stamps, _ in columns):
-        return {}
+        return {}, None
     shares = np.array([_shares(o, values) for o, (_, values) in zip(servos.outputs, columns, strict=True)])
+    shafts = shafts_of(store, servos.outputs, t, shares) if servos.is_all_thrusters else None
+    return _mixed(servos, t, shares), shafts
+
+
+def _from_shafts(shafts: Shafts | None, servos: ServoMap) -> dict[str, Channel]:
+    if shafts is None:
+        raise UsageError(
+            "--input speed: the log does not contain the speed of each thruster. Record ESC_TELEMETRY, ESC_STATUS or "
+            "RPM (onboard: ESC), or leave the option out"
+        )
+    return _mixed(servos, shafts.t, shafts.shares)
+
+
+def _mixed(servos: ServoMap, t: Array, shares: Array) -> dict[str, Channel]:
     forces = np.array(servos.weights) @ shares + 0.0
     return {
         name: Channel(name, "1", *_dated(t, row))

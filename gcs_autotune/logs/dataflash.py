@@ -82,6 +82,11 @@ def _visual_odometry(c: Columns) -> dict[str, Array]:
     return {f"dvl.{name}": c[f"PosD{axis}"] / c["dt"] for name, axis in zip("uvw", "XYZ", strict=True)}
 
 
+def _shafts(c: Columns) -> dict[str, Array]:
+    """Return the speed [1/s] of each ESC, NaN in the messages of the others."""
+    return {f"esc.{n}": np.where(c["Instance"] == n - 1, c["RPM"] / 60.0, np.nan) for n in range(1, 9)}
+
+
 CHANNEL = ("C", "Ch", "Chan")
 """Prefixes of a column name before the number of an output or RC channel. The last two were used until 2015."""
 
@@ -115,6 +120,7 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     "BARO": _picked(baro__z=("Alt", -1.0)),
     "RCOU": _numbered("servo"),
     "RCIN": _numbered("rc"),
+    "ESC": _shafts,
     ROWS.name: partial(sources_of, ROWS),
     ENDS.name: partial(sources_of, ENDS),
 }
@@ -378,7 +384,8 @@ class _Decoder:
         values = signals_of(kind, columns)
         if kind in self.unstamped:
             store.dated_by_arrival.update(source.partition(".")[0] for source in values)
-        store.take_all(*_whole(stamps, values))
+        for part in [{name: column} for name, column in values.items()] if kind == "ESC" else [values]:
+            store.take_all(*_whole(stamps, part))
         if kind == "BARO":
             second = signals_of(kind, columns, 1)["baro.z"] if "I" in columns else np.full(len(stamps), np.nan)
             store.take_all(*_whole(stamps, {f"{WATER_PRESSURE}.z": second}))

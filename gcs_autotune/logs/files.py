@@ -66,6 +66,7 @@ def load_runs(
     system: int | None = None,
     columns: Mapping[str, str] | None = None,
     parameters: Mapping[str, float] | None = None,
+    by_speed: bool = False,
 ) -> list[Trial]:
     """Return the runs at *path*, in order of file name or of time.
 
@@ -84,6 +85,7 @@ def load_runs(
     system : system id of the vehicle, for a log with several.
     columns : name in the file -> ``channel[unit]``, see :func:`parse_columns`.
     parameters : parameters of the vehicle, used if missing in the log.
+    by_speed : take the measured speeds of the shafts in a log as inputs, not the commands.
 
     Raises
     ------
@@ -97,14 +99,18 @@ def load_runs(
     place = Path(path)
     form = format_of(place) if place.exists() else None
     if form is None and place.is_dir():
-        return _of_directory(place, pick, system, columns, parameters)
+        return _of_directory(place, pick, system, columns, parameters, by_speed)
     if not place.exists():
         raise BadFile(f"{place} does not exist. Give a file or a run directory")
+    log = None if form is not None and form.runs is not None else record(place, system, parameters)
+    if log is None and by_speed:
+        raise UsageError(f"--input speed: {place} is not a log with ESC messages. Give the .tlog or .bin of the run")
     if form is not None and form.runs is not None:
         return form.runs(place, columns or {})
-    log = record(place, system, parameters)
     if log is None:
         return [load_trial(place, columns)]
+    for store in log.stores:
+        store.by_speed = by_speed
     runs = runs_of(log)
     if columns:
         runs = [renamed(run, columns) for run in runs]
@@ -140,6 +146,7 @@ def _of_directory(
     system: int | None,
     columns: Mapping[str, str] | None,
     parameters: Mapping[str, float] | None,
+    by_speed: bool,
 ) -> list[Trial]:
     folder = place / TRIALS_FOLDER if (place / TRIALS_FOLDER).is_dir() else place
     files = sorted(folder.glob("*.csv"))
@@ -153,13 +160,19 @@ def _of_directory(
         return [
             run
             for log in logs
-            for run in load_runs(log, pick=pick, system=system, columns=columns, parameters=parameters)
+            for run in load_runs(
+                log, pick=pick, system=system, columns=columns, parameters=parameters, by_speed=by_speed
+            )
         ]
+    if by_speed:
+        raise UsageError(f"--input speed: {place} contains tables of runs. Give the .tlog or .bin of the run")
     if any(format_of(file) for file in files):
         return [
             run
             for file in files
-            for run in load_runs(file, pick=pick, system=system, columns=columns, parameters=parameters)
+            for run in load_runs(
+                file, pick=pick, system=system, columns=columns, parameters=parameters, by_speed=by_speed
+            )
         ]
     trials = [load_trial(file, columns) for file in files]
     if not any("manoeuvre" in t.meta for t in trials):

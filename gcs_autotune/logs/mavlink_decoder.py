@@ -38,7 +38,7 @@ BOOT_MS = frozenset(
     }
 )
 """Names of the messages whose ``time_boot_ms`` is the autopilot's own time."""
-BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT"})
+BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT", "ESC_STATUS"})
 """Names of the messages whose ``time_usec`` ArduPilot also counts from its boot (in SERVO_OUTPUT_RAW only 32
 bits of it).
 """
@@ -115,6 +115,11 @@ def sticks(m: Message) -> dict[str, float]:
     }
 
 
+def _esc(first: int, rpm: Iterable[float]) -> dict[str, float]:
+    """Return the speeds [1/s] of ESCs whose numbers begin with *first*."""
+    return {f"esc.{first + k}": value / 60.0 for k, value in enumerate(rpm)}
+
+
 SIGNALS: Mapping[str, Callable[[Message], dict[str, float]]] = {
     "ATTITUDE": _attitude,
     "LOCAL_POSITION_NED": _local,
@@ -124,6 +129,10 @@ SIGNALS: Mapping[str, Callable[[Message], dict[str, float]]] = {
     "RC_CHANNELS": _rc,
     "VFR_HUD": lambda m: {"hud.U": m.groundspeed},
     "AHRS2": _ahrs2,
+    "ESC_STATUS": lambda m: _esc(m.index + 1, m.rpm),
+    "ESC_TELEMETRY_1_TO_4": lambda m: _esc(1, m.rpm),
+    "ESC_TELEMETRY_5_TO_8": lambda m: _esc(5, m.rpm),
+    "RPM": lambda m: {"rpm.1": m.rpm1 / 60.0, "rpm.2": m.rpm2 / 60.0},
     "SCALED_PRESSURE2": lambda m: {"pressure.z": (m.press_abs - 1013.25) * 100.0 / (1000.0 * 9.80665)},
 }
 """Message -> function that returns its sources in the store."""

@@ -137,6 +137,7 @@ class SampleStore:
     clock : source of the timestamps. late : samples skipped because they arrived after later ones.
     absurd : samples skipped because they are not a number, or implausible (see :data:`LIMITS`).
     dated_by_arrival : sources without timestamps, timed by arrival.
+    by_speed : whether the inputs are the measured speeds of the shafts, not the commands.
     """
 
     name: str
@@ -149,6 +150,7 @@ class SampleStore:
     texts: list[tuple[float, str]] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     dated_by_arrival: set[str] = field(default_factory=set)
+    by_speed: bool = False
     late: int = 0
     absurd: int = 0
     _groups: dict[tuple[str, ...], _Group] = field(default_factory=dict)

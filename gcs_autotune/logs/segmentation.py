@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.logs.channels import drive_channels, filters_of, motion_channels
+from gcs_autotune.logs.channels import SERVOS, SHAFTS, drive_channels, filters_of, motion_channels
 from gcs_autotune.logs.sample_store import Note, Recording, SampleStore
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Mark, Trial
@@ -215,7 +215,7 @@ def cut_runs(log: Recording) -> Cut:
                     "input_from": origin,
                     "sources": sources,
                     "filters": filters_of(store.parameters, sources),
-                    **({"outputs_dated": "midway"} if origin == "servo outputs" else {}),
+                    **({"outputs_dated": "midway"} if origin in (SERVOS, SHAFTS) else {}),
                     "notes": [*log.notes, *store.notes, *doubts],
                 },
             )

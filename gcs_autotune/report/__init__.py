@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report.cases import (
+    BOUND_CLASSES,
     BoundCheck,
     CaseStudy,
     Confusion,
@@ -31,7 +32,7 @@ from gcs_autotune.report.cases import (
     WorstCase,
     case_study_document,
 )
-from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document
+from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document, styles_compared
 from gcs_autotune.report.diagnosis.document import diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
@@ -82,6 +83,7 @@ from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.wording import proof_command
 
 __all__ = [
+    "BOUND_CLASSES",
     "BoundCheck",
     "CaseStudy",
     "ComparedRun",
@@ -152,6 +154,7 @@ __all__ = [
     "script_digest",
     "sheets_document",
     "study_document",
+    "styles_compared",
     "thruster_document",
     "to_html",
     "to_json",

@@ -36,10 +36,12 @@ if TYPE_CHECKING:
 
     from gcs_autotune.identify.relay import PredictedCycle
 
-__all__ = ["DesignedGains", "DesignedOwn", "DesignedRelay", "designed_document"]
+__all__ = ["DesignedGains", "DesignedOwn", "DesignedRelay", "designed_document", "styles_compared"]
 
 MOST_POLES = 6
 """Most poles shown, the slowest first. The others are those of filters and of the approximated delay."""
+MOST_POINTS = 300
+"""Number of points of a step that a page plots, about one per pixel. Project choice."""
 NEAR = 2.5
 """Range of the Nyquist plot around the origin."""
 
@@ -409,6 +411,37 @@ def _plain(found: LoopAnalysis) -> dict[str, Any]:
             )
         },
         "response": {"step": r.step, "push": r.push, "push_at": r.push_at, "deviation": own, "worst": worst},
+    }
+
+
+# --- the styles side by side --------------------------------------------------------------------------------------
+
+
+def styles_compared(designs: Mapping[str, DesignedGains | str]) -> dict[str, Any]:
+    """Return the designs by style as plain data for a page: gains, margins and predicted step; SI and radians."""
+    return {"schema": 1, "styles": {style: _compared(one) for style, one in designs.items()}}
+
+
+def _compared(design: DesignedGains | str) -> dict[str, Any]:
+    if isinstance(design, str):
+        return {"error": design}
+    before, after, margins = design.before.response, design.after.response, design.after.worst_margins
+    until = int(np.searchsorted(after.t, after.push_at))
+    t = after.t[: until : max(1, until // MOST_POINTS)]
+    return {
+        "gains": [{"parameter": g.parameter, "old": g.old, "new": g.new} for g in design.gains],
+        "margins": {name: getattr(margins, name) for name in margins.__slots__},
+        "metrics": design.proposal.to_dict()["predicted"],
+        "step": {
+            "size": after.step,
+            "t": t.tolist(),
+            "before": np.interp(t, before.t, before.position).tolist(),
+            "after": np.interp(t, after.t, after.position).tolist(),
+            "low": np.interp(t, after.t, after.low).tolist(),
+            "high": np.interp(t, after.t, after.high).tolist(),
+            "output": np.interp(t, after.t, after.output).tolist(),
+        },
+        "largest_output": float(np.max(np.abs(after.output[:until]))),
     }
 
 

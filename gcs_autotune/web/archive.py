@@ -19,12 +19,13 @@ from typing import Any, BinaryIO
 
 from msgspec import Struct
 
+from gcs_autotune.axes import AXES
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.untrusted_text import visible
 from gcs_autotune.web.job import JOB, page_of, read_json
 from gcs_autotune_files import Refused, conform, parse, read
 
-__all__ = ["GUIDED", "KINDS", "ORDERED", "Archive", "packed", "undo_of"]
+__all__ = ["GUIDED", "KINDS", "ORDERED", "STYLED", "Archive", "loop_of", "packed", "undo_of"]
 
 KINDS: Mapping[str, str] = {
     ".html": "text/html",
@@ -34,6 +35,8 @@ KINDS: Mapping[str, str] = {
 """File name ending that is served -> content type with which the file is sent."""
 ORDERED = "ordered.json"
 """File of a run with what was chosen for it on the page."""
+STYLED = "styles.json"
+"""File of a run with the designs of all styles."""
 GUIDED = "all"
 """Job of ``tune all``: the loops of a vehicle in order."""
 DROPPED = (".tlog", ".bin", ".log", ".csv")
@@ -68,6 +71,9 @@ class Archive:
             "reason": visible(str(summary.get("reason", ""))),
             "change": _change(summary),
             "report": page_of(folder),
+            "link": visible(_link(folder)),
+            "again": read_json(folder / ORDERED) or None,
+            "loop": loop_of(folder),
             "log": visible(logs[0]) if logs else "",
             "models": [p.relative_to(folder).as_posix() for p in sorted(_models(folder)) if _plain(p)],
         }
@@ -90,7 +96,6 @@ class Archive:
             "trials": [_trial(folder, file) for file in trials],
             "resume": _resume(folder),
             "undo": bool(undo_of(folder)),
-            "again": read_json(folder / ORDERED) or None,
         }
 
     def path(self, name: str, inner: str = "") -> Path:
@@ -157,6 +162,12 @@ def _link(folder: Path) -> str:
         with suppress(OSError, Refused, AttributeError), journal.open("rb") as lines:
             return str(parse(lines.readline()).get("link", ""))
     return ""
+
+
+def loop_of(folder: Path) -> str:
+    """Return the loop that can be designed from the model of the run in *folder*; empty if there is none."""
+    loop = str(read_json(folder / "summary.json").get("axis", ""))
+    return loop if loop in AXES and (folder / "model.json").is_file() else ""
 
 
 def undo_of(folder: Path) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from starlette.routing import BaseRoute, Route
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.web.archive import KINDS, Archive, packed
+from gcs_autotune.web.archive import KINDS, STYLED, Archive, loop_of, packed
 from gcs_autotune.web.job import CommandLine
 from gcs_autotune.web.live import Live
 from gcs_autotune_files import whole
@@ -25,6 +25,8 @@ from gcs_autotune_files import whole
 __all__ = ["DOFS", "Desk", "archive_routes"]
 
 DOFS = ("yaw", "surge", "sway", "heave", "horizontal")
+PORTS = "ports"
+"""Command that listens for vehicles, of no record."""
 LONGEST = 1800.0
 """Longest duration of a calculation [s]. Project choice."""
 PIECE_WITHIN = 30.0
@@ -45,6 +47,12 @@ VERBS: Mapping[str, Callable[[Path, Path, str, Path], list[str]]] = {
         str(file),
         f"--dof={dof}",
         f"--out={folder / 'diagnosis'}",
+    ],
+    "what-if": lambda folder, file, dof, other: [
+        "design",
+        str(folder),
+        f"--for={loop_of(folder)}",
+        f"--styles={folder / STYLED}",
     ],
     "compare": lambda folder, file, dof, other: [
         "compare",
@@ -84,9 +92,18 @@ class Desk:
         file = self._record(name)
         if verb == "list" and not entry["log"]:
             file = self._archive.path(name, "telemetry.tlog")
+        if verb == "what-if" and not entry["loop"]:
+            raise UsageError("this run has no model of a loop that can be designed")
         arguments = VERBS[verb](folder, file, dof, self._record(other) if verb == "compare" else folder)
         self._tell(name, verb, "", running=True)
         self._task = asyncio.create_task(self._run(name, verb, arguments, folder))
+
+    def listen(self) -> None:
+        """Start to listen for vehicles on the ports. Nothing is sent. Raises ``UsageError`` if this is not possible."""
+        if self._task is not None and not self._task.done():
+            raise UsageError("another job is running. Wait until it ends")
+        self._tell("", PORTS, "", running=True)
+        self._task = asyncio.create_task(self._run("", PORTS, [PORTS, "--json"], self._archive.root))
 
     def _record(self, name: str) -> Path:
         """Return the dropped log of an entry, or else the run directory."""
@@ -198,6 +215,9 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
     def work(told: Mapping[str, Any]) -> Response:
         if is_running():
             return JSONResponse({"error": "a run is in progress and has priority. Wait until it ends"}, 409)
+        if told["verb"] == PORTS:
+            desk.listen()
+            return JSONResponse({"ok": True})
         desk.start(str(told["name"]), str(told["verb"]), str(told.get("dof", "yaw")), str(told.get("other", "")))
         return JSONResponse({"ok": True})
 

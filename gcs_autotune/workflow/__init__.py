@@ -17,7 +17,7 @@ from gcs_autotune.workflow.aboard import AboardSettings, fly_aboard
 from gcs_autotune.workflow.actuators import tune_actuators
 from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.comparison import COMPARED, compare, fits_in
-from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
+from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk, designs_of_styles
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
 from gcs_autotune.workflow.experiment import experiment
@@ -63,6 +63,7 @@ __all__ = [
     "authority",
     "compare",
     "design_at_desk",
+    "designs_of_styles",
     "examine",
     "experiment",
     "fetch_onboard_log",

@@ -31,7 +31,7 @@ from gcs_autotune.design import (
     turn_rate_step,
 )
 from gcs_autotune.documents import MODEL
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 from gcs_autotune.identify import ModelFile, fit_axis, load_model, model_file_of
 from gcs_autotune.identify.relay import predict_cycle
@@ -44,7 +44,7 @@ from gcs_autotune.workflow.own_loops import SUPPLIED, range_of
 from gcs_autotune.workflow.proof import SHARE_OF_TOP, cruise_pair, known_of
 from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
 
-__all__ = ["DeskSettings", "design_at_desk"]
+__all__ = ["DeskSettings", "design_at_desk", "designs_of_styles"]
 
 RELAY_OUTPUT = 0.3
 """Output of a relay if none is set [fraction of full]: that at which a relay in flight starts."""
@@ -118,6 +118,26 @@ def design_at_desk(settings: DeskSettings) -> Designed:
         No gains keep the specification; the message states the nearest that is feasible.
     """
     return lookup(TASKS, settings.loop, "loop")(settings)
+
+
+def designs_of_styles(settings: DeskSettings) -> dict[str, DesignedGains | str]:
+    """Return the design of a loop of the autopilot for each style; why there is none, if no gains keep its margins.
+
+    Raises
+    ------
+    UsageError, BadFile, NotInformative
+        As :func:`design_at_desk`.
+    """
+    found: dict[str, DesignedGains | str] = {}
+    for style in STYLES:
+        try:
+            designed = design_at_desk(replace(settings, style=style))
+        except NoGainsMeetSpec as error:
+            found[style] = str(error)
+        else:
+            assert isinstance(designed, DesignedGains)
+            found[style] = designed
+    return found
 
 
 # --- what it is designed from -------------------------------------------------------------------------------------

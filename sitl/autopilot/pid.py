@@ -43,26 +43,25 @@ class Pid:
         """
         if self._version != self._parameters.version or dt != self._dt:
             self._read_gains(dt)
-        last_error, last_target = self._error, self.target
+        last = self.target
         if self._fresh:
             self._fresh = False
-            self.target = last_target = target
-            self._error = target - measured
+            self.target = last = target
+            self._error = error = target - measured
             self._derivative = 0.0
         else:
-            self.target += self._new_target * (target - self.target)
-            self._error += self._new_error * (self.target - measured - self._error)
-            slope = (self._error - last_error) / dt
-            self._derivative += self._new_slope * (slope - self._derivative)
+            before = self._error
+            self.target = wanted = last + self._new_target * (target - last)
+            self._error = error = before + self._new_error * (wanted - measured - before)
+            self._derivative += self._new_slope * ((error - before) / dt - self._derivative)
         self.measured = measured
-        self.feed_forward = self.target * self._kff
-        self.feed_forward += (self.target - last_target) / dt * self._kdff
+        self.feed_forward = self.target * self._kff + (self.target - last) / dt * self._kdff
         if self._ki == 0.0:
             self.integrator = 0.0
-        elif not limited or self.integrator * self._error < 0.0:
-            limit = max(self._most, self.least_imax)
-            self.integrator = clamp(self.integrator + self._error * self._ki * dt, -limit, limit)
-        self.p_part = self._error * self._kp
+        elif not limited or self.integrator * error < 0.0:
+            limit = self._most if self._most > self.least_imax else self.least_imax
+            self.integrator = clamp(self.integrator + error * self._ki * dt, -limit, limit)
+        self.p_part = error * self._kp
         self.d_part = self._derivative * self._kd
         if self._most_pd > 0.0:
             self._limit_p_and_d(self._most_pd)

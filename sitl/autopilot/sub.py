@@ -169,7 +169,8 @@ class Sub(Autopilot):
         if not self.tilts:
             return
         estimate, most = self.estimate, math.radians(self.parameters["ANGLE_MAX"] / 100.0)
-        roll, pitch = (most * self.rc.angle(channel, _STICK_FULL, 0.0) / _STICK_FULL for channel in (_ROLL, _PITCH))
+        roll = most * self.rc.angle(_ROLL, _STICK_FULL, 0.0) / _STICK_FULL
+        pitch = most * self.rc.angle(_PITCH, _STICK_FULL, 0.0) / _STICK_FULL
         if self._tilt_target is not None and self.ms - self._target_ms < _TARGET_LIFE_MS:
             roll, pitch = self._tilt_target
         self.roll.hold(roll)

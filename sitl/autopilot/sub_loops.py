@@ -7,10 +7,11 @@ AC_PosControl does, cm inside): position -> climb rate -> acceleration -> thrott
 from __future__ import annotations
 
 import math
+from math import remainder, tau
 
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.pid import Pid
-from sitl.autopilot.shaping import clamp, invert_sqrt_controller, sqrt_controller, step_towards, wrap_pi
+from sitl.autopilot.shaping import clamp, invert_sqrt_controller, sqrt_controller, step_towards
 
 __all__ = ["SubAngleController", "SubDepthController"]
 
@@ -25,11 +26,13 @@ class SubAngleController:
     """
 
     def __init__(self, parameters: ParameterStore, dt: float, axis: str = "YAW") -> None:
-        self._values = parameters.values
+        self._parameters, self._version = parameters, -1
         self._dt = dt
         self.pid = Pid(parameters, f"ATC_RAT_{axis}")
-        self._p, letter = f"ATC_ANG_{axis}_P", axis[0]
-        self._most, self._top, self._slew = f"ATC_ACCEL_{letter}_MAX", f"ATC_RATE_{letter}_MAX", f"ATC_SLEW_{axis}"
+        letter = axis[0]
+        self._names = f"ATC_ANG_{axis}_P", f"ATC_ACCEL_{letter}_MAX", f"ATC_RATE_{letter}_MAX", f"ATC_SLEW_{axis}"
+        self._p = self._most = self._limit = self._top = self._slew = self._quickness = 0.0
+        self._is_shaped = False
         self._target = 0.0
         self._target_rate = 0.0
 
@@ -41,43 +44,50 @@ class SubAngleController:
 
     def hold(self, angle: float) -> None:
         """Move the target towards *angle* [rad], shaped by ATC_INPUT_TC, ATC_ACCEL_*_MAX and, in yaw, ATC_SLEW_YAW."""
-        values = self._values
-        error = wrap_pi(angle - self._target)
-        if not values["ATC_RATE_FF_ENAB"]:
+        if self._version != self._parameters.version:
+            self._read_gains()
+        error = remainder(angle - self._target, tau)
+        if not self._is_shaped:
             self._target, self._target_rate = angle, 0.0
             return
-        wanted = sqrt_controller(error, 1.0 / max(values["ATC_INPUT_TC"], 0.01), self._acceleration(), self._dt)
-        self._approach_rate(wanted)
-        top = math.radians(values.get(self._slew, 0.0) / 100.0)
-        if top > 0.0:
-            self._target_rate = clamp(self._target_rate, -top, top)
+        if error == 0.0 == self._target_rate:
+            return
+        self._approach_rate(sqrt_controller(error, self._quickness, self._most, self._dt))
+        if self._slew > 0.0:
+            self._target_rate = clamp(self._target_rate, -self._slew, self._slew)
 
     def turn(self, rate: float) -> None:
         """Turn the target heading at *rate* [rad/s]."""
+        if self._version != self._parameters.version:
+            self._read_gains()
         self._approach_rate(rate)
 
     def run(self, angle: float, rate: float, limited: bool) -> float:
         """Return the output (-1 to 1) for the measured *angle* [rad] and *rate* [rad/s]."""
-        values, dt = self._values, self._dt
-        p = values[self._p]
-        self._target = wrap_pi(self._target + self._target_rate * dt)
-        error = wrap_pi(self._target - angle)
+        if self._version != self._parameters.version:
+            self._read_gains()
+        p, dt, top = self._p, self._dt, self._top
+        self._target = remainder(self._target + self._target_rate * dt, tau)
+        error = remainder(self._target - angle, tau)
         if p > 0.0 and abs(error) > _MOST_ACCELERATION / p:
             error = math.copysign(_MOST_ACCELERATION / p, error)
-            self._target = wrap_pi(angle + error)
-        most = self._acceleration()
-        limit = clamp(0.5 * most, _LEAST_ACCELERATION, _MOST_ACCELERATION) if most > 0.0 else 0.0
-        wanted = sqrt_controller(error, p, limit, dt) + self._target_rate
-        top = math.radians(values[self._top])
+            self._target = remainder(angle + error, tau)
+        wanted = sqrt_controller(error, p, self._limit, dt) + self._target_rate
         if top > 0.0:
             wanted = clamp(wanted, -top, top)
         return clamp(self.pid.update(wanted, rate, dt, limited), -1.0, 1.0)
 
-    def _acceleration(self) -> float:
-        return math.radians(self._values[self._most] / 100.0)
+    def _read_gains(self) -> None:
+        values, (p, most, top, slew) = self._parameters.values, self._names
+        self._version = self._parameters.version
+        self._p, self._most = values[p], math.radians(values[most] / 100.0)
+        half = clamp(0.5 * self._most, _LEAST_ACCELERATION, _MOST_ACCELERATION)
+        self._limit = half if self._most > 0.0 else 0.0
+        self._top, self._slew = math.radians(values[top]), math.radians(values.get(slew, 0.0) / 100.0)
+        self._is_shaped, self._quickness = bool(values["ATC_RATE_FF_ENAB"]), 1.0 / max(values["ATC_INPUT_TC"], 0.01)
 
     def _approach_rate(self, wanted: float) -> None:
-        limit = self._acceleration()
+        limit = self._most
         self._target_rate = step_towards(self._target_rate, wanted, limit * self._dt) if limit > 0.0 else wanted
 
 

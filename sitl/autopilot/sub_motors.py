@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.servo_rail import ServoRail
@@ -35,7 +35,7 @@ _FRAMES: Mapping[int, Sequence[Sequence[float]]] = {
 }
 """FRAME_CONFIG -> each motor's (yaw, forward, lateral, throttle, roll, pitch) factors: 0 BlueROV1, 1 vectored, 2
 vectored 6-DOF, 3 vectored 6-DOF at right angles, 4 to 6 SimpleROV-3 to -5, 7 custom."""
-_FIRST_MOTOR_FUNCTION, _LAST_MOTOR_FUNCTION = 33, 40
+_FIRST_MOTOR_FUNCTION = 33
 _SPAN_PWM = 400.0
 _NEUTRAL_PWM = 1500
 _ROUNDING = 1e-6
@@ -59,7 +59,6 @@ class SubMotors:
         self.yaw = self.forward = self.lateral = self.roll = self.pitch = 0.0
         self.throttle_in = self.throttle = 0.5
         self._cutoff = 0.0
-        self._pulses: list[int] = []
         self._written = (math.nan,) * 6
 
     @property
@@ -95,9 +94,8 @@ class SubMotors:
         elif demands == self._written and not rail.is_overridden:
             return
         self._written = demands
-        distinct = [self._pulse_of(*demands, motor) for motor in self._motors]
-        self._pulses = [distinct[k] for k in self._which]
-        rail.write(self._pulse)
+        distinct = list(self._pulses_of(*demands))
+        rail.write_motors([distinct[k] for k in self._which], _FIRST_MOTOR_FUNCTION)
 
     def _read_frame(self) -> None:
         values = self._parameters.values
@@ -110,28 +108,13 @@ class SubMotors:
         self._motors = list(dict.fromkeys(motors))
         self._which = [self._motors.index(motor) for motor in motors]
 
-    def _pulse_of(
-        self,
-        yaw: float,
-        ahead: float,
-        side: float,
-        up: float,
-        roll: float,
-        pitch: float,
-        motor: Sequence[float],
-    ) -> int:
-        output = yaw * motor[0] + ahead * motor[1] + side * motor[2] + up * motor[3]
-        if roll or pitch:
-            output += roll * motor[4] + pitch * motor[5]
-        if output > 1.0:
-            output = 1.0
-        elif output < -1.0:
-            output = -1.0
-        pulse = int(_NEUTRAL_PWM + motor[6] * output + _ROUNDING)
-        return max(self._lowest, min(self._highest, pulse))
-
-    def _pulse(self, function: int, low: int, trim: int, high: int, sign: int) -> int:
-        index = function - _FIRST_MOTOR_FUNCTION
-        if not _FIRST_MOTOR_FUNCTION <= function <= _LAST_MOTOR_FUNCTION or index >= len(self._pulses):
-            return trim
-        return self._pulses[index]
+    def _pulses_of(self, yaw: float, ahead: float, side: float, up: float, roll: float, pitch: float) -> Iterator[int]:
+        """Yield the pulse [us] of each distinct motor."""
+        is_tilted, low, high = roll or pitch, self._lowest, self._highest
+        for by_yaw, by_ahead, by_side, by_up, by_roll, by_pitch, span in self._motors:
+            output = yaw * by_yaw + ahead * by_ahead + side * by_side + up * by_up
+            if is_tilted:
+                output += roll * by_roll + pitch * by_pitch
+            output = 1.0 if output > 1.0 else -1.0 if output < -1.0 else output
+            pulse = int(_NEUTRAL_PWM + span * output + _ROUNDING)
+            yield low if pulse < low else high if pulse > high else pulse

@@ -4,6 +4,15 @@
 """
 
 from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
-from sitl.effects.table import EFFECTS, make_effect, parse_effect
+from sitl.effects.table import EFFECTS, SURROUNDINGS, make_effect, parse_effect
 
-__all__ = ["EFFECTS", "BadEffect", "EffectParameter", "HiddenEffect", "Setting", "make_effect", "parse_effect"]
+__all__ = [
+    "EFFECTS",
+    "SURROUNDINGS",
+    "BadEffect",
+    "EffectParameter",
+    "HiddenEffect",
+    "Setting",
+    "make_effect",
+    "parse_effect",
+]

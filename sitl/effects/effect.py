@@ -49,11 +49,12 @@ class EffectParameter:
         """Return a sentence that states why *value* is not allowed, or an empty text if it is allowed."""
         if not math.isfinite(value):
             return f"{value:g} is not a finite number"
+        unit = "" if self.unit == "1" else f" {self.unit}"
         in_degrees = f". Did you mean {math.radians(value):.3g} ({value:g} degrees)?" * (self.unit == "rad")
         if value < self.least:
-            return f"{value:g} is too small. The minimum is {self.least:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too small. The minimum is {self.least:g}{unit}{in_degrees}"
         if value > self.most:
-            return f"{value:g} is too large. The maximum is {self.most:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too large. The maximum is {self.most:g}{unit}{in_degrees}"
         return ""
 
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffect, Setting
 from sitl.effects.places import find_dof
-from sitl.plants import Wrench
+from sitl.plants import GRAVITY, Wrench
 
 __all__ = [
     "InputBias",
@@ -92,27 +92,64 @@ class WindMoment(HiddenEffect):
         return math.sqrt(setting.parameters["yaw.alpha"] / max(abs(self._moment), 1e-12))
 
 
-class WaveDisturbance(HiddenEffect):
-    """A narrow-band force: second-order shaped noise, or one sinusoid if ``bandwidth`` is 0.
+_SHORTEST, _COMPONENTS = 2.5, 40
+"""Highest frequency of a sea over that of its peak, and number of its sinusoids. Project choice."""
 
-    Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the bandwidth.
-    It is computed in exact steps and starts in its stationary distribution. ``amplitude`` is its standard deviation.
+
+def jonswap(peak: float, gamma: float, draw: Random) -> list[tuple[float, float, float]]:
+    """Return size, frequency [rad/s] and phase [rad] of the sinusoids of a sea of unit variance.
+
+    JONSWAP spectrum (Hasselmann1973) with its peak at *peak* [rad/s]; *gamma*: peak enhancement. The frequencies are
+    drawn, one in each of :data:`_COMPONENTS` equal bands, so that the sea does not repeat.
+    """
+    width = (_SHORTEST - 0.5) / _COMPONENTS
+    found = []
+    for k in range(_COMPONENTS):
+        x = 0.5 + width * (k + draw.random())
+        spread = 0.07 if x <= 1.0 else 0.09
+        enhanced = math.pow(gamma, math.exp(-0.5 * ((x - 1.0) / spread) ** 2))
+        found.append((math.sqrt(math.exp(-1.25 / x**4) / x**5 * enhanced), peak * x, draw.uniform(0.0, math.tau)))
+    scale = math.sqrt(2.0 / sum(size * size for size, _, _ in found))
+    return [(scale * size, omega, phase) for size, omega, phase in found]
+
+
+class WaveDisturbance(HiddenEffect):
+    """A narrow-band force: second-order shaped noise, one sinusoid if ``bandwidth`` is 0, or a sea if ``gamma`` is set.
+
+    The shaped noise is Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise,
+    ``lambda`` the bandwidth. It is computed in exact steps and starts in its stationary distribution.
+
+    A sea has the JONSWAP spectrum (Hasselmann1973) with its peak at ``frequency``. Its long-crested waves travel
+    towards ``direction`` in deep water and are met where the craft is over ground. So the craft feels them at the
+    frequency of encounter. ``drift`` is the mean of the second-order force towards ``direction``. It varies slowly with
+    the square of the envelope of the waves (Newman1974). ``amplitude`` is the standard deviation of the first-order
+    force.
     """
 
     slug = "wave-disturbance"
     meaning = "waves: a narrow-band force"
     parameters = (
-        EffectParameter("amplitude", "input unit", "rms"),
-        EffectParameter("frequency", "rad/s", least=1e-6),
+        EffectParameter("amplitude", "input unit", "rms", least=0.0),
+        EffectParameter("frequency", "rad/s", "peak, as a fixed point meets the waves", least=1e-6),
         EffectParameter("bandwidth", "1", "damping ratio of the shaping filter; 0: one sinusoid", 0.0, least=0.0),
+        EffectParameter("gamma", "1", "JONSWAP peak enhancement, usually 3.3; 0: no sea", 0.0, least=0.0, most=10.0),
+        EffectParameter("direction", "rad", "of a sea: towards which it travels", 0.0, least=-10.0, most=10.0),
+        EffectParameter("drift", "input unit", "of a sea: mean second-order force (surge, sway)", 0.0, least=0.0),
     )
-    on_vehicles = "yaw (default), surge, heave"
+    on_vehicles = "yaw (default), surge, sway, heave"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degree of freedom, and draw the initial state of the noise or phase of the sinusoid."""
-        dof = find_dof(self, setting)
-        self._name, self._rms = FORCE_OF[dof], self["amplitude"] * setting.gain.get(dof, 1.0)
-        draw = Random(f"{setting.seed}/{self.slug}/{dof}")
+        """Find the degree of freedom, and draw the initial state of the noise or the phases of the waves."""
+        self._dof = dof = find_dof(self, setting)
+        gain = setting.gain.get(dof, 1.0)
+        self._name, self._rms, self._drift = FORCE_OF[dof], self["amplitude"] * gain, self["drift"] * gain
+        if self._drift and dof not in ("surge", "sway"):
+            raise BadEffect(f"wave-disturbance.drift acts on surge or sway, not on {dof}. Name the place: @surge")
+        if self._drift and not self["gamma"]:
+            raise BadEffect("wave-disturbance.drift needs a sea. Set gamma, usually to 3.3")
+        self._state = setting.state
+        draw = Random(f"{setting.seed}/{self.slug}" + ("" if self["gamma"] else f"/{dof}"))
+        self._sea = jonswap(self["frequency"], self["gamma"], draw) if self["gamma"] else []
         self._gauss = draw.gauss
         self._phase = draw.uniform(0.0, math.tau)
         self._level, self._rise = draw.gauss(0.0, 1.0), draw.gauss(0.0, 1.0)
@@ -120,15 +157,32 @@ class WaveDisturbance(HiddenEffect):
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
         """Add the wave force or moment at *t* to *wrench*."""
-        if self["bandwidth"] == 0.0:
-            now = math.sqrt(2.0) * math.sin(self["frequency"] * t + self._phase)
+        if self._sea:
+            force = self._met(t)
+        elif self["bandwidth"] == 0.0:
+            force = self._rms * math.sqrt(2.0) * math.sin(self["frequency"] * t + self._phase)
         else:
-            now = self._advance(t)
-        setattr(wrench, self._name, getattr(wrench, self._name) + self._rms * now)
+            force = self._rms * self._advance(t)
+        setattr(wrench, self._name, getattr(wrench, self._name) + force)
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time [s] of one radian of the wave's oscillation."""
-        return 1.0 / self["frequency"]
+        """Return the time [s] of one radian of the wave's oscillation; of a sea, of its shortest waves."""
+        return 1.0 / (self["frequency"] * (_SHORTEST if self["gamma"] else 1.0))
+
+    def _met(self, t: float) -> float:
+        """Return the force of the sea at time *t* [s] where the craft is: first order, and drift."""
+        at, towards = self._state, self["direction"]
+        travelled = at.x * math.cos(towards) + at.y * math.sin(towards)
+        level = slope = 0.0
+        for size, omega, phase in self._sea:
+            angle = omega * t - omega * omega / GRAVITY * travelled + phase
+            level += size * math.cos(angle)
+            slope += size * math.sin(angle)
+        drift = 0.0
+        if self._drift:
+            share = math.cos(towards - at.psi) if self._dof == "surge" else math.sin(towards - at.psi)
+            drift = self._drift * 0.5 * (level * level + slope * slope) * share
+        return self._rms * (level if self._dof == "heave" else slope) + drift
 
     def _advance(self, t: float) -> float:
         """Return the normalised force at *t*. Time only advances."""

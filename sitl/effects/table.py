@@ -58,8 +58,10 @@ from sitl.effects.sensor import (
     Quantisation,
     SensorPosition,
 )
+from sitl.effects.tether_line import TetherLine
+from sitl.effects.wind_load import WindLoad
 
-__all__ = ["EFFECTS", "make_effect", "parse_effect"]
+__all__ = ["EFFECTS", "SURROUNDINGS", "make_effect", "parse_effect"]
 
 _CLASSES: tuple[type[HiddenEffect], ...] = (
     TimeScale,
@@ -96,8 +98,10 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     SteadyCurrent,
     ChangingCurrent,
     WindMoment,
+    WindLoad,
     WaveDisturbance,
     TetherPull,
+    TetherLine,
     SensorPosition,
     CompassDeviation,
     GyroBias,
@@ -107,6 +111,9 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
 )
 
 EFFECTS: Mapping[str, type[HiddenEffect]] = {kind.slug: kind for kind in _CLASSES}
+
+SURROUNDINGS: Mapping[str, str] = {"current": "changing-current", "wind": "wind-load", "tether": "tether-line"}
+"""Heading of a vehicle file -> slug of the effect of the surroundings whose parameters it has."""
 
 
 def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None = None) -> HiddenEffect:

@@ -102,7 +102,7 @@ def measured_speed(state: State, water: Water) -> tuple[float, float, float]:
     ahead, aside, down = state.u, state.v, state.w
     if state.tilts:
         u, v, w = ahead, aside, down
-        (c, s), (d, e) = ((math.cos(angle), math.sin(angle)) for angle in (state.phi, state.theta))
+        c, s, d, e = math.cos(state.phi), math.sin(state.phi), math.cos(state.theta), math.sin(state.theta)
         across = s * v + c * w
         ahead, aside, down = d * u + e * across, c * v - s * w, d * across - e * u
     if not water.over_ground:

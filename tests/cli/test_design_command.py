@@ -50,6 +50,28 @@ def test_gains_for_ardurover_are_printed_with_the_defaults_saved_and_shown_on_a_
     assert page.count("<svg") == 3
 
 
+@pytest.mark.slow
+def test_all_styles_are_designed_into_one_file_to_compare_them(tmp_path, briefly, capsys):
+    model, file = written(tmp_path / "rov.json", HEAVE), tmp_path / "styles.json"
+    assert main(["design", str(model), "--for", "depth", "--full-scale", "100", "--styles", str(file)]) == 0
+    styles = json.loads(file.read_text())["styles"]
+    assert set(styles) == {"gentle", "normal", "quick"}
+    for style, least in (("gentle", 3.5), ("normal", 2.5), ("quick", 2.0)):
+        found, step = styles[style], styles[style]["step"]
+        assert found["margins"]["gain"] is None or found["margins"]["gain"] > 0.99 * least
+        assert len({len(step[name]) for name in ("t", "before", "after", "low", "high", "output")}) == 1
+        assert len(step["t"]) <= 2 * 300 and step["after"][-1] == pytest.approx(step["size"], abs=0.05)
+        assert 0.0 < found["largest_output"] <= 1.0
+    assert styles["gentle"]["metrics"]["after"]["itae"] > styles["quick"]["metrics"]["after"]["itae"]
+    assert "cannot be written" in refused(capsys, model, "--for", "depth", "--full-scale", "100", "--styles", tmp_path)
+
+
+def test_styles_are_not_compared_where_another_option_sets_the_speed(tmp_path, capsys):
+    model = written(tmp_path / "rov.json", HEAVE)
+    for other in (("--omega-0", "1"), ("--own",), ("--style", "quick")):
+        assert "without --own" in refused(capsys, model, "--for", "depth", "--styles", tmp_path / "s.json", *other)
+
+
 def test_present_gains_come_from_a_file_under_the_vehicles_own_names(capsys, tmp_path):
     model, held = written(tmp_path / "boat.json", YAW), tmp_path / "present.param"
     held.write_text("ATC_STR_RAT_FF,1.25\nATC_STR_ANG_P,1.5\n", encoding="utf-8")

@@ -47,8 +47,10 @@ SLUGS = [
     "steady-current",
     "changing-current",
     "wind-moment",
+    "wind-load",
     "wave-disturbance",
     "tether-pull",
+    "tether-line",
     "sensor-position",
     "compass-deviation",
     "gyro-bias",
@@ -465,7 +467,14 @@ def test_an_effect_that_cannot_be_is_explained(text, said):
 def test_an_effect_is_written_with_its_place_and_several_numbers():
     effect = parse_effect("wave-disturbance@surge.amplitude=0.1,frequency=2,bandwidth=0.05")
     assert (effect.slug, effect.place) == ("wave-disturbance", "surge")
-    assert effect.values == {"amplitude": 0.1, "frequency": 2.0, "bandwidth": 0.05}
+    assert effect.values == {
+        "amplitude": 0.1,
+        "frequency": 2.0,
+        "bandwidth": 0.05,
+        "gamma": 0.0,
+        "direction": 0.0,
+        "drift": 0.0,
+    }
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 from sitl import open_vehicle
 from sitl.catalogue import load_vehicle
+from sitl.check import check_vehicle
 from sitl.craft import Craft
 from sitl.effects import BadEffect, make_effect, parse_effect
 from sitl.effects.effect import Setting
@@ -77,3 +79,169 @@ def test_a_current_faster_than_the_craft_is_refused_with_both_speeds():
         BadEffect, match=r"changing-current: the current of 9 m/s is faster than the craft .*Use a slower"
     ):
         open_vehicle("charlie", effects=[parse_effect("changing-current.V_x=9")])
+
+
+def forces_of(text, state, *, water=None, dofs=("surge", "sway", "yaw"), **more):
+    """Return the wrench of the effect that *text* describes on a craft in that *state*, at time 0."""
+    setting = Setting(state, water or Water(), {"yaw.alpha": 1.0}, dofs, {}, {}, {}, (), **more)
+    effect, wrench = parse_effect(text), Wrench()
+    effect.begin(setting)
+    effect.alter_force(0.0, wrench)
+    return wrench
+
+
+def test_wind_pushes_by_area_coefficient_and_relative_speed():
+    text = "wind-load.speed=8,direction=0,A_F=2,A_L=3,L=5,c_x=0.6,c_y=0.9,c_n=0.1"
+    astern = forces_of(text, State(u=1.0))
+    assert (astern.X, astern.Y, astern.N) == pytest.approx((0.5 * 1.225 * 0.6 * 2.0 * 7.0**2, 0.0, 0.0))
+    abeam = forces_of(text, State(psi=-0.5 * math.pi))  # towards north, so from port of a craft that heads west
+    assert (abeam.X, abeam.Y, abeam.N) == pytest.approx((0.0, 0.5 * 1.225 * 0.9 * 3.0 * 8.0**2, 0.0), abs=1e-9)
+    on_the_port_bow = forces_of(text, State(psi=-0.75 * math.pi))
+    assert on_the_port_bow.N == pytest.approx(0.5 * 1.225 * 0.1 * 3.0 * 5.0 * 8.0**2)
+
+
+def test_wind_acts_on_the_speed_over_ground():
+    text = "wind-load.speed=8,direction=0,X=10"
+    assert forces_of(text, State(u=1.0), water=Water(V_x=-1.0)).X == pytest.approx(10.0)
+
+
+def test_gusts_have_the_spread_of_their_spectrum_and_go_with_the_seed():
+    effects = [parse_effect("wind-load.speed=10,direction=0,X=1,gust=1") for _ in range(2)]
+    for effect, seed in zip(effects, ("1", "2"), strict=True):
+        effect.begin(Setting(State(), Water(), {}, ("surge", "yaw"), {}, {}, {}, (), seed=seed))
+    speeds = np.array([[effect.wind(t) for t in np.arange(0.0, 24000.0, 10.0)] for effect in effects])
+    f = np.geomspace(1.0 / 1200.0, 0.25, 2001)
+    density = 320.0 / (1.0 + (172.0 * f) ** 0.468) ** (5.0 / (3.0 * 0.468))
+    assert speeds.std(axis=1) == pytest.approx(math.sqrt(np.trapezoid(density, f)), rel=0.05)
+    assert speeds.mean(axis=1) == pytest.approx(10.0, abs=0.1)
+    assert abs(np.corrcoef(speeds)[0, 1]) < 0.2
+
+
+def test_a_negative_gust_is_refused():
+    with pytest.raises(BadEffect, match=r"wind-load.gust: -1 is too small. The minimum is 0$"):
+        parse_effect("wind-load.direction=0,gust=-1")
+
+
+FILE = """title = "Mine"
+like = "charlie"
+
+[{heading}]
+{entries}
+"""
+
+
+@pytest.mark.parametrize(
+    ("heading", "entries", "line", "said"),
+    [
+        ("current", {"V_x": (9.0, "m/s")}, 4, r"current: the current of 9 m/s is faster than the craft"),
+        ("current", {"V_x": (0.1, "m/s"), "turn": (math.nan, "rad/s")}, 6, r"current\.turn.* nan"),
+        ("wind", {"direction": (1.0, "rad"), "gust": (-1.0, "1")}, 6, r"wind\.gust.* >= 0"),
+        ("wind", {"speed": (8.0, "m/s")}, 4, r"wind needs direction"),
+        ("wind", {"direction": (90.0, "deg")}, 5, r"wind\.direction is in 'deg'"),
+    ],
+)
+def test_a_vehicle_file_with_surroundings_that_are_wrong_is_refused_by_line(tmp_path, heading, entries, line, said):
+    rows = "\n".join(f'{n} = {{ value = {v}, unit = "{unit}", source = "here" }}' for n, (v, unit) in entries.items())
+    path = tmp_path / "mine.toml"
+    path.write_text(FILE.format(heading=heading, entries=rows), encoding="utf-8")
+    (fault,) = check_vehicle(path)
+    assert re.match(rf"{re.escape(str(path))}:{line}: .*{said}", fault), fault
+
+
+def test_a_vehicle_file_brings_its_surroundings(tmp_path):
+    path = tmp_path / "mine.toml"
+    entries = '\n'.join((
+        'speed = { value = 8.0, unit = "m/s", source = "here" }',
+        'direction = { value = 0.0, unit = "rad", source = "here" }',
+        'A_F = { value = 2.0, unit = "m^2", source = "here" }',
+    ))  # fmt: skip
+    path.write_text(FILE.format(heading="wind", entries=entries), encoding="utf-8")
+    assert check_vehicle(path) == []
+    craft = Craft(load_vehicle(str(path)))
+    craft.begin("1")
+    for k in range(500):
+        craft.move(0.02 * k, 0.02, [1500] * 16)
+    assert craft.plant.state.x > 1.0
+
+
+def of_a_sea(text, at, times, *, seed="1"):
+    """Return the forces ahead [N] of the sea that *text* describes, on a craft at the positions *at* (n, 2)."""
+    state, effect, found = State(), parse_effect(text), []
+    effect.begin(Setting(state, Water(), {}, ("surge", "sway", "yaw"), {}, {}, {}, (), seed=seed))
+    for t, (state.x, state.y) in zip(times, at, strict=True):
+        wrench = Wrench()
+        effect.alter_force(t, wrench)
+        found.append(wrench.X)
+    return np.array(found)
+
+
+SEA = "wave-disturbance@surge.amplitude=2,frequency=1.2,gamma=3.3"
+TIMES = np.arange(0.0, 2000.0, 0.5)
+
+
+def peak_of(force):
+    """Return the mean frequency [rad/s] of a force, weighted by its power."""
+    power = np.abs(np.fft.rfft(force)) ** 2
+    return float(np.sum(power * np.fft.rfftfreq(len(force), 0.5)) / np.sum(power) * 2.0 * math.pi)
+
+
+def test_a_sea_has_its_size_and_its_spectrum():
+    force = of_a_sea(SEA, np.zeros((len(TIMES), 2)), TIMES)
+    assert force.std() == pytest.approx(2.0, rel=0.03)
+    assert force.mean() == pytest.approx(0.0, abs=0.02)
+    x = np.geomspace(0.5, 2.5, 4001)
+    density = np.exp(-1.25 / x**4) / x**5 * 3.3 ** np.exp(-0.5 * ((x - 1.0) / np.where(x <= 1.0, 0.07, 0.09)) ** 2)
+    mean = np.trapezoid(density * x, x) / np.trapezoid(density, x)
+    assert peak_of(force) == pytest.approx(1.2 * mean, rel=0.05)
+
+
+def test_waves_are_met_more_often_ahead_than_astern():
+    way = np.column_stack([1.5 * TIMES, 0.0 * TIMES])  # 1.5 m/s to the north
+    with_them, against = (peak_of(of_a_sea(f"{SEA},direction={d}", way, TIMES)) for d in (0.0, math.pi))
+    still = peak_of(of_a_sea(SEA, 0.0 * way, TIMES))
+    assert with_them < still - 0.5 * 1.2**2 / 9.81 * 1.5 and against > still + 0.5 * 1.2**2 / 9.81 * 1.5
+
+
+def test_the_drift_force_of_a_sea_has_its_mean_and_varies_slowly():
+    sea, drifting = (of_a_sea(SEA + more, np.zeros((len(TIMES), 2)), TIMES) for more in ("", ",drift=3"))
+    drift = drifting - sea
+    assert drift.mean() == pytest.approx(3.0, rel=0.05)
+    assert drift.min() >= 0.0 and drift.std() > 1.0
+    assert peak_of(drift - drift.mean()) < 0.5 * 1.2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("wave-disturbance.amplitude=-1,frequency=1", r"amplitude: -1 is too small"),
+        ("wave-disturbance@surge.amplitude=1,frequency=1,drift=1", "needs a sea. Set gamma"),
+        ("wave-disturbance.amplitude=1,frequency=1,gamma=3.3,drift=1", "acts on surge or sway, not on yaw"),
+    ],
+)
+def test_a_sea_that_cannot_be_is_refused(text, said):
+    with pytest.raises(BadEffect, match=said):
+        Craft(load_vehicle("charlie"), effects=[parse_effect(text)]).begin("1")
+
+
+def test_a_tether_is_slack_up_to_its_length_and_pulls_beyond_in_all_three_directions():
+    text = "tether-line.stiffness=10,length=5"
+    dofs = ("surge", "sway", "heave", "yaw")
+    assert forces_of(text, State(x=3.0, z=4.0), dofs=dofs) == Wrench()
+    taut = forces_of(text, State(x=6.0, z=8.0), dofs=dofs)
+    assert (taut.X, taut.Y, taut.Z) == pytest.approx((-30.0, 0.0, -40.0))
+    assert forces_of(text, State(x=6.0, z=8.0, psi=0.5 * math.pi), dofs=dofs).Y == pytest.approx(30.0)
+
+
+def test_a_tether_is_dragged_across_itself_and_not_along():
+    text = "tether-line.length=50,drag=4"
+    dofs = ("surge", "sway", "heave", "yaw")
+    along = forces_of(text, State(x=10.0, u=2.0), dofs=dofs)
+    assert (along.X, along.Y, along.Z) == pytest.approx((0.0, 0.0, 0.0))
+    across = forces_of(text, State(x=10.0, w=2.0), dofs=dofs)
+    assert (across.X, across.Y, across.Z) == pytest.approx((0.0, 0.0, -16.0))
+
+
+def test_a_tilted_craft_feels_the_pull_of_a_tether_in_its_own_axes():
+    text = "tether-line.stiffness=10,length=5"
+    pitched = forces_of(text, State(z=8.0, theta=0.5 * math.pi, tilts=True), dofs=("surge", "sway", "heave", "yaw"))
+    assert (pitched.X, pitched.Z) == pytest.approx((30.0, 0.0), abs=1e-9)  # bow up: ahead is up

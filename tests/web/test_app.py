@@ -23,6 +23,8 @@ from gcs_autotune.manoeuvres import MANOEUVRES, ManoeuvreKind
 from gcs_autotune.web import Access, CommandLine, make_app
 from gcs_autotune.web.access import TOKEN_HEADER
 from gcs_autotune.web.app import FILES, STATIC
+from gcs_autotune.web.archive import loop_of
+from gcs_autotune.web.desk import VERBS
 from gcs_autotune.web.job import Job, how_it_ended, how_the_undo_ended
 from gcs_autotune.web.live import Live
 from gcs_autotune.web.orders import fields, make_order
@@ -295,6 +297,29 @@ def test_every_manoeuvre_can_be_chosen_with_each_force_and_its_options(kind: Man
         assert make_parser().parse_args(list(order.arguments)).force == force
 
 
+def test_the_settings_file_is_shown_where_a_field_is_left_empty(tmp_path: Path) -> None:
+    preset = {"connect": "/dev/ttyUSB0,57600", "max-distance": 40.0}
+    with TestClient(make_app(tmp_path, Access(), PROGRAM, preset), base_url="http://127.0.0.1:8090") as one:
+        about = one.get("/about").json()
+    everyday = {field["name"]: field["by_axis"][""]["usual"] for field in about["numbers"][about["everyday"]]}
+    assert (about["link"], everyday["max-distance"]) == ("/dev/ttyUSB0,57600", "40 (gcs-autotune.toml)")
+    assert "toml" not in everyday["max-time"]
+
+
+def test_ports_are_listened_to_by_the_command_and_never_during_a_run(tmp_path: Path) -> None:
+    program = CommandLine((sys.executable, "-c", "import sys; print(sys.argv[1:])"))
+    with client_of(tmp_path, program=program) as one, one.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        assert one.post("/work", json={"verb": "ports"}, headers=OURS).status_code == 200
+        viewer = Viewer(socket)
+        while viewer.until("desk")["desk"]["running"]:
+            viewer.state.pop("desk")
+        assert viewer.state["desk"]["text"] == "['ports', '--json']\n"
+    with client_of(tmp_path) as one, one.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        one.post("/start", json=HEADING, headers=OURS)
+        Viewer(socket).until("question")
+        assert one.post("/work", json={"verb": "ports"}, headers=OURS).status_code == 409
+
+
 def test_a_guided_run_is_tune_all_and_has_only_its_options(tmp_path: Path) -> None:
     chosen = {"job": "all", "style": "gentle", "dry_run": True, "model": "a/b.json", "axis": "heading"}
     numbers = {"step": "30", "full-scale": "40", "relays": "3", "max-distance": "40"}
@@ -384,6 +409,24 @@ def test_nothing_is_undone_where_nothing_was_kept_or_the_vehicle_is_gone(
     kept_run(tmp_path / "lake", link, ending=ending)
     with pytest.raises(UsageError, match="nothing to undo"):
         make_order({"job": "undo", "run": "lake"}, tmp_path, NOW)
+
+
+def test_a_run_with_the_model_of_a_loop_offers_what_if_and_its_proof_is_a_tune_from_that_model(
+    tmp_path: Path,
+) -> None:
+    folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0")
+    assert loop_of(folder) == ""
+    (folder / "summary.json").write_text(json.dumps({"axis": "heading"}))
+    assert loop_of(folder) == ""
+    (folder / "model.json").write_text("{}")
+    with client_of(tmp_path) as one:
+        entry = one.get("/runs/lake").json()
+    words = VERBS["what-if"](folder, folder, "yaw", folder)
+    args = make_parser().parse_args(words)
+    assert (args.loop, args.styles, entry["loop"]) == ("heading", folder / "styles.json", "heading")
+    proof = {"job": "tune", "axis": entry["loop"], "style": "quick", "model": "lake/model.json"}
+    tune = make_parser().parse_args(list(make_order({**proof, "connect": entry["link"]}, tmp_path, NOW).arguments))
+    assert (tune.style, tune.model, tune.connect, tune.yes) == ("quick", folder / "model.json", "/dev/ttyUSB0", False)
 
 
 def test_a_run_is_downloaded_whole_without_files_that_are_not_of_a_run(tmp_path: Path) -> None:

@@ -2,8 +2,9 @@
 import { about, draw, forget, resize } from "./charts.js";
 import { apply, connect, empty, link, post, token } from "./state.js";
 import { offer } from "./result.js";
-import { fill, make, models } from "./start.js";
+import { fill, make, models, show as showCrafts } from "./start.js";
 import * as runs from "./runs.js";
+import * as whatIf from "./whatif.js";
 
 const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, wantStop = 0, refused = "", view = "live";
@@ -230,7 +231,8 @@ function showWords() {
   $("words").replaceChildren(...state.words.slice(-200).reverse().map((word) => {
     const item = document.createElement("li");
     item.textContent = word.severity === null ? word.text : `Vehicle: ${word.text}`;
-    if (word.severity !== null) item.className = word.severity <= 3 ? "severe" : "vehicle";
+    if (word.severity !== null) item.className = word.severity <= 3 && !word.note ? "severe" : "vehicle";
+    if (word.note) item.append(` – ${word.note}`);
     return item;
   }));
 }
@@ -278,6 +280,7 @@ function show() {
   for (const name of ["live", "start", "runs"]) $(`tab-${name}`).setAttribute("aria-pressed", String(view === name));
   $("look-only").hidden = mayTouch;
   $("start").disabled = !mayTouch || running();
+  if (view === "start") showCrafts(state, mayTouch && !running());
   if (view === "runs") runs.show(state, mayTouch);
   if (!state.run || view !== "live" || document.hidden) return;
   showTiles(); showWords(); showSteps();
@@ -321,6 +324,7 @@ async function begin() {
   say("version", fields.version);
   mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
   make(fields, () => look("live"));
+  whatIf.make(fields);
   runs.make(fields.dofs, does, () => { if (mayTouch) look("runs"); return mayTouch; });
   show();
 }

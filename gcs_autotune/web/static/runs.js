@@ -1,12 +1,13 @@
 // What is on disk: runs and dropped logs, their replay on the charts of the live view, and work on them.
 import { draw, forget, resize } from "./charts.js";
 import { offer } from "./result.js";
+import * as whatIf from "./whatif.js";
 import { empty, post, token } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 const MOST_ROWS = 6000;
-const VERBS = ["list", "identify", "diagnose", "compare"];
+const VERBS = ["list", "identify", "diagnose", "compare", "what-if"];
 let entries = [];
 let does = null, entry = null, touch = () => false, desk = null, replay = null;
 
@@ -104,6 +105,7 @@ async function open(name) {
   $("files").replaceChildren(...entry.files.map((file) => item(report(entry.name, file, file))));
   others();
   offer($("entry-offer"), entry, does);
+  whatIf.show(entry, does);
   $("entry").scrollIntoView({ block: "nearest" });
 }
 
