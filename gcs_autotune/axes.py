@@ -138,6 +138,8 @@ AXES: Mapping[str, AxisKind] = {
         AxisKind("depth", "heave", "z", 1.0, 30.0, {"GLOBAL_POSITION_INT": 10.0}, example="sitl:videoray"),
         AxisKind("speed", "surge", "u", guessed_duration=22.0, rates=_SPEED, calmed=0.5),
         AxisKind("yaw", "yaw", "r", guessed_duration=8.0),
+        AxisKind("roll", "roll", "phi", math.radians(20.0), 20.0, example="sitl:bluerov2-6dof"),
+        AxisKind("pitch", "pitch", "theta", math.radians(20.0), 20.0, example="sitl:bluerov2-6dof"),
     )
 }
 """Name -> axis. To add an axis, add a line here, and its law and gains in the firmwares that have it."""

@@ -89,10 +89,15 @@ class Actuate:
 
 @dataclass(frozen=True, slots=True)
 class HeadingTarget:
-    """Command the autopilot's own heading loop to hold ``psi`` [rad] at forward ``speed`` [m/s] (0 for an ROV)."""
+    """Command the autopilot's own heading loop to hold ``psi`` [rad] at forward ``speed`` [m/s] (0 for an ROV).
+
+    An ROV also holds ``phi`` and ``theta`` [rad].
+    """
 
     psi: float
     speed: float = 0.0
+    phi: float = 0.0
+    theta: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +136,8 @@ Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget | PositionTarge
 def set_point(signal: str, value: float, *, course: float = math.nan, speed: float = 0.0) -> Command:
     """Return the command for the autopilot's own loop to hold *signal* at *value* [SI].
 
-    course : heading [rad] to hold if the signal is the speed. speed : speed ahead [m/s] for other signals.
+    course : heading [rad] to hold if the signal is the speed, roll or pitch. speed : speed ahead [m/s] for other
+        signals.
     """
     match signal:
         case "psi":
@@ -142,6 +148,10 @@ def set_point(signal: str, value: float, *, course: float = math.nan, speed: flo
             return HeadingTarget(course, value)
         case "z":
             return DepthTarget(value)
+        case "phi":
+            return HeadingTarget(course, phi=value)
+        case "theta":
+            return HeadingTarget(course, theta=value)
     raise KeyError(signal)
 
 

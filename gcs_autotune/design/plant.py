@@ -58,7 +58,7 @@ def in_fractions(
     shrink = np.array([1.0 / scale] * 4 + [1.0])
     numbers = np.array(_numbers(model)) * shrink
     _check(model, numbers)
-    fraction = replace(_rebuild(model, numbers), input_unit="1")
+    fraction = replace(_rebuild(model, numbers), input_unit="1", restoring=model.restoring / scale)
     return fraction, covariance * np.outer(shrink, shrink)
 
 

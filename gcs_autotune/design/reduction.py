@@ -88,8 +88,16 @@ def reduce(
     n, gain = draft.numbers, draft.gain
     usual = "1" if form.normalised else "rad" if channel == "delta" else "N m" if axis.angular else "N"
     unit = inputs.get(channel, usual)
+    restoring = -model.base[axis.restoring_derivative] if axis.restored else 0.0
     single = SingleDof(
-        dof, unit, n["alpha"] / gain, n["beta"] / gain, n["beta_quadratic"] / gain, n["delta"] / gain, n["delay"]
+        dof,
+        unit,
+        n["alpha"] / gain,
+        n["beta"] / gain,
+        n["beta_quadratic"] / gain,
+        n["delta"] / gain,
+        n["delay"],
+        restoring / gain,
     )
     spread = _covariance(axis, channel, gain, names, covariance)
     return Reduction(single, channel, spread, draft.actuator, draft.heavier, draft.quantum, tuple(draft.remarks))

@@ -43,6 +43,30 @@ _YAW = Axis(
     context=tuple(name for name in _HEADING.context if name not in ("ATC_SLEW_YAW", "ATC_INPUT_TC")),
 )
 
+
+def _tilt(name: str, three: str, one: str) -> Axis:
+    """Return the loop of roll or pitch, whose parameters contain the letters *three* (gains) and *one* (limits)."""
+    return Axis(
+        name=name,
+        law=f"sub-{name}",
+        gains=(
+            Gain(f"ATC_RAT_{three}_P", 0.0, 0.3, f"{name} output per {name}-rate error", 0.135),
+            Gain(f"ATC_RAT_{three}_I", 0.0, 0.5, f"{name} output per accumulated {name}-rate error", 0.09),
+            Gain(f"ATC_RAT_{three}_D", 0.0, 0.02, f"{name} output per rate of change of {name}-rate error", 0.0036),
+            Gain(f"ATC_ANG_{three}_P", 3.0, 12.0, f"{name} rate per {name} error", 6.0),
+        ),
+        context=(
+            *pid_context(f"ATC_RAT_{three}"),
+            f"ATC_ACCEL_{one}_MAX",
+            f"ATC_RATE_{one}_MAX",
+            "ATC_INPUT_TC",
+            "ATC_RATE_FF_ENAB",
+            "INS_GYRO_FILTER",
+            "SCHED_LOOP_RATE",
+        ),
+    )
+
+
 _DEPTH = Axis(
     name="depth",
     law="sub-depth",
@@ -177,7 +201,13 @@ FIRMWARE = Firmware(
     channels={"Z": 3, "N": 4, "X": 5, "Y": 6, "K": 2, "M": 1},
     channel_signs={"Z": -1.0, "N": 1.0, "X": 1.0, "Y": 1.0, "K": 1.0, "M": 1.0},
     neutral_pwm=1500,
-    axes={"heading": _HEADING, "yaw": _YAW, "depth": _DEPTH},
+    axes={
+        "heading": _HEADING,
+        "yaw": _YAW,
+        "depth": _DEPTH,
+        "roll": _tilt("roll", "RLL", "R"),
+        "pitch": _tilt("pitch", "PIT", "P"),
+    },
     frame_parameter="FRAME_CONFIG",
     mixing=_FRAMES,
     motor_span=400.0,

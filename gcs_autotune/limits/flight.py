@@ -58,6 +58,35 @@ BY_AXIS = (
     ),
     *(
         Limit(
+            "step",
+            f"{axis} step",
+            "deg",
+            2.0,
+            40.0,
+            "below this range, waves hide the step; above it, the craft leaves the roll and pitch limits",
+            20.0,
+            axis=axis,
+            mistakes=(RADIANS, CENTI),
+            signed=True,
+        )
+        for axis in ("roll", "pitch")
+    ),
+    *(
+        Limit(
+            "relay-hysteresis",
+            f"{axis} error at which the relay switches",
+            "deg",
+            0.5,
+            20.0,
+            "below this range, waves switch the relay; above it, the craft leaves the roll and pitch limits",
+            unset="from the sensor noise",
+            axis=axis,
+            mistakes=(RADIANS, CENTI),
+        )
+        for axis in ("roll", "pitch")
+    ),
+    *(
+        Limit(
             "relay-hysteresis",
             "heading error at which the relay switches",
             "deg",

@@ -255,7 +255,11 @@ class _NominalMotion:
                 held = _held(self._command, self._plant, force, along[force], self._z)
                 along[force] += h * (_along(self._plant, force, along[force], tau) if held is None else held)
             for force, (angle, rate) in self._tilt.items():
-                rate += h * self._plant.others[force].acceleration(rate, getattr(o, force), angle)
+                if isinstance(self._command, HeadingTarget):
+                    wanted = {"K": self._command.phi, "M": self._command.theta}[force]
+                    rate += h * 2.0 * LOOP_RATE * (LOOP_RATE * (wanted - angle) - rate)
+                else:
+                    rate += h * self._plant.others[force].acceleration(rate, getattr(o, force), angle)
                 self._tilt[force] = angle + h * rate, rate
             u, v, w = along.values()
             self._x += h * (u * math.cos(self._psi) - v * math.sin(self._psi))

@@ -71,6 +71,8 @@ class Archive:
             "reason": visible(str(summary.get("reason", ""))),
             "change": _change(summary),
             "report": page_of(folder),
+            "link": visible(_link(folder)),
+            "again": read_json(folder / ORDERED) or None,
             "loop": loop_of(folder),
             "log": visible(logs[0]) if logs else "",
             "models": [p.relative_to(folder).as_posix() for p in sorted(_models(folder)) if _plain(p)],
@@ -93,9 +95,7 @@ class Archive:
             "files": files,
             "trials": [_trial(folder, file) for file in trials],
             "resume": _resume(folder),
-            "link": visible(_link(folder)),
             "undo": bool(undo_of(folder)),
-            "again": read_json(folder / ORDERED) or None,
         }
 
     def path(self, name: str, inner: str = "") -> Path:

@@ -57,7 +57,8 @@ def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
     """Return the greatest depth [m] that the ROV will reach, or 0 if no depth step is flown."""
     if not excitation_of(dof).below_surface:
         return 0.0
-    step = abs(settings.step) if settings.step is not None else position_axis(dof).step
+    axis = position_axis(dof)
+    step = 0.0 if axis.angular else abs(settings.step) if settings.step is not None else axis.step
     return (max(now.z, WORKING_DEPTH) if math.isfinite(now.z) else WORKING_DEPTH) + step + BELOW
 
 

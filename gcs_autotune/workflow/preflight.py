@@ -13,7 +13,7 @@ from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.clock import Deadline
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
+from gcs_autotune.firmware import Axis, Firmware, Output, ServoMap, read_named
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
     HELD_DURING,
@@ -38,6 +38,7 @@ __all__ = [
     "STAGE",
     "await_position",
     "check_depth_is_reported",
+    "check_loop_has_motors",
     "check_signals",
     "check_signs",
     "check_throttle_is_free",
@@ -412,6 +413,22 @@ def _reasons(craft: MavlinkCraft) -> str:
 
 _AXES_OF: Mapping[str, str] = {"Y": "sideways", "Z": "up and down", "t": "in both directions"}
 """First letter of what a manoeuvre needs -> in words."""
+
+
+def check_loop_has_motors(axis: Axis, craft: MavlinkCraft) -> None:
+    """Check that an output of the vehicle drives the motion of *axis*.
+
+    Raises
+    ------
+    WrongVehicle
+        None does: the autopilot has the loop, but the frame has no motor for it.
+    """
+    force = axis.kind.names.force
+    if not craft.servos.driving(force):
+        frame = f" on this {craft.firmware.frame_parameter}" if craft.firmware.frame_parameter else ""
+        raise WrongVehicle(
+            f"none of this vehicle's outputs drives {force}{frame}, so it has no {axis.name} loop to tune"
+        )
 
 
 def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:

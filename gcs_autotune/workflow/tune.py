@@ -27,7 +27,12 @@ from gcs_autotune.workflow.experiments import speed_for
 from gcs_autotune.workflow.itinerary import Itinerary, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.preflight import check_depth_is_reported, check_throttle_is_free, remarks_on
+from gcs_autotune.workflow.preflight import (
+    check_depth_is_reported,
+    check_loop_has_motors,
+    check_throttle_is_free,
+    remarks_on,
+)
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.resuming import Earlier, way_on
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
@@ -143,6 +148,7 @@ def _learn(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) -> T
     lookup(LAWS, axis.law, "control law")  # refused before anything else when there is none
     given = None if settings.given is None else supplied_for(settings.given, axis, settings.full_scale)
     log.meet(craft)
+    check_loop_has_motors(axis, craft)
     axis, own = learn_parameters(craft, axis, log)
     log.parameters_before = own
     earlier.verify_same_vehicle(craft, own)

@@ -45,6 +45,9 @@ ROVER_SPEED_DEFAULTS = {
     "CRUISE_SPEED": 2.0,
     "CRUISE_THROTTLE": 50.0,
 }
+SUB_ROLL_DEFAULTS, SUB_PITCH_DEFAULTS = (
+    {gain.parameter: gain.default for gain in FIRMWARE["ardusub"].axes[name].gains} for name in ("roll", "pitch")
+)
 DEFAULTS: Mapping[str, Mapping[str, float]] = {
     "rover-heading": ROVER_DEFAULTS,
     "rover-yaw": ROVER_DEFAULTS,
@@ -52,6 +55,8 @@ DEFAULTS: Mapping[str, Mapping[str, float]] = {
     "sub-heading": SUB_HEADING_DEFAULTS,
     "sub-yaw": SUB_HEADING_DEFAULTS,
     "sub-depth": SUB_DEPTH_DEFAULTS,
+    "sub-roll": SUB_ROLL_DEFAULTS,
+    "sub-pitch": SUB_PITCH_DEFAULTS,
 }
 
 DEG = math.pi / 180.0

@@ -55,6 +55,7 @@ def test_a_step_is_followed_both_ways_alike(name: str) -> None:
         "rover-heading": boat(1.0, 1.0, 0.0, 0.0),
         "sub-heading": yaw(0.2, 0.75),
         "sub-depth": heave(0.4, 0.7),
+        **dict.fromkeys(("sub-roll", "sub-pitch"), yaw(0.2, 0.75)),
     }
     ways = [law.simulate(craft[name], DEFAULTS[name], Scenario(size, 20.0), 2.0, 0.0).position for size in (0.3, -0.3)]
     assert ways[0] == pytest.approx(-ways[1], abs=1e-12)

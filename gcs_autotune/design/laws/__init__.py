@@ -11,13 +11,24 @@ from gcs_autotune.design.laws.rover_steering import most_feed_forward
 from gcs_autotune.design.laws.rover_yaw import RoverYaw
 from gcs_autotune.design.laws.sub_depth import SubDepth
 from gcs_autotune.design.laws.sub_heading import SubHeading
+from gcs_autotune.design.laws.sub_tilt import SubTilt
 from gcs_autotune.design.laws.sub_yaw import SubYaw
 from gcs_autotune.models import SingleDof
 
 __all__ = ["ALIKE", "CEILINGS", "LAWS", "OTHER_MODE", "SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings"]
 
 LAWS: Mapping[str, Law] = {
-    law.name: law for law in (RoverHeading(), RoverYaw(), RoverSpeed(), SubHeading(), SubYaw(), SubDepth())
+    law.name: law
+    for law in (
+        RoverHeading(),
+        RoverYaw(),
+        RoverSpeed(),
+        SubHeading(),
+        SubYaw(),
+        SubDepth(),
+        SubTilt("sub-roll", ("RLL", "R")),
+        SubTilt("sub-pitch", ("PIT", "P")),
+    )
 }
 """Name in ``firmware.Axis.law`` -> control law."""
 

@@ -57,6 +57,7 @@ class LoopPlant(NamedTuple):
     - ``step_at``, ``back_at``: loops at which the step starts and is reversed.
     - ``push``: constant force [fraction of full] from the loop ``push_at``.
     - ``settled``: constant force that the integral already compensates.
+    - ``restoring``: moment per angle from the start, where the craft is level.
     """
 
     alpha: float
@@ -72,6 +73,7 @@ class LoopPlant(NamedTuple):
     step_at: float
     settled: float
     back_at: float
+    restoring: float = 0.0
 
 
 class GyroFilter(NamedTuple):
@@ -201,10 +203,12 @@ def _advance(position: float, velocity: float, force: float, plant: LoopPlant) -
     substeps, per_inertia, force = int(plant.substeps), 1.0 / plant.alpha, force + plant.delta
     h = plant.dt / substeps
     for _ in range(substeps):  # the explicit midpoint rule
-        slope = per_inertia * (force - (plant.beta + plant.beta_quadratic * abs(velocity)) * velocity)
+        free = force - plant.restoring * position
+        slope = per_inertia * (free - (plant.beta + plant.beta_quadratic * abs(velocity)) * velocity)
         middle = velocity + 0.5 * h * slope
+        free -= plant.restoring * 0.5 * h * velocity
         position += h * middle
-        velocity += h * per_inertia * (force - (plant.beta + plant.beta_quadratic * abs(middle)) * middle)
+        velocity += h * per_inertia * (free - (plant.beta + plant.beta_quadratic * abs(middle)) * middle)
     return position, velocity
 
 
@@ -452,6 +456,7 @@ def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actu
         step_at=round(scenario.lead / dt),
         settled=-actuator.output_for(-model.delta) if scenario.lead == 0.0 else 0.0,
         back_at=round(scenario.back_at / dt) if math.isfinite(scenario.back_at) else 1e12,
+        restoring=model.restoring,
     )
 
 

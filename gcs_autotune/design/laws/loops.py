@@ -114,7 +114,7 @@ def peak_demand(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[
     ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
     velocity, acceleration = step * ideal.velocity, step * ideal.acceleration
     drag = (model.beta + model.beta_quadratic * np.abs(velocity)) * velocity
-    ahead = model.alpha * acceleration + drag
+    ahead = model.alpha * acceleration + drag + model.restoring * step * ideal.position
     return float(np.max(np.abs(ahead)) + abs(model.delta)), float(np.max(np.abs(velocity)))
 
 

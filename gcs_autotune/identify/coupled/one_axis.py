@@ -68,12 +68,13 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
     effects = tuple(e for e in fit.model.effects if e.place == axis.force)
     labels = [n for n in fit.parameters if n.startswith(tuple(f"{e.slug}@{e.place}." for e in effects))]
     order = list(fit.parameters)
-    names, signs = [*axis.derivative_names(), *labels], np.array([*SIGNS, *(1.0 for _ in labels)])
+    plainly, own_signs = _derivatives(axis)
+    names, signs = [*plainly, *labels], np.array([*own_signs, *(1.0 for _ in labels)])
     places = [i for i, n in enumerate(names) if n in order]
     at = [order.index(names[i]) for i in places]
     whole = np.zeros((len(names),) * 2)
     whole[np.ix_(places, places)] = np.outer(signs[places], signs[places]) * fit.covariance[np.ix_(at, at)]
-    whole[:5, :5] = table.covariance
+    whole[: len(plainly), : len(plainly)] = table.covariance
     table = Table({**table.parameters, **{n: fit.parameters[n] for n in labels}}, whole)
     own = tuple(t for t in fit.traces if t.signal == main)
     rms = _rms(fit, main)
@@ -98,12 +99,16 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
     )
 
 
+def _derivatives(dof: Dof) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Return the derivatives that correspond to the parameters of one axis, and the signs between them."""
+    if not dof.restored:
+        return dof.derivative_names(), SIGNS
+    return (*dof.derivative_names(), dof.restoring_derivative), (*SIGNS, -1.0)
+
+
 def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:
     """Return the model in physical parameters and their table, from the fit of a form of one axis."""
-    names: tuple[str, ...] = dof.derivative_names()
-    all_signs: tuple[float, ...] = SIGNS
-    if dof.restored:
-        names, all_signs = (*names, dof.restoring_derivative), (*SIGNS, -1.0)
+    names, all_signs = _derivatives(dof)
     order = list(fit.parameters)
     values = [s * fit.parameters[n].value if n in order else 0.0 for n, s in zip(names, all_signs, strict=True)]
     places = [i for i, n in enumerate(names) if n in order]

@@ -40,14 +40,17 @@ _HALF = 0.5
 """Thrust value that ArduSub interprets as neither up nor down, if it reads this field."""
 
 
-def _quaternion(psi: float) -> list[float]:
-    """Return (w, x, y, z) of a level attitude with heading *psi* [rad]."""
-    half = math.remainder(psi, 2.0 * math.pi) / 2.0
-    return [math.cos(half), 0.0, 0.0, math.sin(half)]
+def _quaternion(psi: float, phi: float = 0.0, theta: float = 0.0) -> list[float]:
+    """Return (w, x, y, z) of the attitude with heading *psi*, roll *phi* and pitch *theta* [rad]."""
+    (a, i), (b, j), (c, k) = (
+        (math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (phi, theta, math.remainder(psi, math.tau))
+    )
+    return [a * b * c + i * j * k, i * b * c - a * j * k, a * j * c + i * b * k, a * b * k - i * j * c]
 
 
-def _attitude(ids: tuple[int, int], psi: float, mask: int, thrust: float) -> Message:
-    return mavlink.MAVLink_set_attitude_target_message(0, *ids, mask, _quaternion(psi), 0.0, 0.0, 0.0, thrust)
+def _attitude(ids: tuple[int, int], target: HeadingTarget, mask: int, thrust: float) -> Message:
+    quaternion = _quaternion(target.psi, target.phi, target.theta)
+    return mavlink.MAVLink_set_attitude_target_message(0, *ids, mask, quaternion, 0.0, 0.0, 0.0, thrust)
 
 
 def _share(speed: float, full_speed: float) -> float:
@@ -64,13 +67,13 @@ def turn_rate_target(ids: tuple[int, int], target: TurnRateTarget, full_speed: f
 def _boat(ids: tuple[int, int], target: HeadingTarget, full_speed: float) -> Message:
     """Return the target for a Rover in GUIDED: heading as quaternion and thrust as a fraction of WP_SPEED, both
     needed."""
-    return _attitude(ids, target.psi, _IGNORE_BODY_RATES, _share(target.speed, full_speed))
+    return _attitude(ids, target, _IGNORE_BODY_RATES, _share(target.speed, full_speed))
 
 
 def _rov(ids: tuple[int, int], target: HeadingTarget, full_speed: float) -> Message:
     """Return the target for a Sub in ALT_HOLD: an attitude that is valid for five seconds, while the depth loop
     continues."""
-    return _attitude(ids, target.psi, _IGNORE_BODY_RATES | _IGNORE_THRUST, _HALF)
+    return _attitude(ids, target, _IGNORE_BODY_RATES | _IGNORE_THRUST, _HALF)
 
 
 ATTITUDE_TARGETS: Mapping[str, Callable[[tuple[int, int], HeadingTarget, float], Message]] = {

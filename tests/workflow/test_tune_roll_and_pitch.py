@@ -1,0 +1,39 @@
+"""Whole tunes of roll and pitch on the simulated BlueROV2 Heavy in six degrees of freedom."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs_autotune.errors import WrongVehicle
+from gcs_autotune.logs import load_runs
+
+from .sitl_harness import SLOW_LOOP, SitlHarness
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("axis", "letters", "signal"), [("roll", "RLL", "phi"), ("pitch", "PIT", "theta")])
+def test_a_tune_keeps_gains_that_a_measured_step_proves_better(
+    axis: str, letters: str, signal: str, tmp_path: Path
+) -> None:
+    harness = SitlHarness(tmp_path, "bluerov2-6dof", **SLOW_LOOP)
+    story = harness.tune(axis=axis)
+    after = dict(harness.vehicle.parameters.values)
+    changed = {n for n, v in after.items() if v != harness.parameters[n]}
+    assert story.ending == "kept"
+    assert changed <= {f"ATC_RAT_{letters}_P", f"ATC_RAT_{letters}_I", f"ATC_RAT_{letters}_D", f"ATC_ANG_{letters}_P"}
+    assert story.metrics_after.itae < story.metrics_before.itae
+    step = next(run for run in load_runs(harness.directory) if run.name == "step-after")
+    assert np.ptp(step[signal].values) == pytest.approx(math.radians(20.0), rel=0.2)
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+
+
+def test_a_frame_without_a_pitching_motor_is_refused_before_anything_moves(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "bluerov2-6dof", parameters={"FRAME_CONFIG": 1.0})
+    with pytest.raises(WrongVehicle, match="drives M on this FRAME_CONFIG, so it has no pitch loop to tune"):
+        harness.tune(axis="pitch")
+    harness.assert_untouched()
