@@ -1,6 +1,7 @@
 """Accuracy of output error over noise seeds, against the Cramer-Rao bound: axes and coupled horizontal motion.
 
-Run from the repository root: ``python -m benchmarks.coupled_accuracy [seeds] [processes]``. All fits use
+Run from the repository root: ``python -m benchmarks.coupled_accuracy [seeds] [processes]``. It is the study
+``benchmarks/studies/coupled_accuracy.toml``; a stopped run continues. All fits use
 :func:`gcs_autotune.identify.fit`. SciPy integrates the runs from hand-written equations. The bound is that of the true
 motion: sensitivities by central differences of the same integration, initial states unknown.
 Goals: rms error within 1.2 of the bound, 92 to 98 % of the 95 % intervals contain the truth, mean error within chance.
@@ -9,11 +10,11 @@ Goals: rms error within 1.2 of the bound, 92 to 98 % of the 95 % intervals conta
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 from coupled_plants import BOAT, horizontal, levels, sail
 
 from benchmarks.results import count, headline
-from gcs_autotune.executor import executor_for
+from benchmarks.studies import rows_of
 from gcs_autotune.identify import fit
 from gcs_autotune.models.coupled import FORMS, Form
 from gcs_autotune.trial import Channel, Trial
@@ -144,29 +145,35 @@ def noisy(s: Setting, clean: Sequence[Array], seed: int) -> list[Trial]:
     return trials
 
 
-def once(name: str, clean: Sequence[Array], seed: int) -> tuple[dict[str, tuple[float, float]], tuple[str, ...]]:
-    """Return value and standard error of every parameter under one seed, and the slugs of the doubts."""
+@cache
+def clean_of(name: str) -> list[Array]:
+    """Return the true states of every run of a setting, from rest."""
     s = settings()[name]
-    found = fit(noisy(s, clean, seed), s.structure)
-    numbers = {n: (found.parameters[n].value, found.parameters[n].std) for n in s.truth}
-    return numbers, tuple(d.slug for d in found.doubts)
+    return clean_runs(s, s.truth, [np.zeros(len(s.states))] * len(s.taus))
+
+
+def fitted(seed: int, setting: str) -> dict[str, Any]:
+    """Return value and standard error of every parameter under one seed, and the slugs of the doubts."""
+    s = settings()[setting]
+    found = fit(noisy(s, clean_of(setting), seed), s.structure)
+    numbers = {n: {"value": found.parameters[n].value, "std": found.parameters[n].std} for n in s.truth}
+    return {**numbers, "doubts": " ".join(d.slug for d in found.doubts)}
 
 
 def assess(name: str, seeds: int, workers: int) -> bool:
     """Print one setting's table; return whether all goals are met."""
     s = settings()[name]
-    clean = clean_runs(s, s.truth, [np.zeros(len(s.states))] * len(s.taus))
-    least, begin = bound(s), time.perf_counter()
-    results = list(executor_for(workers).map(partial(once, name, clean), range(seeds)))
-    seconds = time.perf_counter() - begin
-    slugs = [slug for _, doubts in results for slug in doubts]
+    least = bound(s)
+    rows = rows_of("coupled_accuracy", workers, only={"argument.setting": (name,)}, repeats=seeds)
+    seconds = sum(row["seconds"] for row in rows)
+    slugs = [slug for row in rows for slug in row["doubts"].split()]
     told = ", ".join(f"{slug} {slugs.count(slug)}x" for slug in sorted(set(slugs))) or "none"
-    print(f"\n{name}: {seeds} seeds in {seconds:.0f} s; doubts: {told}")
+    print(f"\n{name}: {seeds} seeds, {seconds:.0f} s of fits; doubts: {told}")
     print(f"{'':>9} {'truth':>9} {'bound':>9} {'rms/bound':>9} {'bias/se':>8} {'in 95 %':>8} {'std/rms':>8}")
     fine, hits = True, []
     for n, truth in s.truth.items():
-        errors = np.array([r[n][0] for r, _ in results]) - truth
-        stds = np.array([r[n][1] for r, _ in results])
+        errors = np.array([row[f"{n}.value"] for row in rows]) - truth
+        stds = np.array([row[f"{n}.std"] for row in rows])
         rms = float(np.sqrt(np.mean(errors**2)))
         bias = float(errors.mean() / (errors.std(ddof=1) / np.sqrt(seeds)))
         inside = np.abs(errors) <= 1.96 * stds

@@ -1,7 +1,7 @@
 """Whole tunes with random faults; afterwards the vehicle itself is asked for its state.
 
-Run: ``python3 -m benchmarks.faulted_tunes [--cases 1000] [--seed 1] [--jobs 2] [--only KIND,..] [--save FILE]``,
-or one case in full: ``--case N [--keep DIR]``.
+Run: ``python3 -m benchmarks.faulted_tunes [--cases 1000] [--seed 1] [--jobs 2] [--only KIND,..]``, or one case in full:
+``--case N [--keep DIR]``. It is the study ``benchmarks/studies/faulted_tunes.toml``; a stopped run continues.
 
 Every case is a whole tune of a simulated vehicle (all axes; mostly from a model with short steps, one in 50 with the
 experiments) with one or two faults of random kind, moment, length and size. A case is right if, fifteen seconds after
@@ -27,8 +27,7 @@ import json
 import os
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,25 +36,17 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from benchmarks.faults import KINDS, STATION_KINDS, Outcome, draw_case, draw_station_case, play  # noqa: E402
 from benchmarks.results import count, headline  # noqa: E402
-from gcs_autotune.executor import executor_for  # noqa: E402
+from benchmarks.studies import rows_of  # noqa: E402
 
 
-def outcome_of(seed: int, index: int, kinds: Sequence[str] = (), *, station: bool = False) -> dict[str, Any]:
-    """Play one case; return its outcome as plain data."""
-    draw = draw_station_case if station else draw_case
-    found: dict[str, Any] = json.loads(play(draw(seed, index, kinds)).to_json())
-    return found
+def played(seed: int, draw: int, only: str, station: bool) -> dict[str, Any]:
+    """Play case number *seed*; *draw* is the seed of everything drawn. Return its outcome for a row."""
+    found = play((draw_station_case if station else draw_case)(draw, seed, _split(only)))
+    return {"outcome": found.to_json(), "right": not found.failures, "ending": found.ending}
 
 
-def outcomes(
-    seed: int, todo: Sequence[int], kinds: Sequence[str], jobs: int, *, station: bool = False
-) -> Iterator[dict[str, Any]]:
-    """Play *todo*, *jobs* at a time."""
-    return executor_for(jobs).map(partial(_outcome_of, seed, kinds, station), todo)
-
-
-def _outcome_of(seed: int, kinds: Sequence[str], station: bool, index: int) -> dict[str, Any]:
-    return outcome_of(seed, index, kinds, station=station)
+def _split(only: str) -> list[str]:
+    return [kind for kind in only.split(",") if kind]
 
 
 def report(found: Sequence[dict[str, Any]]) -> str:
@@ -97,7 +88,6 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--station", action="store_true", help="cases with another station that interferes")
     parser.add_argument("--case", type=int, help="play this one only, and show it whole")
     parser.add_argument("--keep", type=Path, help="with --case: folder for its run")
-    parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
     parser.add_argument("--quiet", action="store_true", help="failures and the table only")
     return parser.parse_args(arguments)
 
@@ -105,26 +95,20 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Play, print, and return 1 when a vehicle was left otherwise than it may be."""
     asked = _parsed(arguments)
-    kinds = [k for k in asked.only.split(",") if k]
+    kinds = _split(asked.only)
     if asked.case is not None:
         outcome: Outcome = play(
             (draw_station_case if asked.station else draw_case)(asked.seed, asked.case, kinds), asked.keep
         )
         print(json.dumps(json.loads(outcome.to_json()), indent=1))
         return 1 if outcome.failures else 0
-    old: dict[int, dict[str, Any]] = {}
-    if asked.save and asked.save.exists():
-        lines = [json.loads(line) for line in asked.save.read_text(encoding="utf-8").splitlines() if line]
-        old = {o["case"]["index"]: o for o in lines if o["case"]["seed"] == asked.seed}
-    wanted = range(asked.first, asked.first + asked.cases)
-    done = [old[i] for i in wanted if i in old]
-    for o in outcomes(asked.seed, [i for i in wanted if i not in old], kinds, asked.jobs, station=asked.station):
-        done.append(o)
-        if asked.save:
-            with asked.save.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(o) + "\n")
+    fixed = {"argument.draw": asked.seed, "argument.only": asked.only}
+    places = {"argument.station": (asked.station,)}
+    rows = rows_of("faulted_tunes", asked.jobs, only=places, fixed=fixed, seed=asked.first, repeats=asked.cases)
+    done: list[dict[str, Any]] = [json.loads(row["outcome"]) for row in rows]
+    for o in done:
         if o["failures"] or not asked.quiet:
-            print(_said(o), f"| {len(done)} of {len(wanted)}", flush=True)
+            print(_said(o))
     print(report(done))
     right = sum(not o["failures"] for o in done)
     at_once = sum(o["as_found_at_once"] for o in done)

@@ -1,14 +1,17 @@
 """Accuracy of single-axis identification over noise seeds against the Cramer-Rao bound, and its speed.
 
-Run from the repository root: ``python -m benchmarks.identification_accuracy [seeds]``. The records come from the tests'
-own simulator (tests/plants/axis_plants.py), which shares nothing with the code under test.
+Run from the repository root: ``python -m benchmarks.identification_accuracy [seeds]``. It is the study
+``benchmarks/studies/identification_accuracy.toml``; a stopped run continues. The records come from the tests' own
+simulator (tests/plants/axis_plants.py), which shares nothing with the code under test.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +20,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 from axis_plants import DEG, Relay, fly
 
 from benchmarks.results import Figure, headline
+from benchmarks.studies import rows_of
 from gcs_autotune.identify import fit_axis
 from gcs_autotune.identify.cramer_rao import cramer_rao
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 
-NAMES = ("alpha_r", "beta_r", "beta_rr")
+NAMES = {"alpha_r": "alpha", "beta_r": "beta", "beta_rr": "beta_quadratic"}
 BOATS = {
     "boat, affine drag": ((0.36, 0.12, 0.05, 0.02), 0.0, (0.3, 0.6), 8.0, 0.003),
     "videoray, nonlinear": ((0.0309, 0.0, 0.0689, 0.003), 0.0, (0.04, 0.12), 15.0, 0.01),
@@ -33,6 +37,7 @@ BOATS = {
 """Name -> (plant, delay [s], relay outputs, x_a [deg], heading noise [rad])."""
 
 
+@cache
 def flown(boat: str, duration: float = 60.0) -> list[Trial]:
     plant, delay, outputs, x_a, _ = BOATS[boat]
     trials = []
@@ -48,6 +53,20 @@ def noisy(trial: Trial, std: float, rng: np.random.Generator) -> Trial:
     return Trial(trial.name, {"psi": Channel("psi", "rad", psi.t, values), "N": trial["N"]})
 
 
+def fitted(seed: int, boat: str) -> dict[str, Any]:
+    """Return structure, parameters with standard errors, and the mean result of IS-O under one seed."""
+    found = fit_axis([noisy(t, BOATS[boat][-1], np.random.default_rng(seed)) for t in flown(boat)])
+    numbers = {
+        name: {
+            "value": found.parameters[name].value,
+            "std": found.parameters[name].std,
+            "iso": np.mean([getattr(e, key) for e in found.iso]),
+        }
+        for name, key in NAMES.items()
+    }
+    return {**numbers, "structure": found.structure}
+
+
 def assess(boat: str, seeds: int) -> list[float]:
     """Print the table of *boat* and return the rms errors of its parameters over their Cramer-Rao bounds."""
     plant, delay, _, _, std = BOATS[boat]
@@ -55,17 +74,17 @@ def assess(boat: str, seeds: int) -> list[float]:
     truth = dict(zip(NAMES, plant, strict=False))
     free = [n for n, v in zip(("alpha", "beta", "beta_quadratic"), plant, strict=False) if v] + ["delta"]
     bound = cramer_rao(SingleDof("yaw", "N m", *plant, delay=delay), clean, std, free + ["delay"] * (delay > 0.0))
-    fits = [fit_axis([noisy(t, std, np.random.default_rng(s)) for t in clean]) for s in range(seeds)]
-    structures = ", ".join(sorted({f.structure for f in fits}))
+    rows = rows_of("identification_accuracy", 1, only={"argument.boat": (boat,)}, repeats=seeds)
+    structures = ", ".join(sorted({row["structure"] for row in rows}))
     print(f"\n{boat}: {seeds} seeds, heading noise {std} rad, chosen: {structures}")
     print(f"{'':>9} {'truth':>9} {'bias/limit':>10} {'rms/bound':>9} {'in 95 %':>8} {'rms':>8} {'IS-O rms':>9}")
     over_bound = []
-    for name, key in zip(NAMES, ("alpha", "beta", "beta_quadratic"), strict=True):
+    for name, key in NAMES.items():
         if key not in free:
             continue
-        errors = np.array([f.parameters[name].value for f in fits]) - truth[name]
-        stds = np.array([f.parameters[name].std for f in fits])
-        iso = np.array([np.mean([getattr(e, key) for e in f.iso]) for f in fits]) - truth[name]
+        errors = np.array([row[f"{name}.value"] for row in rows]) - truth[name]
+        stds = np.array([row[f"{name}.std"] for row in rows])
+        iso = np.array([row[f"{name}.iso"] for row in rows]) - truth[name]
         limit = 2.5 * errors.std(ddof=1) / np.sqrt(seeds)
         rms = np.sqrt(np.mean(errors**2))
         over_bound.append(float(rms / bound[key]))

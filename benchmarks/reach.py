@@ -6,8 +6,7 @@ margins and the integral action that a design requires, computed from the true h
 ITAE as flown, measured as in a tune.
 
 A search takes minutes and depends only on the simulator: its result is in ``BEST`` below and flown again on each seed.
-``--search N`` repeats it. With ``--save FILE`` every tune is a line in FILE, and known ones are not flown again;
-``--seeds 0 --save FILE`` prints the table of a stopped run.
+``--search N`` repeats it. The tunes are the study ``benchmarks/studies/reach.toml``; a stopped run continues.
 
 ``--styles`` tunes each craft in every style of ``tune --style`` instead. It prints the step flown by the simulator with
 the new gains, and the margins that they have on the true craft.
@@ -27,12 +26,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmarks.results import Figure, count, headline
+from benchmarks.studies import rows_of
 from gcs_autotune.axes import AXES
 from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design import STYLES, StepMetrics, combine, step_metrics
@@ -429,11 +430,10 @@ def _share(tuned: Sequence[Tuned], good: Callable[[Tuned], bool]) -> str:
     return f"{sum(good(t) for t in tuned)}/{len(tuned)}"
 
 
-def _saved(file: Path | None) -> list[Tuned]:
-    """Return the tunes that are in *file*."""
-    if file is None or not file.is_file():
-        return []
-    return [Tuned(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+def tuned_case(seed: int, case: str) -> dict[str, Any]:
+    """Return what became of the tune of *case*, ``VEHICLE/AXIS``, for a row of the study."""
+    one = tune_once(*case.split("/"), seed)
+    return {"tuned": json.dumps(asdict(one)), "kept": one.ending == "kept", "itae": _has(one) / one.beside}
 
 
 def _show_table(tuned: Sequence[Tuned], cases: Iterator[tuple[str, str]]) -> None:
@@ -464,7 +464,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("cases", nargs="*", help="vehicle or vehicle/axis; default: all")
     parser.add_argument("--seeds", type=int, default=20, help="of each case; default 20")
     parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--save", type=Path, metavar="FILE", help="one line per tune; what is there is not flown again")
+    parser.add_argument("--workers", type=int, default=1, help="processes; default 1")
     parser.add_argument("--search", type=int, default=0, metavar="N", help="only search, N steps a case, for BEST")
     parser.add_argument("--styles", action="store_true", help="only tune in every style, once per seed")
     args = parser.parse_args(argv)
@@ -478,22 +478,14 @@ def main(argv: Sequence[str] | None = None) -> None:
             best, gains = search(Bench(vehicle, _axis_of(vehicle, name), args.first_seed), args.search)
             print(f"   {vehicle} {name}: best by search {best:.3f} s^2 at {_shown(gains)}", flush=True)
         return
-    tuned = _saved(args.save)
-    flown = {(t.vehicle, t.axis, t.seed) for t in tuned}
-    for seed in range(args.first_seed, args.first_seed + args.seeds):
-        for vehicle, name in _cases(args.cases):
-            if (vehicle, name, seed) in flown:
-                continue
-            one = tune_once(vehicle, name, seed)
-            tuned.append(one)
-            if args.save is not None:
-                with args.save.open("a", encoding="utf-8") as file:
-                    print(json.dumps(asdict(one)), file=file, flush=True)
-            print(
-                f"   {vehicle} {name} seed {seed}: {one.ending}, {one.before:.3f} -> {one.flown:.3f}, predicted "
-                f"{one.predicted:.3f}; best {one.beside:.3f}",
-                flush=True,
-            )
+    only = {"argument.case": tuple("/".join(case) for case in _cases(args.cases))}
+    rows = rows_of("reach", args.workers, only=only, seed=args.first_seed, repeats=args.seeds)
+    tuned = [Tuned(**json.loads(row["tuned"])) for row in rows]
+    for one in tuned:
+        print(
+            f"   {one.vehicle} {one.axis} seed {one.seed}: {one.ending}, {one.before:.3f} -> {one.flown:.3f}, "
+            f"predicted {one.predicted:.3f}; best {one.beside:.3f}"
+        )
     _show_table(tuned, _cases(args.cases))
     headline("reach", "whole tunes compared with the best gains of a search", _figures(tuned))
 

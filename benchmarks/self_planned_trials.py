@@ -1,6 +1,7 @@
 """Time that a self-planned trial saves against a fixed standard plan, on random swaying craft.
 
-Run: ``python3 -m benchmarks.self_planned_trials [--seeds 20] [--first 1]``. Each craft is the coupled VideoRay of
+Run: ``python3 -m benchmarks.self_planned_trials [--seeds 20] [--first 1] [--workers 1]``. It is the study
+``benchmarks/studies/self_planned_trials.toml``; a stopped run continues. Each craft is the coupled VideoRay of
 ``sitl`` with every inertia and damping of surge, sway and yaw multiplied by a random factor between 0.6 and 1.7
 (logarithmically uniform), flown over MAVLink. The standard plan is zig-zag, turning circle, S-manoeuvre and steps. The
 precision that it reaches for ``ASKED`` (1 % at best) is required of the other trial. It prints the seconds of runs
@@ -16,11 +17,13 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import sitl
 from benchmarks.results import Figure, count, headline
+from benchmarks.studies import rows_of
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.experiments import relative_errors
 from gcs_autotune.identify import fit
@@ -122,21 +125,27 @@ def compared(seed: int, place: Path) -> tuple[float, str]:
     return own / fixed, f"{until.title}: by itself {own:.0f} s ({names}){why}, standard plan {fixed:.0f} s"
 
 
+def trial(seed: int) -> dict[str, Any]:
+    """Compare both on one craft. Return the story and the ratio, which is left out if it is infinite."""
+    with tempfile.TemporaryDirectory() as directory:
+        try:
+            ratio, story = compared(seed, Path(directory))
+        except AutotuneError as error:
+            ratio, story = math.inf, str(error)
+    return {"ratio": ratio, "story": story, "finished": math.isfinite(ratio)}
+
+
 def main() -> None:
     """Fly both on each craft and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
-    ratios = []
-    for seed in range(args.first, args.first + args.seeds):
-        with tempfile.TemporaryDirectory() as directory:
-            try:
-                ratio, story = compared(seed, Path(directory))
-            except AutotuneError as error:
-                ratio, story = math.inf, str(error)
-        ratios.append(ratio)
-        print(f"craft {seed}: {story}, ratio {ratio:.2f}", flush=True)
+    rows = rows_of("self_planned_trials", args.workers, seed=args.first, repeats=args.seeds)
+    ratios = [row["ratio"] if row["finished"] else math.inf for row in rows]
+    for row, ratio in zip(rows, ratios, strict=True):
+        print(f"craft {row['seed']}: {row['story']}, ratio {ratio:.2f}")
     within = sum(ratio <= 0.6 for ratio in ratios)
     figures = [
         count("craft with at most 60 % of the plan's time", within, args.seeds),

@@ -121,7 +121,7 @@ def compared(rows: Sequence[Mapping[str, Any]]) -> list[tuple[float, float]]:
 
 
 def figures_of(day: str, rows: Sequence[Mapping[str, Any]], valid: float) -> list[Figure]:
-    """Print what the section prints of one day, and return its figures. valid : fraction valid in the thesis."""
+    """Print what the section prints of one day, and return its figures. valid : fraction valid in Miskovic2010."""
     good = [row for row in rows if row["valid"]]
     print(f"\n{day}: valid experiments of 15 (five speeds, three hystereses) by relay output [deg]")
     for C in sorted({row["argument.C"] for row in rows}):

@@ -58,4 +58,5 @@ def setup(app: object) -> None:
     """Make the reference pages before anything is read."""
     site_reference.write(HERE / "reference")
     app.add_directive("run", site_run.Run)  # type: ignore[attr-defined]
+    app.add_directive("terminal", site_run.Terminal)  # type: ignore[attr-defined]
     app.connect("source-read", lead_out)  # type: ignore[attr-defined]

@@ -16,40 +16,25 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gcs_autotune.design import Proposal, Spec, design_from
-from gcs_autotune.design import design as design_plain
-from gcs_autotune.diagnose import Diagnosis
-from gcs_autotune.diagnose import diagnose as diagnose_runs
-from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
-from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import (
-    Fit,
-    Model,
-    ModelFile,
-    Validation,
-    extended_of,
-    is_of_one_axis,
-    load_model,
-    save_model,
-)
-from gcs_autotune.identify import fit as fit_runs
-from gcs_autotune.identify import simulated as simulate
-from gcs_autotune.identify import validate as validate_model
-from gcs_autotune.logs import load_runs as load_files
-from gcs_autotune.mavlink import load_params
-from gcs_autotune.models import Form, SingleDof
-from gcs_autotune.models import simulate as simulate_model
 from gcs_autotune.notebook import in_python
-from gcs_autotune.registry import lookup
-from gcs_autotune.report import Comparison, plot
 from gcs_autotune.trial import Channel, Trial, save_trial, trial_of_columns
+
+if TYPE_CHECKING:
+    from gcs_autotune.design import Proposal
+    from gcs_autotune.diagnose import Diagnosis
+    from gcs_autotune.effects import ExtendedModel
+    from gcs_autotune.identify import Fit, Model, ModelFile, Validation, load_model, save_model
+    from gcs_autotune.identify import simulated as simulate
+    from gcs_autotune.models import Form
+    from gcs_autotune.report import Comparison, plot
 
 __all__ = [
     "Comparison",
@@ -65,6 +50,7 @@ __all__ = [
     "fit",
     "load_model",
     "load_runs",
+    "open_study",
     "plot",
     "save_model",
     "save_trial",
@@ -74,6 +60,30 @@ __all__ = [
 
 Runs = Any
 """Runs as trials, or any other source of :func:`load_runs`: a path, a DataFrame, a mapping of arrays, or a list."""
+
+_ON_FIRST_USE = {
+    "Comparison": ("report", "Comparison"),
+    "Diagnosis": ("diagnose", "Diagnosis"),
+    "Fit": ("identify", "Fit"),
+    "ModelFile": ("identify", "ModelFile"),
+    "Proposal": ("design", "Proposal"),
+    "load_model": ("identify", "load_model"),
+    "plot": ("report", "plot"),
+    "save_model": ("identify", "save_model"),
+    "simulate": ("identify", "simulated"),
+}
+"""Name here -> (package, name there). It is imported on first use, so that a notebook starts at once."""
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        """Import and return a name of :data:`_ON_FIRST_USE`."""
+        if name not in _ON_FIRST_USE:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        package, there = _ON_FIRST_USE[name]
+        globals()[name] = found = getattr(import_module(f"gcs_autotune.{package}"), there)
+        return found
+
 
 Returned = TypeVar("Returned")
 Given = ParamSpec("Given")
@@ -91,6 +101,32 @@ def _with_python_arguments(function: Callable[Given, Returned]) -> Callable[Give
             raise
 
     return wrapped
+
+
+@_with_python_arguments
+def open_study(folder: str | Path, *, arrow: bool = False) -> Any:
+    """Return the results of `study run` in *folder* as a pandas DataFrame, one row per case.
+
+    Parameters
+    ----------
+    folder : the results folder.
+    arrow : return the pyarrow table as it is stored instead, with the results as maps.
+
+    Raises
+    ------
+    BadFile
+        The folder contains no study, or a part cannot be read. UsageError: pandas or pyarrow is missing.
+
+    Examples
+    --------
+    >>> open_study("empty")
+    Traceback (most recent call last):
+        ...
+    gcs_autotune.errors.BadFile: empty contains no study: study.json is missing. Give the results folder of `study run`
+    """
+    from gcs_autotune.study import open_study as opened
+
+    return opened(folder, arrow=arrow)
 
 
 @_with_python_arguments
@@ -128,6 +164,8 @@ def load_runs(
     ('rad', array([0.   , 1.571, 3.142]))
     """
     if isinstance(source, (str, Path)):
+        from gcs_autotune.logs import load_runs as load_files
+
         return load_files(source, pick=pick, system=system, columns=columns, parameters=parameters)
     if isinstance(source, Trial):
         return [source]
@@ -168,10 +206,13 @@ def fit(
     >>> p = found.parameters["beta_r"]
     >>> abs(p.value - 0.5) < 3 * p.std, p.unit
     (True, 's/rad')
+    >>> from gcs_autotune.api import simulate
     >>> motion = simulate(found, {"N": ([0.0, 30.0], [0.1, 0.0])})
     >>> bool(abs(motion["r"].values[-1] - 0.1 / p.value) < 1e-3)
     True
     """
+    from gcs_autotune.identify import fit as fit_runs
+
     return fit_runs(
         load_runs(runs),
         structure,
@@ -203,6 +244,8 @@ def validate(found: Fit[Model], runs: Runs) -> Validation:
     >>> bool(validate(found, example_run(seed=2)).fit_percent > 95.0)
     True
     """
+    from gcs_autotune.identify import validate as validate_model
+
     return validate_model(found.model, load_runs(runs))
 
 
@@ -230,6 +273,9 @@ def diagnose(
     >>> told.verdict, told.causes
     ('no-effect', ())
     """
+    from gcs_autotune.diagnose import diagnose as diagnose_runs
+    from gcs_autotune.identify import Fit, extended_of
+
     question = extended_of(model) if isinstance(model, Fit) else model
     return diagnose_runs(
         load_runs(runs),
@@ -280,6 +326,13 @@ def design(
     >>> proposal.after.metrics.itae <= proposal.before.metrics.itae, proposal.margins.stable
     (True, True)
     """
+    from gcs_autotune.design import Spec, design_from
+    from gcs_autotune.design import design as design_plain
+    from gcs_autotune.firmware import FIRMWARE
+    from gcs_autotune.identify import Fit, extended_of, is_of_one_axis
+    from gcs_autotune.mavlink import load_params
+    from gcs_autotune.registry import lookup
+
     loop = lookup(lookup(FIRMWARE, firmware, "firmware").axes, axis, f"axis of {firmware}")
     given = load_params(Path(present)) if isinstance(present, (str, Path)) else present
     values = dict(given)
@@ -334,6 +387,9 @@ def example_run(seed: int = 1, duration: float = 60.0) -> Trial:
     >>> sorted(run.channels), round(run.duration, 1)
     (['N', 'psi', 'r'], 59.9)
     """
+    from gcs_autotune.models import SingleDof
+    from gcs_autotune.models import simulate as simulate_model
+
     step = 0.1
     t: NDArray[np.float64] = step * np.arange(round(duration / step), dtype=np.float64)
     switches = np.sign(np.sin(2.0 * math.pi * t / 7.0) + 1e-9)

@@ -103,3 +103,8 @@ def test_a_command_imports_no_other_command(command: str) -> None:
     asking = "from gcs_autotune.cli import main\ntry:\n    main([sys.argv[1], '--help'])\nexcept SystemExit:\n    pass"
     commands = {name.split(".")[-1] for name in imported(asking, command) if name.endswith("_cmd")}
     assert commands == {f"{command}_cmd", "tune_cmd"}  # the exit codes of a tune are part of every help
+
+
+def test_a_notebook_starts_without_what_it_does_not_use_yet() -> None:
+    modules = imported("import gcs_autotune.api")
+    assert modules.isdisjoint({"scipy", "numba", "matplotlib", "rich", "gcs_autotune.identify", "gcs_autotune.report"})

@@ -66,6 +66,15 @@ def test_the_page_of_parameters_has_all_that_a_tune_may_write(pages):
     assert [name for name in gains if f"`{name}`" not in pages["parameters"]] == []
 
 
+def test_a_terminal_of_a_page_shows_commands_with_their_output_and_a_failure_fails_the_build(tmp_path):
+    site_run = module_of_the_docs("site_run")
+    shown = site_run.on_a_terminal(["gcs-autotune fly --list"], tmp_path)
+    assert shown.startswith("$ gcs-autotune fly --list\nzig-zag\n")
+    assert max(map(len, shown.splitlines())) <= 80
+    with pytest.raises(RuntimeError, match="exit code 6"):
+        site_run.on_a_terminal(["gcs-autotune identify none.csv"], tmp_path)
+
+
 def test_the_bibliography_has_every_entry(pages):
     keys = re.findall(r"^@\w+\{(\w+),", (DOCS / "references.bib").read_text(), re.MULTILINE)
     assert [key for key in keys if not re.search(rf"^{key}$", pages["bibliography"], re.MULTILINE)] == []

@@ -1,13 +1,16 @@
-"""Effects hidden at random in simulated runs, and diagnosed: ``python3 -m benchmarks.blind``; see ``--help``."""
+"""Effects hidden at random in simulated runs, and diagnosed: ``python3 -m benchmarks.blind``; see ``--help``.
+
+It is the study ``benchmarks/studies/blind.toml``; a stopped run continues with the same command.
+"""
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Sequence
+from typing import Any
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
@@ -19,7 +22,7 @@ from benchmarks.blind.referee import LONGEST, Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import headlines, report, tally  # noqa: E402
 from benchmarks.blind.sizes import RECIPES, SURROUNDINGS  # noqa: E402
 from benchmarks.results import headline  # noqa: E402
-from gcs_autotune.executor import executor_for  # noqa: E402
+from benchmarks.studies import rows_of  # noqa: E402
 
 SHARES = {"single": 0.6, "clean": 0.2, "double": 0.1, "foreign": 0.1}
 """Of all cases when every kind without a given model is played; ``numbers``: all with one."""
@@ -27,38 +30,51 @@ SHARES = {"single": 0.6, "clean": 0.2, "double": 0.1, "foreign": 0.1}
 Task = tuple[str, int, int, str]
 
 
-def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
-    """Return (kind, seed, index, slug) of *cases* cases; effects by turns, so that each comes equally often."""
-    counts = {kind: cases}
+def counts_of(kind: str, cases: int) -> dict[str, int]:
+    """Return the number of cases of each kind in *cases* cases of *kind*, which may stand for several."""
     if kind == "all":
-        counts = {k: round(share * cases) for k, share in SHARES.items()}
-    elif kind == "numbers":
-        counts = dict.fromkeys(GIVEN, max(1, cases // len(GIVEN)))
-    found: list[Task] = []
-    for each, count in counts.items():
-        beside = list(BESIDE) if each.endswith("-and-effect") else [""]
-        own: dict[str, Sequence[str]] = {
-            "single": list(RECIPES),
-            "environment": list(SURROUNDINGS),
-            "foreign": list(FOREIGN),
-            "track": TRACK,
-            "process-noise": [*HIDDEN, *[CALM] * len(HIDDEN)],
-        }
-        table: Sequence[str] = own.get(each, beside)
-        chosen = [s for s in table if not only or s in only or not s]
-        if chosen:
-            turns = [(chosen[i % len(chosen)], i) for i in range(count)]
-            found += [(each, seed, i if s == CALM else i // len(chosen), s) for s, i in turns]
-    return found
+        return {k: round(share * cases) for k, share in SHARES.items()}
+    return dict.fromkeys(GIVEN, max(1, cases // len(GIVEN))) if kind == "numbers" else {kind: cases}
 
 
-def outcomes(todo: Sequence[Task], jobs: int, longest: float = LONGEST) -> Iterator[Outcome]:
-    """Play *todo*, *jobs* at a time."""
-    return executor_for(jobs).map(partial(_play, longest), todo)
+def slugs_of(kind: str, only: Sequence[str]) -> list[str]:
+    """Return the effects that the cases of *kind* hide by turns; an empty text if it draws its own."""
+    own: dict[str, Sequence[str]] = {
+        "single": list(RECIPES),
+        "environment": list(SURROUNDINGS),
+        "foreign": list(FOREIGN),
+        "track": TRACK,
+        "process-noise": [*HIDDEN, *[CALM] * len(HIDDEN)],
+    }
+    beside = list(BESIDE) if kind.endswith("-and-effect") else [""]
+    return [s for s in own.get(kind, beside) if not only or s in only or not s]
 
 
-def _play(longest: float, task: Task) -> Outcome:
-    return play(*task, longest)
+def task_of(kind: str, number: int, seed: int, only: Sequence[str]) -> Task:
+    """Return (kind, seed, index, slug) of case *number* (from 0); effects by turns, so each comes equally often."""
+    chosen = slugs_of(kind, only)
+    slug = chosen[number % len(chosen)]
+    return kind, seed, number if slug == CALM else number // len(chosen), slug
+
+
+def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
+    """Return *cases* cases of *kind*."""
+    counts = {k: n for k, n in counts_of(kind, cases).items() if slugs_of(k, only)}
+    return [task_of(k, number, seed, only) for k, n in counts.items() for number in range(n)]
+
+
+def played(seed: int, kind: str, draw: int, only: str, among: str, longest: float) -> dict[str, Any]:
+    """Play case number *seed* of *kind*; *draw* is the seed of everything drawn.
+
+    among : the effects that the diagnosis tries; empty: all. longest : its time limit [s]; 0: none. Returns the outcome
+    for a row.
+    """
+    found = play(*task_of(kind, seed, draw, _split(only)), longest or LONGEST, _split(among) or None)
+    return {"outcome": found.to_json(), "right": found.right, "verdict": found.verdict, "slug": found.slug}
+
+
+def _split(only: str) -> list[str]:
+    return [s for s in only.split(",") if s]
 
 
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -68,8 +84,8 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--only", default="", help="slugs, joined by commas")
     kinds = ("all", "numbers", *SHARES, "environment", "track", "clean-track", "process-noise", *GIVEN)
+    parser.add_argument("--among", default="", help="slugs that the diagnosis tries, joined by commas (all)")
     parser.add_argument("--kind", choices=kinds, default="all")
-    parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
     text = "stop a diagnosis after so long (no limit); it then names nothing"
     parser.add_argument("--max-seconds", type=float, default=LONGEST, help=text)
     parser.add_argument("--quiet", action="store_true", help="the report only")
@@ -79,26 +95,23 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Play, print, and return 0."""
     asked = _parsed(arguments)
-    only = [s for s in asked.only.split(",") if s]
+    only = _split(asked.only)
     strange = [s for s in only if s not in RECIPES and s not in SURROUNDINGS and s not in FOREIGN and s != CALM]
     if strange:
         print(f"no effect called {', '.join(strange)}", file=sys.stderr)
         return 2
-    todo = tasks(asked.kind, asked.cases, asked.seed, only)
-    old: list[Outcome] = []
-    if asked.save and asked.save.exists():
-        old = [Outcome.from_json(line) for line in asked.save.read_text(encoding="utf-8").splitlines() if line]
-    known = {(o.kind, o.seed, o.index, o.slug): o for o in old}
-    done = [known[task] for task in todo if task in known]
-    for outcome in outcomes([task for task in todo if task not in known], asked.jobs, asked.max_seconds):
-        done.append(outcome)
-        if asked.save:
-            with asked.save.open("a", encoding="utf-8") as stream:
-                stream.write(outcome.to_json() + "\n")
-        if not asked.quiet:
-            print(_said(outcome), "|", len(done), "of", len(todo), "|", tally(done), flush=True)
+    longest = asked.max_seconds if math.isfinite(asked.max_seconds) else 0.0
+    own = {"draw": asked.seed, "only": asked.only, "among": asked.among, "longest": longest}
+    fixed = {f"argument.{name}": value for name, value in own.items()}
+    done: list[Outcome] = []
+    for kind, cases in counts_of(asked.kind, asked.cases).items():
+        if cases and slugs_of(kind, only):
+            rows = rows_of("blind", asked.jobs, only={"argument.kind": (kind,)}, fixed=fixed, repeats=cases)
+            done += [Outcome.from_json(row["outcome"]) for row in rows]
+    if not asked.quiet:
+        print("\n".join(map(_said, done)), tally(done), sep="\n")
     print(report(done))
-    if not only:
+    if not only and not asked.among:
         for kind, (measures, figures) in headlines(done).items():
             headline(f"blind-{kind}", measures, figures)
     return 0

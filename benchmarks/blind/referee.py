@@ -6,7 +6,7 @@ import json
 import math
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -128,20 +128,24 @@ def _as_plain(number: str) -> set[str]:
     return {f"time constant of {dof}"} | (set() if number.endswith("dot") else {f"gain of {dof}"})
 
 
-def play(kind: str, seed: int, index: int, slug: str, longest: float = LONGEST) -> Outcome:
+def play(
+    kind: str, seed: int, index: int, slug: str, longest: float = LONGEST, among: Sequence[str] | None = None
+) -> Outcome:
     """Draw a case, ask, and return the outcome; errors of either are outcomes too.
 
-    longest : seconds after which the diagnosis is stopped.
+    longest : seconds after which the diagnosis is stopped. among : the effects it tries, None: all.
     """
     begun = time.perf_counter()
     try:
         case = draw_case(kind, seed, index, slug)
     except (NoCase, BadEffect) as error:
         return Outcome(kind, seed, index, slug, [slug], [], "", 0.0, 0.0, 0.0, "no-case", error=str(error))
-    return judge(case, seed, slug, time.perf_counter() - begun, longest)
+    return judge(case, seed, slug, time.perf_counter() - begun, longest, among)
 
 
-def judge(case: Case, seed: int, slug: str, drawing: float, longest: float = LONGEST) -> Outcome:
+def judge(
+    case: Case, seed: int, slug: str, drawing: float, longest: float = LONGEST, among: Sequence[str] | None = None
+) -> Outcome:
     """Ask the diagnosis about *case*."""
     known = Outcome(
         kind=case.kind,
@@ -163,7 +167,15 @@ def judge(case: Case, seed: int, slug: str, drawing: float, longest: float = LON
         model = None if case.kind not in GIVEN or case.simulations else given_model(case)
         form = form_of(case) if model is None else None
         runs, unseen = list(case.runs), list(case.unseen)
-        found = diagnose(runs, unseen=unseen, form=form, model=model, simulations=case.simulations, max_seconds=longest)
+        found = diagnose(
+            runs,
+            unseen=unseen,
+            form=form,
+            model=model,
+            simulations=case.simulations,
+            effects=among,
+            max_seconds=longest,
+        )
     except AutotuneError as error:
         told = f"{type(error).__name__}: {error}"
     except Exception:  # noqa: BLE001  a crash of the diagnosis is a wrong answer, and the suite goes on

@@ -196,9 +196,11 @@ def _list() -> int:
         if kind.for_force:
             tells = "Excites the driven force. "
         options = (*(["force"] if kind.for_force else []), *kind.options)
-        how = f"takes {', '.join(f'--{n}' for n in options)}" if kind.make else f"flown by {kind.command}"
-        text = f"{kind.help}. {tells}Space: {kind.room}; {how}."
-        sys.stdout.write(f"{kind.name}\n{textwrap.fill(text, 80, initial_indent='    ', subsequent_indent='    ')}\n")
+        takes = f" Takes {', '.join(f'--{n}' for n in options)}." if options else ""
+        how = takes if kind.make else f" Flown by {kind.command}."
+        text = f"{kind.help}. {tells}Space: {kind.room}.{how}"
+        filled = textwrap.fill(text, 80, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
+        sys.stdout.write(f"{kind.name}\n{filled}\n")
     return 0
 
 

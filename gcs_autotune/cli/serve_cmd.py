@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.config_file import find_config, read_config
 from gcs_autotune.errors import UsageError
 from gcs_autotune.untrusted_text import visible
 from gcs_autotune_files import Refused, shown, whole
@@ -66,7 +67,8 @@ def _run(args: argparse.Namespace) -> int:
         sys.stderr.write(visible(text, keep="\n") + "\n")
         sys.stderr.flush()
 
-    serve(ServeSettings(args.host, args.port, args.runs, tuple(args.allow_host), args.joystick_stop), say)
+    preset = read_config(find_config()).values
+    serve(ServeSettings(args.host, args.port, args.runs, tuple(args.allow_host), args.joystick_stop, preset), say)
     return 0
 
 

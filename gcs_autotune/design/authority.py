@@ -763,7 +763,7 @@ def _assumed(craft: CraftModels) -> Iterator[str]:
     if not craft.coupled and craft.yaw and craft.surge is not None:
         yield "Speed and turning come from separate models. Loss of speed in the turn is not included."
     if not craft.coupled and craft.yaw and craft.skid:
-        yield "Turn rates of the two thrusters are those of the speed flown. At full steering they share their output."
+        yield "The turn rates hold at the speed that was flown. At full steering the two thrusters share their output."
     for model in dict.fromkeys([*craft.yaw, *([craft.surge] if craft.surge else [])]):
         if not model.flown:
             yield f"{model.name}: the file does not contain its runs. Full output is taken as flown."

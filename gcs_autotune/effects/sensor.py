@@ -212,7 +212,7 @@ class MeasurementDelay(Effect):
     slug = "measurement-delay"
     family = "sensor"
     meaning = "a signal is reported late, because of filtering in the sensor or a slow bus"
-    plain = "Your {signal} is reported late, but {simulation} reports it at once."
+    plain = "Your sensors report {signal} late, but {simulation} reports it at once."
     parameters = (Quantity("delay", "s", "age of the reported value"),)
     yields_to = ("input-delay", "time-offset")
     grows_with = ("delay",)

@@ -275,8 +275,11 @@ class WaveDisturbance(Effect):
     ``bandwidth``.
 
     No simulation predicts the phase of the force. The force is estimated from the residuals of position and velocity,
-    and judged by predicting one sample ahead. It follows from the motion with the base model's inertia and drag
-    (``DataSummary.base``). Without these, ``amplitude`` is not calculated.
+    and judged by predicting one sample ahead. A sea of many frequencies is one band. The steady part of its force, the
+    drift, is not part of this effect: it looks like ``input-bias`` or ``wind-load``.
+
+    The force follows from the motion with the base model's inertia and drag (``DataSummary.base``). Without these,
+    ``amplitude`` is not calculated.
     """
 
     slug = "wave-disturbance"

@@ -72,13 +72,13 @@ def excitation_of(run: Trial) -> list[DofExcitation]:
     return [e for e in found if e is not None]
 
 
-def little_excitation(looks: list[DofExcitation]) -> Note | None:
-    """Return the doubt about a run of whose axes none is usable; None if one is usable, or there are no axes."""
+def little_excitation(looks: list[DofExcitation], name: str) -> Note | None:
+    """Return the doubt about run *name*, of whose axes none is usable; None if one is usable, or there are none."""
     if not looks or any(e.verdict == GOOD for e in looks):
         return None
     return (
         "little-excitation",
-        f"this run contains little information ({'; '.join(f'{e.dof}: {e.why}' for e in looks)})",
+        f"run '{name}' contains little information ({'; '.join(f'{e.dof}: {e.why}' for e in looks)})",
         "record a larger and longer relay, zig-zag or series of steps to both sides",
     )
 
@@ -97,7 +97,7 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     reasons = [
         (high - low < SMALL_INPUT, "nothing", "the input hardly changes"),
         (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
-        (swings < FEW_CHANGES, "weak", f"the input reverses only {swings} times"),
+        (swings < FEW_CHANGES, "weak", f"the input reverses only {swings} time{'s' if swings != 1 else ''}"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is too slow for a small craft"),
     ]
     verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
@@ -237,7 +237,7 @@ def _between(channel: Channel, start: float, end: float) -> Channel:
 def _looked_at(run: Trial) -> Trial:
     """Return a run with its quick assessment, and with a doubt if it contains little information."""
     looks = excitation_of(run)
-    doubt = little_excitation(looks)
+    doubt = little_excitation(looks, run.name)
     notes = [*run.meta["notes"], *([doubt] if doubt else [])]
     return replace(run, meta={**run.meta, "excitation": [e.to_dict() for e in looks], "notes": notes})
 

@@ -311,8 +311,8 @@ def _compare(
         down = R[2, 0] * row[2] + R[2, 1] * row[3] + R[2, 2] * row[4]
         flat = north * north + east * east
         H[0], H[1], H[2] = -down * north / flat, -down * east / flat, 1.0
-        for j in range(3):
-            rate += R[2, j] * w[j]
+        for i in range(3):
+            rate += H[i] * (R[i, 0] * w[0] + R[i, 1] * w[1] + R[i, 2] * w[2])
         H[OFFSET] = 1.0
         H[delay] = -rate
         lead = row[5] - x[delay + 1]
@@ -462,7 +462,7 @@ def backward(
                     c[i] = total
                     double += K[i] * total
                 u, D = y / S + by, 1.0 / S + double
-                told[m, 3] = (R * u) ** 2 + rows[m, 6] - R * R * D
+                told[m, 3] = (R * u) ** 2 + R - R * R * D
                 told[m, 4] = 1.0
                 for i in range(SIZE):
                     l[i] -= H[i] * u

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report.cases import (
+    BOUND_CLASSES,
     BoundCheck,
     CaseStudy,
     Confusion,
@@ -82,6 +83,7 @@ from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.wording import proof_command
 
 __all__ = [
+    "BOUND_CLASSES",
     "BoundCheck",
     "CaseStudy",
     "ComparedRun",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, KeyFigure, Note, Section, Table, Verdict
@@ -12,6 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 __all__ = [
+    "BOUND_CLASSES",
     "BoundCheck",
     "CaseStudy",
     "Confusion",
@@ -50,12 +53,16 @@ class Spread:
     quantiles: tuple[float, ...]
 
 
+BOUND_CLASSES = tuple(0.5 * k for k in range(-8, 9))
+"""Limits of the classes of an error over its bound. The outer classes include all beyond them. Project choice."""
+
+
 @dataclass(frozen=True, slots=True)
 class BoundCheck:
     """Errors against a bound of their standard deviation.
 
     ``ratio``: rms error over rms bound. ``low``, ``high``: its 95 % range by chance, if the bound is reached.
-    ``within``: cases with an error below 1.96 bounds.
+    ``within``: cases with an error below 1.96 bounds. ``scaled``: cases in each of :data:`BOUND_CLASSES`.
     """
 
     of: str
@@ -63,6 +70,7 @@ class BoundCheck:
     low: float
     high: float
     within: Rate
+    scaled: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +218,30 @@ def _results(study: CaseStudy) -> Iterator[Section]:
     checks = tuple((b.of, f"{b.ratio:.2f}", f"{b.low:.2f} to {b.high:.2f}", b.within.cells[1]) for b in study.bounds)
     note = "By chance, the rms error of an efficient method is in the range of the third column in 95 % of studies."
     bounds = Table(("error", "rms / bound", "by chance", "within 1.96 bounds"), "lrrr", checks, note=note)
-    yield Section("results", "Results", (spreads, bounds), facts=IN_RESULT)
+    plots = tuple(
+        Figure(
+            f"bound-{number}",
+            f"{check.of} over its bound. The line is the normal distribution of a method that reaches the bound.",
+            partial(_draw_bound, check),
+        )
+        for number, check in enumerate(study.bounds, 1)
+        if sum(check.scaled)
+    )
+    yield Section("results", "Results", (spreads, bounds, *plots), facts=IN_RESULT)
+
+
+def _draw_bound(found: BoundCheck) -> Drawing:
+    from matplotlib.figure import Figure as Drawing
+
+    drawing = Drawing(figsize=(6.4, 3.2), layout="constrained")
+    ax = drawing.subplots()
+    width, cases = BOUND_CLASSES[1] - BOUND_CLASSES[0], sum(found.scaled)
+    ax.bar(BOUND_CLASSES[:-1], found.scaled, width, align="edge", edgecolor="white")
+    fine = [0.05 * k for k in range(-80, 81)]
+    ax.plot(fine, [cases * width * math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi) for x in fine], color="black")
+    ax.set_xlabel(f"{found.of} / bound")
+    ax.set_ylabel("cases")
+    return drawing
 
 
 def _confusion(found: Confusion) -> Iterator[Section]:

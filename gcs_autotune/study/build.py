@@ -27,7 +27,7 @@ class Build:
 
     ``version``: of this program, with the first digits of the hash of its sources.
     ``kernels``: what its compiled functions depend on: Python, compilers, processor.
-    ``function``: hash of the source of a study's own function; empty without one.
+    ``function``: hash of the source of a study's own function and its package; empty without one.
     """
 
     version: str
@@ -76,12 +76,19 @@ def _processor() -> str:
 
 @cache
 def _hash_of_module(module: str, home: str) -> str:
-    """Return the hash of a module's source, which is not imported for it; empty if it is not found."""
+    """Return the hash of a module's source, or of its whole package if it is in one; empty if it is not found.
+
+    The module itself is not imported for it.
+    """
     if home and Path(home).is_dir() and home not in sys.path:
         sys.path.append(home)
     try:
         spec = importlib.util.find_spec(module)
     except (ImportError, ValueError):
         return ""
-    origin = Path(spec.origin) if spec is not None and spec.origin else None
-    return hashlib.sha256(origin.read_bytes()).hexdigest()[:8] if origin is not None and origin.is_file() else ""
+    if spec is None or not spec.origin or not Path(spec.origin).is_file():
+        return ""
+    files, top = [Path(spec.origin)], module.partition(".")[0]
+    if top != module and (package := importlib.util.find_spec(top)) is not None:
+        files = [p for folder in package.submodule_search_locations or [] for p in sorted(Path(folder).rglob("*.py"))]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:8]

@@ -15,6 +15,7 @@ import numpy as np
 from gcs_autotune.errors import BadFile
 from gcs_autotune.registry import nearest_of
 from gcs_autotune.report import (
+    BOUND_CLASSES,
     BoundCheck,
     CaseStudy,
     Confusion,
@@ -227,7 +228,9 @@ def _bound(plan: Plan, frame: Any, error: str, bound: str) -> BoundCheck:
     n = max(len(errors), 1)
     low, high = (math.sqrt(float(scipy_stats().chi2.ppf(p, n)) / n) for p in (0.025, 0.975))
     ratio = math.sqrt(float(np.mean(errors**2) / np.mean(bounds**2))) if len(errors) else math.nan
-    return BoundCheck(error, ratio, low, high, rate_of("within 1.96 bounds", np.abs(errors) <= 1.96 * bounds))
+    scaled = np.clip(errors[bounds > 0.0] / bounds[bounds > 0.0], BOUND_CLASSES[0], BOUND_CLASSES[-1])
+    counts = tuple(map(int, np.histogram(scaled, BOUND_CLASSES)[0]))
+    return BoundCheck(error, ratio, low, high, rate_of("within 1.96 bounds", np.abs(errors) <= 1.96 * bounds), counts)
 
 
 def _compared(plan: Plan, job: Job, frame: Any) -> list[tuple[str, str]]:

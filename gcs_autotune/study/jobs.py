@@ -50,7 +50,7 @@ _MOST_RESULTS = 500
 _MOST_LISTED = 8
 """Longest list that is stored, item by item. Project choice."""
 _LONGEST = 200
-"""Characters stored of a text. Project choice."""
+"""Characters stored of a text that a command reports. Texts of a function are stored whole. Project choice."""
 _RESTORED = 8
 """Exit code of a tune that restored the old gains: the case is done."""
 
@@ -174,6 +174,8 @@ def results_of(do: str, given: Mapping[str, Any], folder: Path, home: Path, keep
     patterns, timed = keep or ("*",), JOBS[do].timed if do in JOBS else ()
     flat = {}
     for name, value in _flat("", plain_data(found), str(folder)):
+        if do in JOBS and isinstance(value, str):
+            value = value[:_LONGEST]
         if name not in timed and any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns):
             flat[name] = value
         if len(flat) == _MOST_RESULTS:
@@ -253,4 +255,4 @@ def _flat(name: str, value: Any, folder: str) -> Iterator[tuple[str, Any]]:
         if math.isfinite(value):
             yield name, float(value)
     elif isinstance(value, str) and folder not in value:
-        yield name, value[:_LONGEST]
+        yield name, value

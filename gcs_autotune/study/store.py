@@ -116,7 +116,7 @@ class Store:
         """
         path = self.folder / HEAD
         if not self.has_head:
-            raise BadFile(f"{self.folder} contains no study: {HEAD} is missing. Give the --out of `study run`")
+            raise BadFile(f"{self.folder} contains no study: {HEAD} is missing. Give the results folder of `study run`")
         head = load_json(path, "the head of a study")
         if not isinstance(head, dict) or head.get("schema") != SCHEMA:
             raise BadFile(f"{path} is not the head of a study of this version ({SCHEMA})")

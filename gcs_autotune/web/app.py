@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
 from datetime import datetime
 from pathlib import Path
@@ -57,7 +57,8 @@ Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 class Control:
     """Controls the current run, if any, and its state."""
 
-    def __init__(self, runs: Path, program: CommandLine) -> None:
+    def __init__(self, runs: Path, program: CommandLine, preset: Mapping[str, Any]) -> None:
+        self.preset = preset
         self.runs = runs
         self.program = program
         self.live = Live()
@@ -132,9 +133,14 @@ class Control:
                 await asyncio.shield(self._task)
 
 
-def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> Starlette:
-    """Return the ASGI application of the page. Runs are stored in *runs* and started by *program*."""
-    control = Control(runs, program or CommandLine())
+def make_app(
+    runs: Path, access: Access, program: CommandLine | None = None, preset: Mapping[str, Any] | None = None
+) -> Starlette:
+    """Return the ASGI application of the page. Runs are stored in *runs* and started by *program*.
+
+    preset : option -> value of the settings file.
+    """
+    control = Control(runs, program or CommandLine(), preset or {})
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -178,7 +184,9 @@ def _page() -> list[BaseRoute]:
 
 def _looking(control: Control, access: Access) -> list[BaseRoute]:
     async def about(request: Request) -> Response:
-        return JSONResponse({"version": __version__, "token_needed": bool(access.token), "dofs": DOFS, **fields()})
+        return JSONResponse(
+            {"version": __version__, "token_needed": bool(access.token), "dofs": DOFS, **fields(control.preset)}
+        )
 
     async def live(socket: WebSocket) -> None:
         await socket.accept()

@@ -20,9 +20,9 @@ from typing import Any, BinaryIO
 from msgspec import Struct
 
 from gcs_autotune.axes import AXES
-from gcs_autotune.errors import AutotuneError, UsageError
+from gcs_autotune.errors import UsageError
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.web.job import JOB, page_of, read_json
+from gcs_autotune.web.job import JOB, is_settled, page_of, read_json
 from gcs_autotune_files import Refused, conform, parse, read
 
 __all__ = ["GUIDED", "KINDS", "ORDERED", "STYLED", "Archive", "loop_of", "packed", "undo_of"]
@@ -71,6 +71,8 @@ class Archive:
             "reason": visible(str(summary.get("reason", ""))),
             "change": _change(summary),
             "report": page_of(folder),
+            "link": visible(_link(folder)),
+            "again": read_json(folder / ORDERED) or None,
             "loop": loop_of(folder),
             "log": visible(logs[0]) if logs else "",
             "models": [p.relative_to(folder).as_posix() for p in sorted(_models(folder)) if _plain(p)],
@@ -93,9 +95,7 @@ class Archive:
             "files": files,
             "trials": [_trial(folder, file) for file in trials],
             "resume": _resume(folder),
-            "link": visible(_link(folder)),
             "undo": bool(undo_of(folder)),
-            "again": read_json(folder / ORDERED) or None,
         }
 
     def path(self, name: str, inner: str = "") -> Path:
@@ -179,7 +179,7 @@ def undo_of(folder: Path) -> tuple[str, ...]:
     link = _link(folder)
     if not link or link.startswith("sitl:"):
         return ()
-    if not all(_is_settled(path) for path in (*folder.glob("journal.jsonl"), *folder.glob("*/journal.jsonl"))):
+    if not is_settled(folder):
         return ("restore", str(folder))
     saved = folder / "parameters_before.param"
     kept = _ending(folder) == "kept"
@@ -191,15 +191,6 @@ def undo_of(folder: Path) -> tuple[str, ...]:
 
 def _ending(folder: Path) -> str:
     return str(read_json(folder / "summary.json").get("ending", ""))
-
-
-def _is_settled(journal: Path) -> bool:
-    from gcs_autotune.link import Journal  # half a second, which only this needs
-
-    try:
-        return Journal.read(journal).is_settled
-    except (AutotuneError, OSError):
-        return True  # there is nothing in it to restore from
 
 
 def _resume(folder: Path) -> dict[str, Any] | None:

@@ -25,6 +25,8 @@ from gcs_autotune_files import whole
 __all__ = ["DOFS", "Desk", "archive_routes"]
 
 DOFS = ("yaw", "surge", "sway", "heave", "horizontal")
+PORTS = "ports"
+"""Command that listens for vehicles, of no record."""
 LONGEST = 1800.0
 """Longest duration of a calculation [s]. Project choice."""
 PIECE_WITHIN = 30.0
@@ -95,6 +97,13 @@ class Desk:
         arguments = VERBS[verb](folder, file, dof, self._record(other) if verb == "compare" else folder)
         self._tell(name, verb, "", running=True)
         self._task = asyncio.create_task(self._run(name, verb, arguments, folder))
+
+    def listen(self) -> None:
+        """Start to listen for vehicles on the ports. Nothing is sent. Raises ``UsageError`` if this is not possible."""
+        if self._task is not None and not self._task.done():
+            raise UsageError("another job is running. Wait until it ends")
+        self._tell("", PORTS, "", running=True)
+        self._task = asyncio.create_task(self._run("", PORTS, [PORTS, "--json"], self._archive.root))
 
     def _record(self, name: str) -> Path:
         """Return the dropped log of an entry, or else the run directory."""
@@ -206,6 +215,9 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
     def work(told: Mapping[str, Any]) -> Response:
         if is_running():
             return JSONResponse({"error": "a run is in progress and has priority. Wait until it ends"}, 409)
+        if told["verb"] == PORTS:
+            desk.listen()
+            return JSONResponse({"ok": True})
         desk.start(str(told["name"]), str(told["verb"]), str(told.get("dof", "yaw")), str(told.get("other", "")))
         return JSONResponse({"ok": True})
 

@@ -18,11 +18,11 @@ from typing import Any
 
 from msgspec import Struct
 
-from gcs_autotune.errors import EXIT_CODES
+from gcs_autotune.errors import EXIT_CODES, AutotuneError
 from gcs_autotune.web.live import Live
 from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["JOB", "CommandLine", "Job", "how_it_ended", "how_the_undo_ended", "page_of", "read_json"]
+__all__ = ["JOB", "CommandLine", "Job", "how_it_ended", "how_the_undo_ended", "is_settled", "page_of", "read_json"]
 
 _LONGEST_LINE = 1 << 22
 _STDERR = 8000
@@ -189,8 +189,9 @@ def _listed(thing: Any) -> list[Any]:
 
 
 def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
-    journals = (path for where in ("", "*/") for path in directory.glob(f"{where}journal.jsonl"))
-    if left is None and not any(journals):
+    if left is None and is_settled(directory):
+        if any(path for where in ("", "*/") for path in directory.glob(f"{where}journal.jsonl")):
+            return True, "The vehicle is restored, as the journal of the run records."
         return True, "The run ended before arming. Nothing was moved or written."
     if left is None:
         return False, (
@@ -204,6 +205,18 @@ def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool,
             f"NOT RESTORED ({what}). Take over by hand, then run `gcs-autotune restore {directory}` in a terminal."
         )
     return True, f"Actuators neutral, confirmed at the outputs; {state}, as before the run."
+
+
+def is_settled(directory: Path) -> bool:
+    """Return whether the run in *directory*, with all steps of a job, has restored its vehicle or never armed it."""
+    from gcs_autotune.link import Journal  # slow to import, and only needed here
+
+    try:
+        return all(
+            Journal.read(path).is_settled for where in ("", "*/") for path in directory.glob(f"{where}journal.jsonl")
+        )
+    except (AutotuneError, OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def _as_to_parameters(directory: Path) -> list[str]:

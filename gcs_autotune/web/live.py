@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
 from gcs_autotune.untrusted_text import visible
@@ -30,6 +30,10 @@ _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "st
 """Types of messages of which only the last one is kept, unchanged."""
 _LONGEST = 2000
 """Number of characters of a sentence that are kept. Project choice."""
+_EXPECTED: Mapping[str, str] = {
+    "radio failsafe": "Expected here: the run no longer sends stick positions. A transmitter that is on clears it."
+}
+"""Part of a vehicle's message, in small letters, that is expected once a run has ended -> what it means."""
 _OVER = ""
 """Value in a viewer's queue that marks the end of the stream."""
 
@@ -80,8 +84,14 @@ class Live:
         """Add a sentence to the document. With a *severity* it is a message of the vehicle."""
         self._count += 1
         words = {"n": self._count, "text": visible(text)[:_LONGEST], "severity": severity}
+        if severity is not None and self._has_released():
+            words["note"] = next((note for part, note in _EXPECTED.items() if part in text.casefold()), "")
         self._words.append(words)
         self._new["words"] = [*self._new["words"], words][-WORDS:]
+
+    def _has_released(self) -> bool:
+        """Whether the run no longer holds the sticks: it was stopped, or has restored the vehicle."""
+        return any(self._state.get(key) for key in ("stopping", "left", "end"))
 
     def take(self, line: bytes) -> None:
         """Process one line of a job. A line with an unknown key is ignored."""

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from gcs_autotune.axes import AXES
@@ -25,7 +26,7 @@ from gcs_autotune.web.archive import GUIDED, Archive, undo_of
 __all__ = ["RunOrder", "fields", "make_order"]
 
 JOBS: Mapping[str, str] = {
-    GUIDED: "Tune my boat or ROV: all loops in order, one consent, one report",
+    GUIDED: "Tune my boat or ROV: all loops",
     "tune": "Tune one loop: experiments, model, gains, test by a step",
     "experiment": "Experiment: identify a model; writes no parameter",
     "fly": "Fly a standard manoeuvre: preview, figures and model; writes no parameter",
@@ -33,12 +34,17 @@ JOBS: Mapping[str, str] = {
 """Job that can be started -> its description in one line."""
 UNDO = "undo"
 """Job that restores the parameters of before a ``run``. It is offered beside the run, not in the form."""
+EVERYDAY = "Everyday settings"
+"""Heading of the numbers that the page shows unfolded."""
+CRAFTS: Mapping[str, str] = {"Simulated boat": "sitl:charlie", "Simulated ROV": "sitl:bluerov2"}
+"""Name of a simulated craft on the page -> its link."""
 _ASKED: Mapping[str, tuple[str, ...]] = {
+    EVERYDAY: ("throttle", "max-distance", "max-time"),
     "Safety limits": (
-        *("max-distance", "max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
-        *("max-turn-rate", "max-roll", "max-pitch", "min-battery", "min-battery-voltage", "max-time"),
+        *("max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
+        *("max-turn-rate", "max-roll", "max-pitch", "min-battery", "min-battery-voltage"),
     ),
-    "Manoeuvre": ("throttle", "speed", "relay-output", "relay-hysteresis", "relays", "patience"),
+    "Manoeuvre": ("speed", "relay-output", "relay-hysteresis", "relays", "patience"),
     "Proof": ("step", "step-duration", "settling-time"),
     "Model": ("full-scale",),
     "Link": ("baud", "system-id"),
@@ -86,16 +92,21 @@ LINK_VARIABLE = "GCS_AUTOTUNE_LINK"
 """Name of the environment variable with the initial link on the page."""
 
 
-def fields() -> dict[str, Any]:
-    """Return the fields of the page: jobs, axes with default links, numbers with ranges, as typed."""
+def fields(preset: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
+    """Return the fields of the page: jobs, axes with default links, numbers with ranges, as typed.
+
+    preset : option -> value of the settings file, which applies to a run that does not choose another.
+    """
     return {
-        "link": os.environ.get(LINK_VARIABLE, ""),
+        "link": os.environ.get(LINK_VARIABLE, "") or str(preset.get("connect", "")),
+        "crafts": CRAFTS,
+        "everyday": EVERYDAY,
         "jobs": [{"name": name, "title": title, "example": _BOAT} for name, title in JOBS.items()],
         "axes": [{"name": name, "example": kind.example, "signal": kind.stepped} for name, kind in AXES.items()],
         "manoeuvres": [_manoeuvre(kind) for kind in MANOEUVRES.values() if kind.make is not None],
         "sides": SIDES,
         "styles": STYLES,
-        "numbers": {heading: [_field(name) for name in names] for heading, names in _ASKED.items()},
+        "numbers": {heading: [_field(name, preset) for name in names] for heading, names in _ASKED.items()},
     }
 
 
@@ -127,7 +138,7 @@ def _example(kind: ManoeuvreKind) -> str:
     return _ROV if kind.stays or tilts or not kind.drives <= {"N", "X"} else _BOAT
 
 
-def _field(name: str) -> dict[str, Any]:
+def _field(name: str, preset: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
     rows = axes_of(name)
     return {
         "name": name,
@@ -137,7 +148,9 @@ def _field(name: str) -> dict[str, Any]:
                 "meaning": row.meaning,
                 "unit": row.unit,
                 "range": row.range,
-                "usual": row.unset.replace("--", "") or ("" if row.default is None else f"{row.default:g}"),
+                "usual": f"{preset[name]:g} (gcs-autotune.toml)"
+                if name in preset
+                else row.unset.replace("--", "") or ("" if row.default is None else f"{row.default:g}"),
             }
             for row in rows
         },

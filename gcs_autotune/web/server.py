@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import socket
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import segno
 import uvicorn
@@ -40,7 +41,8 @@ second. Project choice.
 class ServeSettings:
     """Where the page is served: *host* and *port* to listen on, the folder of *runs*, and other names of the server.
 
-    ``joystick_stop``: whether Cockpit is offered a STOP for a joystick button.
+    ``joystick_stop``: whether Cockpit is offered a STOP for a joystick button. ``preset``: option -> value
+    of the settings file.
     """
 
     host: str
@@ -48,6 +50,7 @@ class ServeSettings:
     runs: Path
     allowed: tuple[str, ...] = ()
     joystick_stop: bool = False
+    preset: Mapping[str, Any] = field(default_factory=dict)
 
 
 def serve(settings: ServeSettings, say: Callable[[str], object], program: CommandLine | None = None) -> None:
@@ -71,7 +74,7 @@ def serve(settings: ServeSettings, say: Callable[[str], object], program: Comman
     alone = is_loopback(settings.host)
     stop_key = Access.new_token() if settings.joystick_stop else ""
     access = Access("" if alone else Access.new_token(), settings.allowed, stop_key=stop_key)
-    app = make_app(settings.runs.absolute(), access, program)
+    app = make_app(settings.runs.absolute(), access, program, settings.preset)
     for line in told(settings.host, port, access.token):
         say(line)
     for name in ("uvicorn.error", "asyncio"):

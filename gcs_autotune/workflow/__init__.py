@@ -36,6 +36,7 @@ from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
 from gcs_autotune.workflow.self_planned import first_run
 from gcs_autotune.workflow.settings import CommonSettings, Connection, StudySettings, SuppliedGains, TuneSettings
+from gcs_autotune.workflow.share import Shared, share_run
 from gcs_autotune.workflow.study import study
 from gcs_autotune.workflow.supplied_gains import load_gains
 from gcs_autotune.workflow.tune import job_of, tune
@@ -56,6 +57,7 @@ __all__ = [
     "HoldSettings",
     "Operator",
     "Precision",
+    "Shared",
     "StudySettings",
     "SuppliedGains",
     "TuneSettings",
@@ -87,6 +89,7 @@ __all__ = [
     "restore_run",
     "run_diagnosis",
     "save_parameters",
+    "share_run",
     "study",
     "tune",
     "tune_actuators",

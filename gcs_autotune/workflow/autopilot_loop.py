@@ -126,10 +126,9 @@ class _AutopilotLoop:
         after = context.fly(criteria.proof.step("step-after"), PROVING)
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
-            there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
-            log.say(
-                f"both flights are compared over the first {there_and_back} of step and step back, which both contain"
-            )
+            legs = zip(alike, ("step", "step back"), strict=False)
+            told = " and ".join(f"the first {seconds:.0f} s of the {leg}" for seconds, leg in legs)
+            log.say(f"both flights are compared over {told}: the shorter flight ends there")
         then, now, scatter, log.proposal = context.run_in_background(
             _compared, criteria, before, after, alike, log.proposal
         )

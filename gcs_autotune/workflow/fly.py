@@ -316,7 +316,9 @@ class _Flight:
     def _movements(self) -> str:
         if len(self.runs) == 1:
             kind = self.runs[0].settings.kind
-            return f"{self._relays_told()}{kind.name} ({kind.help})"
+            title, _, rest = kind.help.partition(": ")
+            meaning = rest if title.replace(" ", "-") == kind.name else kind.help
+            return f"{self._relays_told()}{kind.name} ({meaning})"
         back = ", with a return to the start in between" if self._visit.craft.firmware.needs_way else ""
         left = self._left
         done = f" ({len(self.runs) - len(left)} already flown)" if len(left) < len(self.runs) else ""

@@ -200,7 +200,11 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
                 Intention(f"move: {mission.movements}", "Moves", mission.movements),
                 *(need if isinstance(need, Intention) else Intention(need) for need in mission.needs),
                 *after_a_silence(visit.common, armed=craft.armed),
-                Intention(mission.writes, "Writes", mission.writes.removeprefix("write ")),
+                Intention(
+                    mission.writes,
+                    "Writes",
+                    mission.writes.removeprefix("write ").replace("and restore ", "and restores "),
+                ),
             )
         )
     )

@@ -104,7 +104,7 @@ class Recheck:
     ``why``: reason why there are no figures.
     """
 
-    words = "if these relays do not determine the damping of the loop, fly again at half or twice their size"
+    words = "fly again at half or twice the size, if these relays do not determine the damping of the loop"
 
     def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
         self._axis, self._runs, self._observer = axis, runs, observer

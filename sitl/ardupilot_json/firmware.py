@@ -77,11 +77,22 @@ thrusters would empty it within minutes. Therefore such a frame has no simulated
 """
 
 
+_RANGEFINDER_SITL, _AHEAD = 100, 0
+
+
+def _rangefinders(data: VehicleData) -> dict[str, float]:
+    """Return the parameters of the rangefinders on board: simulated, and ahead."""
+    finder = data.make_rangefinder(0)
+    count = 0 if finder is None else 2 if finder.apart > 0.0 else 1
+    kinds = (("TYPE", _RANGEFINDER_SITL), ("ORIENT", _AHEAD))
+    return {f"RNGFND{n}_{key}": value for n in range(1, count + 1) for key, value in kinds}
+
+
 def needed_parameters(data: VehicleData) -> dict[str, float]:
     """Return name -> value of the parameters that ArduPilot needs for the vehicle of *data*, including those set by its
     owner.
     """
-    return {**_SENSORS, **_BY_ACTUATORS[str(data.tables["actuators"])], **data.parameters}
+    return {**_SENSORS, **_BY_ACTUATORS[str(data.tables["actuators"])], **_rangefinders(data), **data.parameters}
 
 
 def parameter_text(data: VehicleData) -> str:

@@ -26,6 +26,8 @@ _LONGEST_STEP = 0.02
 """Longest Runge-Kutta step of the hull [s], as in our own simulator. A longer frame is divided. Project choice."""
 _FULL_BATTERY = 12.6
 """Open-circuit voltage [V]: the value of ArduPilot's SIM_BATT_VOLTAGE."""
+_NOTHING = 1000.0
+"""Distance [m] reported if no wall is ahead, beyond the range of the firmware's rangefinder. Project choice."""
 _LEVEL = {"phi", "theta"}
 
 
@@ -74,6 +76,7 @@ class Physics:
         self._tells_true = not any(effect.overrides("alter_measurement") for effect in craft.effects)
         self._reading = SensorReading()
         self._battery = Battery()
+        self._rangefinder = self._data.make_rangefinder(self._seed)
         self.seconds = 0.0
         self._pwm: Sequence[int] = [0] * 16
         self.state = State()
@@ -111,6 +114,9 @@ class Physics:
         state.t = self.seconds
         state.voltage, state.current = self._battery.voltage(_FULL_BATTERY), self._battery.current
         state.force = force
+        if self._rangefinder is not None:
+            measured = self._rangefinder.measure(self.seconds, true)
+            state.distances = tuple(_NOTHING if math.isnan(distance) else distance for distance in measured)
         if self._tells_true:
             state.gyro = (true.p, true.q, true.r) if true.tilts else (0.0, 0.0, true.r)
             tilt = (true.phi, true.theta) if true.tilts else (0.0, 0.0)

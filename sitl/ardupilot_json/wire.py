@@ -42,7 +42,7 @@ class State:
 
     ``t`` [s] never decreases; ``force`` (3,) [m/s^2] is the specific force measured by an accelerometer; ``gyro`` (3,)
     [rad/s]; ``attitude`` (3,) roll, pitch, yaw; ``position`` (3,) [m]; ``velocity`` (3,) [m/s]; the battery's
-    ``voltage`` [V] and ``current`` [A], which older firmware ignores.
+    ``voltage`` [V] and ``current`` [A], which older firmware ignores; ``distances`` [m], one per rangefinder.
     """
 
     t: float = 0.0
@@ -53,6 +53,7 @@ class State:
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     voltage: float = 0.0
     current: float = 0.0
+    distances: tuple[float, ...] = ()
 
 
 def read_servos(datagram: bytes) -> Servos:
@@ -81,11 +82,12 @@ def read_servos(datagram: bytes) -> Servos:
 _FORM = (
     '\n{"timestamp":%.9f,"imu":{"gyro":[%.9f,%.9f,%.9f],"accel_body":[%.7f,%.7f,%.7f]},'
     '"position":[%.7f,%.7f,%.7f],"attitude":[%.9f,%.9f,%.9f],"velocity":[%.7f,%.7f,%.7f],'
-    '"battery":{"voltage":%.3f,"current":%.3f}}\n'
+    '"battery":{"voltage":%.3f,"current":%.3f}%s}\n'
 )
 
 
 def write_state(state: State) -> bytes:
     """Return the datagram for *state*: a line of JSON."""
     motion = (*state.gyro, *state.force, *state.position, *state.attitude, *state.velocity)
-    return (_FORM % (state.t, *motion, state.voltage, state.current)).encode("ascii")
+    ranges = "".join(f',"rng_{number}":{distance:.4f}' for number, distance in enumerate(state.distances, start=1))
+    return (_FORM % (state.t, *motion, state.voltage, state.current, ranges)).encode("ascii")

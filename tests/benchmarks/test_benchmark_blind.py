@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks import studies
+from benchmarks.blind import __main__ as blind
 from benchmarks.blind.__main__ import main, tasks
 from benchmarks.blind.case import LEAST_RATIO, TRACK, draw_case
 from benchmarks.blind.craft import FASTEST, KINDS, SLOWEST, draw_craft
@@ -158,13 +162,25 @@ def test_outcomes_survive_the_file() -> None:
     assert Outcome.from_json(RIGHT.to_json()).to_json() == RIGHT.to_json()
 
 
-def test_cases_already_saved_are_not_played_again(tmp_path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "blind.jsonl"
-    file.write_text(RIGHT.to_json() + "\n", encoding="utf-8")
-    asked = ["--kind", "single", "--cases", "1", "--only", "dead-zone", "--save", str(file), "--quiet"]
-    assert main(asked) == 0
+def test_a_case_is_a_row_and_is_not_played_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[object, ...]] = []
+
+    def play(*task: object) -> Outcome:
+        asked.append(task)
+        return replace(RIGHT, index=task[2], doubts=["a doubt " * 50])
+
+    monkeypatch.setattr(studies, "OUT", tmp_path)
+    monkeypatch.setattr(blind, "play", play)
+    line = ["--kind", "single", "--cases", "2", "--only", "dead-zone", "--jobs", "1", "--quiet"]
+    assert main(line) == 0
+    assert main(line) == 0
+    assert asked == [("single", 1, index, "dead-zone", math.inf, None) for index in (0, 1)]
+    assert "100.0 %  (2/2" in capsys.readouterr().out
+    assert main([*line, "--cases", "1"]) == 0
     assert "100.0 %  (1/1" in capsys.readouterr().out
-    assert file.read_text(encoding="utf-8") == RIGHT.to_json() + "\n"
+    assert len(asked) == 2
 
 
 def test_effects_come_by_turns() -> None:

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import studies
 from benchmarks.faulted_tunes import main, report
 from benchmarks.faults import KINDS, STATION_KINDS, Case, Fault, draw_case, draw_station_case, play
 from benchmarks.faults.case import FLEET
 from benchmarks.faults.station import Order, misattributed, overruled
 from benchmarks.fuzzed_messages import fuzz_files, fuzz_messages
+from gcs_autotune.study import open_study
 
 
 @pytest.mark.parametrize("seed", [11, 12])
@@ -86,13 +88,14 @@ def test_no_order_is_overruled_and_no_cause_told_wrong(index: int, ending: str, 
 
 @pytest.mark.slow
 def test_station_cases_are_played_and_counted_from_the_command_line(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    saved = tmp_path / "outcomes.jsonl"
+    monkeypatch.setattr(studies, "OUT", tmp_path)
     choice = ["--station", "--first", "114", "--cases", "1", "--seed", "1", "--jobs", "1"]
-    assert main([*choice, "--save", str(saved)]) == 0
+    assert main(choice) == 0
     assert "orders of another station: 1, ties 0" in capsys.readouterr().out
-    assert json.loads(saved.read_text())["orders"] == 1
+    (folder,) = tmp_path.iterdir()
+    assert json.loads(open_study(folder)["outcome"][0])["orders"] == 1
 
 
 @pytest.mark.parametrize(

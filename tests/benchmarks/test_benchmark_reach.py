@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import reach
+from benchmarks import reach, studies
+from gcs_autotune.study import open_study
 
 
 def test_a_run_that_was_stopped_goes_on_and_its_lines_count(
@@ -26,19 +27,19 @@ def test_a_run_that_was_stopped_goes_on_and_its_lines_count(
         )
 
     monkeypatch.setattr(reach, "tune_once", tune_once)
-    file = tmp_path / "tunes.jsonl"
-    line = ["falcon/heading", "videoray/heading", "--seeds", "2", "--save", str(file)]
+    monkeypatch.setattr(studies, "OUT", tmp_path)
+    line = ["falcon/heading", "videoray/heading", "--seeds", "2"]
     with pytest.raises(KeyboardInterrupt):
         reach.main(line)
-    assert len(file.read_text().splitlines()) == 3
-    assert math.isnan([json.loads(x) for x in file.read_text().splitlines()][2]["flown"])
+    (folder,) = tmp_path.iterdir()
+    assert len(open_study(folder)) == 3
+    assert math.isnan(json.loads(open_study(folder)["tuned"][2])["flown"])
     before, flown[:] = list(flown), []
+    capsys.readouterr()
     reach.main(line)
     assert flown == [("videoray", "heading", 2)] and ("videoray", "heading", 2) not in before
-    capsys.readouterr()
-    reach.main(["--seeds", "0", "--save", str(file)])
     table = capsys.readouterr().out.splitlines()
-    assert [row.split()[:6] for row in table[1:3]] == [
+    assert [row.split()[:6] for row in table[5:7]] == [
         ["falcon", "heading", "0.900", "1/2", "1/2", "2.000"],
         ["videoray", "heading", "0.900", "2/2", "2/2", "2.000"],
     ]

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -467,3 +468,11 @@ def test_recheck_heading_tells_of_the_loop_as_it_is_and_writes_no_parameter(tmp_
     assert "heading loop" in told.out
     assert "Writes no parameter" in " ".join(told.err.split())
     assert (out / "report.html").exists()
+
+
+def test_the_list_of_manoeuvres_breaks_no_option_and_names_none_that_is_not_there(capsys):
+    code, out, _ = run(capsys, "fly", "--list")
+    assert code == 0
+    assert not re.search(r"-$", out, re.MULTILINE)
+    assert "Takes ." not in out
+    assert "Takes --heading, --rudder," in re.sub(r"\s+", " ", out)

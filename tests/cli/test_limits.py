@@ -36,6 +36,7 @@ POSITIONALS = {
     "thrusters": ("a.csv",),
     "navigate": ("a.bin",),
     "laser": ("a.mp4",),
+    "track": ("a.mp4", "a.csv"),
     "calibrate laser": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
@@ -45,6 +46,7 @@ POSITIONALS = {
     "restore": (),
     "watch": ("a.csv", "b.csv"),
     "compare": ("a.csv", "b.csv"),
+    "share": ("a",),
     "doctor": (),
     "ports": (),
 }

@@ -21,6 +21,12 @@ def toward(x: float, y: float, k: float, s: Mapping[str, float]) -> dict[str, fl
     return {"X": c * north + n * east, "Y": c * east - n * north}
 
 
+def blown(t: float, s: Mapping[str, float], held: object) -> dict[str, float]:
+    """Return the force of a wind towards 0.7 rad."""
+    a = 0.7 - s["psi"]
+    return {"X": 3.0 * np.cos(a), "Y": 5.0 * np.sin(a), "N": -1.2 * np.sin(2.0 * a)}
+
+
 def near(s: float, bottom: float, strength: float, length: float) -> float:
     return float(strength * np.exp(-(bottom - s) / length))
 
@@ -92,6 +98,9 @@ CASES = {
     "wind": Case(
         "wind-moment", "yaw", SPINNER, {"strength": 0.8, "direction": -2.2},
         Water(lambda t, s, h: {"N": 0.8 * np.sin(-2.2 - s["psi"])}),
+    ),
+    "wind on the superstructure": Case(
+        "wind-load", "surge+sway+yaw", BOAT, {"X": 3.0, "Y": 5.0, "N": 1.2, "direction": 0.7}, Water(blown)
     ),
     "tether that untwists": Case(
         "tether-pull", "yaw", SPINNER, {"stiffness": 0.3, "anchor": 1.5},

@@ -51,6 +51,13 @@ def test_the_book_holds_them_in_the_order_they_are_told() -> None:
         ("tether-pull", "boat", ("yaw", "surge+sway")),
         ("tether-pull", "coaster", ("surge",)),
         ("tether-pull", "diver", ("heave",)),
+        ("changing-current", "boat", ("over ground", "through water")),
+        ("changing-current", "diver", ()),
+        ("wind-load", "boat", ("surge+sway+yaw",)),
+        ("wind-load", "spinner", ()),
+        ("tether-line", "boat", ("surge+sway",)),
+        ("tether-line", "diver", ("heave",)),
+        ("tether-line", "coaster", ()),
     ],
 )
 def test_places(slug: str, name: str, places: tuple[str, ...]) -> None:
@@ -75,7 +82,8 @@ def test_depth_has_to_change_by_more_than_its_noise() -> None:
 @pytest.mark.parametrize(
     ("slug", "name", "there"),
     [("quadratic-drag", "spinner", "N_rr"), ("quadratic-drag", "spinner", "N_|r|r"), ("input-bias", "spinner", "N_0"),
-     ("net-buoyancy", "diver", "Z_0"), ("wind-moment", "spinner", "N_sinpsi"), ("tether-pull", "spinner", "N_psi"),
+     ("net-buoyancy", "diver", "Z_0"), ("wind-moment", "spinner", "N_sinpsi"),
+     ("wind-load", "boat", "X_cospsi"), ("tether-pull", "spinner", "N_psi"),
      ("sway-yaw-coupling", "boat", "N_v"), ("steady-current", "boat", "V_y"), ("coriolis-coupling", "boat", "N_uv")],
 )  # fmt: skip
 def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: str, there: str) -> None:
@@ -101,6 +109,8 @@ def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: s
         ("wind-moment", "spinner", "yaw", {"strength": "N m", "direction": "rad"}),
         ("tether-pull", "spinner", "yaw", {"stiffness": "N m/rad", "anchor": "rad"}),
         ("tether-pull", "boat", "surge+sway", {"stiffness": "N/m", "x": "m"}),
+        ("wind-load", "boat", "surge+sway+yaw", {"X": "N", "N": "N m", "direction": "rad"}),
+        ("tether-line", "boat", "surge+sway", {"stiffness": "N/m", "drag": "N s^2/m^2", "length": "m"}),
     ],
 )
 def test_units(slug: str, name: str, place: str, units: dict[str, str]) -> None:

@@ -185,3 +185,40 @@ def test_samples_with_a_larger_standard_deviation_weigh_less_in_identify():
     stds = [f.parameters["alpha_r"].std for f in fits]
     assert stds[1] < 0.3 * stds[0]
     assert errors[1] < 4.0 * stds[1] + 0.15
+
+
+ROWS = {
+    "IMU": ("QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ", "imu", ("p", "q", "r", "ax", "ay", "az")),
+    "MAG": ("QBfff", "TimeUS,I,MagX,MagY,MagZ", "compass", ("mx", "my", "mz")),
+    "VISO": ("Qffff", "TimeUS,dt,PosDX,PosDY,PosDZ", "dvl", ("u", "v", "w")),
+    "BARO": ("QBf", "TimeUS,I,Alt", "depth", ("z",)),
+}
+
+
+def onboard(run: Trial, path: Path) -> Path:
+    """Write a simulated dive as the text of an onboard log, with a second pressure sensor in the water."""
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns", "FMT, 129, 40, MSG, QZ, TimeUS,Message"]
+    lines += [f"FMT, {130 + i}, 40, {kind}, {row[0]}, {row[1]}" for i, (kind, row) in enumerate(ROWS.items())]
+    rows = [(0.01, "MSG, 10000, ArduSub V4.5.0")]
+    for kind, (_, columns, group, names) in ROWS.items():
+        table = np.column_stack([run[f"{group}.{n}"].values for n in names])
+        table = {"VISO": 0.25 * table, "BARO": -table}.get(kind, table)
+        middle = {"VISO": "0.25, ", "BARO": "1, "}.get(kind, "0, " if ",I," in columns else "")
+        for t, values in zip(run[f"{group}.{names[0]}"].t, table, strict=True):
+            told = ", ".join(f"{v:.9g}" for v in values)
+            rows.append((t, f"{kind}, {round(t * 1e6)}, {middle}{told}"))
+            if kind == "BARO":
+                rows.append((t, f"{kind}, {round(t * 1e6)}, 0, 3.5"))
+    path.write_text("\n".join([*lines, *(row for _, row in sorted(rows, key=lambda r: r[0]))]) + "\n")
+    return path
+
+
+def test_an_onboard_log_gives_the_same_solution_as_its_table(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run, _, _ = log(ROV[0], 2, 30.0, ROV[1])
+    wanted = navigate(readings_of(store_of(run, HERE), HERE))[0]
+    assert main(["navigate", str(onboard(run, tmp_path / "dive.log")), "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)["solutions"]
+    assert set(told["sensors"]) == {"compass", "DVL", "depth"}
+    for name in ("gyro bias r", "dvl delay", "depth delay"):
+        assert told["constants"][name]["value"] == pytest.approx(wanted.constants[name].value, abs=1e-3)

@@ -113,11 +113,8 @@ def log(vehicle: str, seed: int, seconds: float = 100.0, devices: tuple[str, ...
             columns["gps"] = (stamps, ("x", "y", "vn", "ve", "vd"), values)
         elif device == "compass":
             offset = float(told["compass offset"])
-            field = np.array([20.0, 0.0, 40.0])
-            turned = np.einsum("nji,j->ni", true.R, field)
-            body = seen(turned)
-            c, s = np.cos(offset), np.sin(offset)
-            body = body @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]).T
+            field = np.array([20.0 * np.cos(offset), -20.0 * np.sin(offset), 40.0])  # an unknown declination
+            body = seen(np.einsum("nji,j->ni", true.R, field))
             columns["compass"] = (
                 stamps,
                 ("mx", "my", "mz"),

@@ -350,3 +350,22 @@ def test_a_body_that_tilts_sends_its_attitude_and_gravity_along_its_axes():
     assert told.gyro[1] == pytest.approx(at.q)
     assert told.force[0] == pytest.approx(9.80665 * math.sin(0.4), abs=0.6)
     assert load_vehicle("bluerov2").make_plant().state.tilts is False
+
+
+def test_the_distances_of_rangefinders_are_sent_and_their_drivers_selected() -> None:
+    data = load_vehicle("videoray-lasers")
+    physics = Physics(data)
+    state = physics.step(0.01, NEUTRAL)
+    told = json.loads(write_state(state))
+    assert (told["rng_1"], told["rng_2"]) == pytest.approx((2.0, 2.0), abs=0.05)
+    assert {name: value for name, value in needed_parameters(data).items() if name.startswith("RNGFND")} == {
+        "RNGFND1_TYPE": 100,
+        "RNGFND1_ORIENT": 0,
+        "RNGFND2_TYPE": 100,
+        "RNGFND2_ORIENT": 0,
+    }
+    physics.craft.plant.state.psi += math.pi
+    for _ in range(100):
+        state = physics.step(0.01, NEUTRAL)
+    assert json.loads(write_state(state))["rng_1"] == 1000.0
+    assert "rng_1" not in json.loads(write_state(Physics(load_vehicle("videoray")).state))

@@ -86,6 +86,13 @@ def test_errors_are_compared_with_their_bound(folder: Path) -> None:
     assert 60 <= check.within.hits <= 72
 
 
+def test_errors_over_their_bound_are_a_histogram_with_all_cases(folder: Path) -> None:
+    (check,) = case_study_of(folder).bounds
+    assert sum(check.scaled) == 72
+    assert sum(check.scaled[6:10]) > 36  # within one bound: 68 % of a normal distribution
+    assert "error over its bound" in to_html(case_study_document(case_study_of(folder)))
+
+
 def test_the_worst_cases_come_first_and_their_command_repeats_them(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,6 +11,7 @@ import pytest
 from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError
 from gcs_autotune.executor import ProcessExecutor
 from gcs_autotune.study import Started, Store, check_plan, load_plan, open_study, run_study, store, unsuited
+from gcs_autotune.study.build import build_of
 from gcs_autotune.study.store import parquet
 from tests.study.toys import FUNCTIONS, ran, serial, study_file, tried
 
@@ -127,6 +128,27 @@ def test_a_changed_function_is_other_code(tmp_path: Path) -> None:
         for functions in (FUNCTIONS, FUNCTIONS + "#\n")
     )
     assert one.build.function != other.build.function
+
+
+def test_a_changed_file_of_the_functions_package_is_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    builds = []
+    for package, more in (("toys_one", "a = 1\n"), ("toys_two", "a = 2\n")):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text("")
+        (tmp_path / package / "case.py").write_text(FUNCTIONS)
+        (tmp_path / package / "other.py").write_text(more)
+        builds.append(build_of(f"{package}.case:add").function)
+    assert builds[0]
+    assert builds[0] != builds[1]
+
+
+def test_a_long_text_of_a_function_is_stored_whole(tmp_path: Path) -> None:
+    ran(
+        study_file(tmp_path, "f", "vary.argument.x = [900]", "def f(seed, x):\n    return {'t': 'a' * x}\n"),
+        tmp_path / "out",
+    )
+    assert open_study(tmp_path / "out")["t"][0] == "a" * 900
 
 
 def test_a_full_disk_is_named_and_stored_rows_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -297,6 +297,29 @@ def test_every_manoeuvre_can_be_chosen_with_each_force_and_its_options(kind: Man
         assert make_parser().parse_args(list(order.arguments)).force == force
 
 
+def test_the_settings_file_is_shown_where_a_field_is_left_empty(tmp_path: Path) -> None:
+    preset = {"connect": "/dev/ttyUSB0,57600", "max-distance": 40.0}
+    with TestClient(make_app(tmp_path, Access(), PROGRAM, preset), base_url="http://127.0.0.1:8090") as one:
+        about = one.get("/about").json()
+    everyday = {field["name"]: field["by_axis"][""]["usual"] for field in about["numbers"][about["everyday"]]}
+    assert (about["link"], everyday["max-distance"]) == ("/dev/ttyUSB0,57600", "40 (gcs-autotune.toml)")
+    assert "toml" not in everyday["max-time"]
+
+
+def test_ports_are_listened_to_by_the_command_and_never_during_a_run(tmp_path: Path) -> None:
+    program = CommandLine((sys.executable, "-c", "import sys; print(sys.argv[1:])"))
+    with client_of(tmp_path, program=program) as one, one.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        assert one.post("/work", json={"verb": "ports"}, headers=OURS).status_code == 200
+        viewer = Viewer(socket)
+        while viewer.until("desk")["desk"]["running"]:
+            viewer.state.pop("desk")
+        assert viewer.state["desk"]["text"] == "['ports', '--json']\n"
+    with client_of(tmp_path) as one, one.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        one.post("/start", json=HEADING, headers=OURS)
+        Viewer(socket).until("question")
+        assert one.post("/work", json={"verb": "ports"}, headers=OURS).status_code == 409
+
+
 def test_a_guided_run_is_tune_all_and_has_only_its_options(tmp_path: Path) -> None:
     chosen = {"job": "all", "style": "gentle", "dry_run": True, "model": "a/b.json", "axis": "heading"}
     numbers = {"step": "30", "full-scale": "40", "relays": "3", "max-distance": "40"}
@@ -358,6 +381,17 @@ def kept_run(folder: Path, link: str, *, settled: bool = True, ending: str = "ke
     (folder / "summary.json").write_text(json.dumps({"title": "tune heading", "ending": ending}))
     (folder / "parameters_before.param").write_text("ATC_STR_RAT_P,0.2\n")
     return folder
+
+
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_run_that_ends_before_arming_is_judged_by_whether_earlier_steps_restored_the_vehicle(
+    tmp_path: Path, settled: bool
+) -> None:
+    (tmp_path / "job").mkdir()
+    kept_run(tmp_path / "job" / "02-heading", "/dev/ttyUSB0", settled=settled)
+    end = how_it_ended(130, "", tmp_path / "job", None)
+    assert end["fine"] == settled
+    assert ("vehicle is restored" in end["put_back"][0]) == settled
 
 
 def test_a_run_that_kept_its_gains_is_undone_by_restoring_its_parameters(tmp_path: Path) -> None:

@@ -310,6 +310,27 @@ def test_the_announcement_is_a_table_and_the_steps_of_the_job_are_listed_with_th
     assert asking.page.inner_text("[aria-current=step] th") == "heading"
 
 
+def test_a_craft_of_an_earlier_run_is_chosen_with_its_settings(visit: Any, tmp_path: Path) -> None:
+    again = {
+        "job": "tune",
+        "axis": "depth",
+        "connect": "/dev/ttyUSB0",
+        "style": "gentle",
+        "numbers": {"max-distance": "40"},
+    }
+    (tmp_path / "20261123-lake").mkdir()
+    (tmp_path / "20261123-lake" / "ordered.json").write_text(json.dumps(again))
+    with served(tmp_path, scripted=True) as link:
+        page = visit(link)
+        page.page.click("#tab-start")
+        page.page.locator("#craft option", has_text="lake").wait_for(state="attached")
+        page.page.select_option("#craft", "run 0")
+        read = [page.page.input_value(f"#{name}") for name in ("job", "axis", "connect", "style", "n-max-distance")]
+        assert read == ["tune", "depth", "/dev/ttyUSB0", "gentle", "40"]
+        page.page.select_option("#craft", "sitl:bluerov2")
+        assert page.page.input_value("#connect") == "sitl:bluerov2"
+
+
 def test_yes_goes_on(asking: Page) -> None:
     asking.page.click("#yes")
     asking.shows("#end-title", "done")

@@ -113,3 +113,15 @@ def test_at_the_end_viewers_are_let_go_and_not_waited_for() -> None:
         assert "whole" in await told(live.watch())
 
     asyncio.run(scene())
+
+
+def test_a_radio_failsafe_is_explained_once_the_run_has_released_the_sticks_and_not_before() -> None:
+    live = Live()
+    for key in ("", "stopping"):
+        if key:
+            live.put(key, True)
+        live.take(b'{"words": {"severity": 2, "text": "PreArm: Radio failsafe on"}}')
+        live.take(b'{"words": {"severity": 2, "text": "PreArm: Compass not calibrated"}}')
+    notes = [words.get("note", "") for words in json.loads(live.whole())["whole"]["words"]]
+    assert [bool(note) for note in notes] == [False, False, True, False]
+    assert notes[2].startswith("Expected here: the run no longer sends stick positions")

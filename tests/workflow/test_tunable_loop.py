@@ -177,8 +177,8 @@ def test_both_steps_are_read_over_what_both_recorded(context: Any) -> None:
     supplied(context)
     assert read == [(8.0, 6.0), (8.0, 6.0)]
     assert (
-        "both flights are compared over the first 8 s and 6 s of step and step back, which both contain"
-        in context.log.said
+        "both flights are compared over the first 8 s of the step and the first 6 s of the step back: the shorter "
+        "flight ends there" in context.log.said
     )
 
 

@@ -98,7 +98,10 @@ class Comparison(Displayed):
         if not self.changed:
             return "The craft has not changed: every difference between the models is within its interval."
         changed = list(dict.fromkeys(_number(self, run) for run, row in rows if row.changed))
-        return f"The craft has changed in run {' and '.join(changed)}: the difference is larger than the intervals."
+        others = " and ".join(changed)
+        return (
+            f"The model of run {others} differs by more than the intervals: the craft or its conditions have changed."
+        )
 
     def _display(self) -> Display:
         parts = [part for section in _sections(self) for part in section.parts]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.identify import Fit, Method, Model, Trace, Validation, is_of_one_axis
-from gcs_autotune.report.study.figures import draw_correlation, draw_methods
+from gcs_autotune.report.study.figures import convergence_of, draw_convergence, draw_correlation, draw_methods
 from gcs_autotune.report.study.study import (
     MethodOutcome,
     Study,
@@ -246,6 +246,22 @@ def _more(study: Study) -> Iterator[Section]:
     yield Section("more", "More figures", tuple(figures), facts=IN_RESULT)
 
 
+def _convergence(study: Study) -> Iterator[Section]:
+    caption = (
+        "Estimates{} over time with their 95 % intervals, and the result (dashed). A repeated pass starts near the "
+        "result. --option passes=1 shows the first pass."
+    )
+    figures = (
+        Figure(
+            f"convergence-{i}",
+            caption.format(f" during '{run}'" if run else ""),
+            partial(draw_convergence, study.fit, history),
+        )
+        for i, (run, history) in enumerate(convergence_of(study.fit)[:MOST_TRACES], start=1)
+    )
+    yield Section("convergence", "Convergence of the parameters", tuple(figures), facts=IN_RESULT)
+
+
 def _runs(study: Study) -> Iterator[Section]:
     yield Section("runs", "Runs", (run_table(study),), detail=True, facts=IN_RESULT)
 
@@ -253,7 +269,7 @@ def _runs(study: Study) -> Iterator[Section]:
 FRONT = (_model, _unseen, _structure, _not_distinguished, _fit, _next)
 """Functions that return the sections that a reader sees first."""
 
-SECTIONS = (_methods, _comparison, _intervals, _track, _more, _runs)
+SECTIONS = (_methods, _comparison, _intervals, _convergence, _track, _more, _runs)
 """Functions that return all other sections, folded on the page. To add a section, add its function here."""
 
 

@@ -1,9 +1,9 @@
-"""The figures of an identification: correlation of the estimates, and comparison of methods."""
+"""The figures of an identification: correlation, comparison of methods, and convergence of recursive estimates."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, INK, WANTED
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_correlation", "draw_methods"]
+__all__ = ["convergence_of", "draw_convergence", "draw_correlation", "draw_methods"]
 
 
 DEEPEST = 0.7
@@ -43,6 +43,47 @@ def draw_correlation(fit: Fit[Model]) -> Figure | None:
     axes.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=7)
     axes.set_yticks(range(len(names)), names, fontsize=7)
     axes.grid(False)
+    return figure
+
+
+MOST_CONVERGED = 12
+"""Largest number of parameters whose convergence is plotted. Project choice."""
+
+
+def convergence_of(fit: Fit[Model]) -> Sequence[tuple[str, Mapping[str, Any]]]:
+    """Return (run, history) for each run over which a recursive method estimated the parameters; empty for others.
+
+    A history contains the stamps ``t`` [s], and the ``value`` and ``std`` of each parameter, as lists.
+    """
+    history = fit.extra.get("history")
+    if not isinstance(history, Mapping):
+        return ()
+    if "runs" in history:
+        return tuple((str(row["run"]), row) for row in history["runs"])
+    return (("", {"t": history["t"], "value": history["values"], "std": history["stds"]}),)
+
+
+def draw_convergence(fit: Fit[Model], history: Mapping[str, Any]) -> Figure | None:
+    """Return a figure with each parameter over time, its 95 % interval, and the final estimate, as ZhaoUSV figures 4
+    to 6; None without a parameter.
+    """
+    names = [n for n in history["value"] if n in fit.parameters][:MOST_CONVERGED]
+    if not names:
+        return None
+    figure, every = new_axes((0.9,) * len(names))
+    t = np.asarray(history["t"]) - history["t"][0]
+    for name, axes in zip(names, every, strict=True):
+        value, reach = np.asarray(history["value"][name]), 1.96 * np.asarray(history["std"][name])
+        axes.fill_between(t, value - reach, value + reach, color=AFTER, alpha=0.25, lw=0)
+        axes.plot(t, value, color=AFTER, lw=1.2)
+        final = fit.parameters[name].value
+        axes.axhline(final, color=INK, lw=0.8, ls="--")
+        later = slice(len(t) // 10, None)  # the first interval may be a hundred times wider than the last
+        low, high = float(np.min((value - reach)[later])), float(np.max((value + reach)[later]))
+        margin = 0.05 * max(high - low, 1e-12)
+        axes.set_ylim(min(low, final) - margin, max(high, final) + margin)
+        axes.set_ylabel(name)
+    every[-1].set_xlabel("time [s]")
     return figure
 
 

@@ -66,12 +66,14 @@ class Note:
     kind : ``text``; ``bullet`` of a list; ``command`` to copy, with *label* as its introduction;
         ``quiet``: explanation of the table or figure above.
     detail : whether the terminal leaves it out. The terminal always leaves out quiet notes.
+    file : for a bullet: file beside the page to which the page links; empty for no link.
     """
 
     text: str
     label: str = ""
     kind: Literal["text", "bullet", "command", "quiet"] = "text"
     detail: bool = False
+    file: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
@@ -60,6 +61,7 @@ def to_html(document: Document) -> str:
     )
     environment.filters["glued"] = _glued
     environment.filters["wide"] = _is_wide
+    environment.filters["quoted"] = quote
     sections = [laid for section in document.sections if (laid := _laid(section)).blocks]
     page = environment.get_template("toolkit/document.html").render(
         document=document,

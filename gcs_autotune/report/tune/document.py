@@ -285,7 +285,12 @@ def _parameters(story: TuneStory) -> Iterator[Section]:
 
 
 def _files(story: TuneStory) -> Iterator[Section]:
-    yield Section("files", "Files of this run", tuple(bullets(story.files)), detail=True, facts=IN_RESULT)
+    files = tuple(Note(name, kind="bullet", file=name) for name in story.files)
+    share = Note(
+        f"gcs-autotune share {story.directory}", "To pack them into one file to send to others:", kind="command"
+    )
+    parts = (*files, share) if files and story.directory else files
+    yield Section("files", "Files of this run", parts, detail=True, facts=IN_RESULT)
 
 
 FRONT = (_gains, _line, _position, _thrust, _step, _proof, _undo)

@@ -1,5 +1,7 @@
 // The four pictures: signal and output by uPlot, track and phase portrait on canvases of our own.
 const WINDOW = 120;  // seconds of the vehicle's time that are drawn
+const LEAST = 1;  // metres that the track's picture shows at least: an ROV stays within decimetres
+const GAP = 3;  // seconds without a sample after which no line is drawn across
 const DEG = 180 / Math.PI;
 export const SIGNALS = {
   psi: { name: "heading", unit: "°", factor: DEG, rate: "°/s" }, r: { name: "turn rate", unit: "°/s", factor: DEG, rate: "°/s²" },
@@ -109,7 +111,12 @@ export function draw(state) {
   const first = rows.length ? rows[0][1] : 0;
   let begin = rows.length;
   while (begin > 0 && legs[rows[begin - 1][0]].signal === signal && last - rows[begin - 1][1] < WINDOW) begin -= 1;
-  const shown = rows.slice(begin);
+  const shown = [];
+  for (const row of rows.slice(begin)) {
+    const before = shown[shown.length - 1];
+    if (before && row[1] - before[1] > GAP) shown.push([row[0], (before[1] + row[1]) / 2, ...Array(row.length - 2).fill(null)]);
+    shown.push(row);
+  }
   const scaled = (v) => (v === null || v === undefined ? null : v * kind.factor);
   const x = shown.map((r) => r[1] - first);
   isHeading = signal === "psi";
@@ -173,7 +180,7 @@ function drawTrack(rows, legs, { room, track }) {
     north = Math.max(north, n + radius); south = Math.min(south, n - radius);
     east = Math.max(east, e + radius); west = Math.min(west, e - radius);
   }
-  const scale = Math.min((width - 30) / Math.max(east - west, 6), (height - 30) / Math.max(north - south, 6));
+  const scale = Math.min((width - 30) / Math.max(east - west, LEAST), (height - 30) / Math.max(north - south, LEAST));
   const px = (e) => width / 2 + (e - (east + west) / 2) * scale;
   const py = (n) => height / 2 - (n - (north + south) / 2) * scale;
   const step = niceStep(width / scale);
@@ -209,7 +216,7 @@ function drawTrack(rows, legs, { room, track }) {
   pen.stroke();
   const now = points.length ? points[points.length - 1] : [0, 0, 0, 0, 0, 0, track.x || 0, track.y || 0, track.psi];
   bow(pen, px(now[7]), py(now[6]), now[8] || 0);
-  say("caption-track", `Track from above, north up; grid ${step} m${limit}`);
+  say("caption-track", `Track from above, north up; grid ${Number(step.toPrecision(2))} m${limit}`);
 }
 
 function cross(pen, x, y) {

@@ -2,7 +2,7 @@
 import { about, draw, forget, resize } from "./charts.js";
 import { apply, connect, empty, link, post, token } from "./state.js";
 import { offer } from "./result.js";
-import { fill, make, models } from "./start.js";
+import { fill, make, models, show as showCrafts } from "./start.js";
 import * as runs from "./runs.js";
 import * as whatIf from "./whatif.js";
 
@@ -231,7 +231,8 @@ function showWords() {
   $("words").replaceChildren(...state.words.slice(-200).reverse().map((word) => {
     const item = document.createElement("li");
     item.textContent = word.severity === null ? word.text : `Vehicle: ${word.text}`;
-    if (word.severity !== null) item.className = word.severity <= 3 ? "severe" : "vehicle";
+    if (word.severity !== null) item.className = word.severity <= 3 && !word.note ? "severe" : "vehicle";
+    if (word.note) item.append(` – ${word.note}`);
     return item;
   }));
 }
@@ -279,6 +280,7 @@ function show() {
   for (const name of ["live", "start", "runs"]) $(`tab-${name}`).setAttribute("aria-pressed", String(view === name));
   $("look-only").hidden = mayTouch;
   $("start").disabled = !mayTouch || running();
+  if (view === "start") showCrafts(state, mayTouch && !running());
   if (view === "runs") runs.show(state, mayTouch);
   if (!state.run || view !== "live" || document.hidden) return;
   showTiles(); showWords(); showSteps();

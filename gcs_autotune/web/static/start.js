@@ -23,6 +23,8 @@ export function make(fields, started) {
   $("manoeuvre").onchange = () => { forces(); offer(); };
   forces();
   models();
+  $("craft").onchange = choose;
+  $("listen").onclick = listen;
   $("connect").value ||= fields.link || "";
   offer();
   $("form").onsubmit = async (event) => {
@@ -39,6 +41,12 @@ export function make(fields, started) {
 // The models that runs and the desk have left; none chosen: the run finds its own.
 export async function models(wanted = null) {
   const { entries } = await fetch("runs").then((answer) => answer.json()).catch(() => ({ entries: [] }));
+  known = [];
+  for (const each of entries) {
+    const link = each.again && each.again.connect;
+    if (link && !link.startsWith("sitl:") && !known.some((other) => other.link === link)) known.push({ ...each, link });
+  }
+  crafts();
   const found = entries.flatMap((each) => (each.models || []).map((file) => `${each.name}/${file}`));
   const before = wanted ?? $("model").value;
   $("model").replaceChildren(option("", "none"), ...found.map((path) => option(path, path)));
@@ -67,6 +75,46 @@ export function fill(choice) {
   for (const node of document.querySelectorAll("#numbers input")) node.value = (choice.numbers || {})[node.name] || "";
   models(choice.model || "");
   offer();
+}
+
+// Craft to choose from: simulated, received on a port, and those of earlier runs with their settings.
+let known = [], received = [];
+function crafts() {
+  const before = $("craft").value, groups = [["Simulated", Object.entries(table.crafts).map(([name, uri]) => [uri, name])],
+    ["Received now", received.map((port) => [port.uri, `${port.told} on ${port.uri}`])],
+    ["Earlier runs, with their settings", known.map((each, k) => [`run ${k}`, `${each.link} (${each.name})`])]];
+  $("craft").replaceChildren(option("", "as in Link below"), ...groups.filter(([, all]) => all.length).map(([label, all]) => {
+    const group = document.createElement("optgroup");
+    group.label = label;
+    group.append(...all.map(([value, text]) => option(value, text)));
+    return group;
+  }));
+  $("craft").value = [...$("craft").options].some((one) => one.value === before) ? before : "";
+}
+
+function choose() {
+  const value = $("craft").value;
+  if (value.startsWith("run ")) fill(known[Number(value.slice(4))].again);
+  else if (value) $("connect").value = value;
+}
+
+async function listen() {
+  const told = await post("work", { verb: "ports" });
+  if (!told.ok) $("listen-told").textContent = told.error;
+}
+
+// Called with every change of the state: what the ports gave.
+let heard = "";
+export function show(state, may) {
+  const desk = state.desk && state.desk.verb === "ports" ? state.desk : null;
+  $("listen").disabled = !may;
+  if (!desk || JSON.stringify(desk) === heard) return;
+  heard = JSON.stringify(desk);
+  if (desk.running) { $("listen-told").textContent = "Listening on every port …"; return; }
+  try { received = JSON.parse(desk.text.slice(desk.text.indexOf("{"))).ports.filter((port) => port.systems.length); } catch { received = []; }
+  $("listen-told").textContent = received.length ? `Received: ${received.length}. Choose it above.`
+    : desk.code === 0 ? "No vehicle was received. Check its power, the cable and the baud rate." : "Listening ended early.";
+  crafts();
 }
 
 const manoeuvre = () => table.manoeuvres.find((each) => each.name === $("manoeuvre").value);
@@ -102,7 +150,7 @@ function offer() {
     const group = document.createElement("details"), title = document.createElement("summary");
     title.textContent = heading;
     group.append(title, ...fields);
-    group.open = numbers === kind.options || fields.some((each) => each.querySelector("input").value);
+    group.open = heading === table.everyday || numbers === kind.options || fields.some((each) => each.querySelector("input").value);
     groups.push(group);
   }
   $("numbers").replaceChildren(...groups);
@@ -115,7 +163,8 @@ function field(number, axis, kept) {
   const input = document.createElement("input"), help = document.createElement("small");
   row.className = "row";
   label.htmlFor = input.id = `n-${number.name}`;
-  label.textContent = `${number.name}${limit.unit ? ` [${limit.unit}]` : ""}`;
+  const name = number.name.replaceAll("-", " ");
+  label.textContent = `${name.charAt(0).toUpperCase()}${name.slice(1)}${limit.unit ? ` [${limit.unit}]` : ""}`;
   input.name = number.name;
   input.inputMode = "decimal";
   input.autocomplete = "off";

@@ -10,6 +10,7 @@ from cybership_plants import FORM, TRUTH, sail
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify import METHODS, fit
+from gcs_autotune.report.study.figures import convergence_of, draw_convergence
 from gcs_autotune.trial import Channel, Trial
 
 
@@ -109,6 +110,16 @@ def test_a_result_is_plain_json_with_history_and_innovations(by_ekf):
     assert len(history["t"]) == len(history["value"]["X_u"]) == len(history["std"]["X_u"]) <= 200
     assert history["std"]["X_u"][-1] < history["std"]["X_u"][0]
     assert set(data["innovations"][history["run"]]) == {"u", "v", "r"}
+
+
+def test_the_report_plots_the_convergence_of_every_parameter(by_ekf):
+    ((run, history),) = convergence_of(by_ekf)
+    figure = draw_convergence(by_ekf, history)
+    assert run and figure is not None
+    assert [axes.get_ylabel() for axes in figure.axes] == list(history["value"])[:12]
+    line = figure.axes[0].lines[0].get_ydata()
+    first = next(iter(history["value"]))
+    assert abs(line[-1] - by_ekf.parameters[first].value) < 1e-6 * abs(line[-1])
 
 
 def test_noise_levels_the_user_gives_are_kept(zigzag):

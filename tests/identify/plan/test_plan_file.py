@@ -118,6 +118,8 @@ def test_the_shipped_plan_takes_manoeuvres_under_the_names_that_fly_writes() -> 
         ("zig-zag", "yaw", "zig-zag"),
         ("spiral", "yaw", "spiral"),
         ("throttle-steps", "surge", "straight line"),
+        ("hand-release", "roll", "roll decay"),
+        ("hand-release", "pitch", "pitch decay"),
     ):
         run = flown("a", manoeuvre=name, dof=dof)
         assert [s.name for s in plan.steps if s.chosen.of([run])] == [step]
