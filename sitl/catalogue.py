@@ -60,6 +60,7 @@ VEHICLES: Mapping[str, str] = {
     "videoray-wall": "videoray_wall.toml",
     "videoray-lasers": "videoray_lasers.toml",
     "bluerov2-6dof": "bluerov2_6dof.toml",
+    "bluerov2-standard": "bluerov2_standard.toml",
     "ies-rov": "ies_rov.toml",
     "tugboat": "tugboat.toml",
     "charlie-rudders": "charlie_rudders.toml",

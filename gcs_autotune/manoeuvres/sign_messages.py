@@ -51,7 +51,11 @@ def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
     return ", ".join(went) or "the outputs changed"
 
 
-_WAYS: Mapping[str, tuple[str, str]] = {"X": ("ahead", "astern"), "Z": ("down", "up")}
+_WAYS: Mapping[str, tuple[str, str]] = {
+    "X": ("ahead", "astern"),
+    "Z": ("down", "up"),
+    "M": ("bow up", "bow down"),
+}
 """Force -> direction of the motion along it, and against it. The others act to starboard and to port."""
 
 

@@ -10,6 +10,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.design import STYLES
 from gcs_autotune.manoeuvres import FAR_OUT, NEARLY, Envelope
 from gcs_autotune.observer import Intention
+from gcs_autotune.sname import DOFS
 from gcs_autotune.workflow.excursion import (
     LATE,
     Excursion,
@@ -49,6 +50,9 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
     below = ""
     if excitation_of(dof).below_surface:
         below = f", and {deepest(dof, settings, now):.0f} m of depth"
+    if DOFS[dof].restored:
+        limit = math.degrees(getattr(settings.envelope, dof))
+        below += f". More than {limit:.0f} deg of {dof} ends the run (--max-{dof})"
     around = f"about {ROV_ROOM:g} m of free water around the vehicle{below}"
     return Intention(f"need {around}", "Space", around)
 

@@ -172,7 +172,7 @@ def test_the_slew_of_a_rudder_is_the_effect_of_that_name_on_the_vehicle():
     assert craft.plant.commands[2] == pytest.approx(0.7 * 0.19, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["bluerov2-6dof", "ies-rov", "tugboat"])
+@pytest.mark.parametrize("name", ["bluerov2-6dof", "bluerov2-standard", "ies-rov", "tugboat"])
 def test_pulses_become_outputs_and_back(name):
     craft = Craft(load_vehicle(name))
     still = [1500] * 8

@@ -49,6 +49,10 @@ def test_a_relay_oscillates_in_roll_and_stays_within_the_angle_limit(tmp_path: P
     assert run.ending == "completed"
     assert np.max(np.abs(run["phi"].values)) < math.radians(45.0)
     assert run["K"].values.max() == pytest.approx(-run["K"].values.min(), abs=0.02)
+    size = float(run.meta["C"])
+    pull = sum(c * size**n for c, n in zip((8.9, 176.0, -404.1, 389.9, -140.3), (1, 3, 5, 7, 9), strict=True))
+    moment = 4.0 * 0.218 * pull / size  # of the four vertical thrusters, per output flown
+    assert fit_axis(run, dof="roll").model.alpha * moment == pytest.approx(INERTIA["K"], rel=0.05)
 
 
 def test_a_boat_and_a_sub_whose_frame_has_no_such_motor_are_refused_before_anything_moves(tmp_path: Path) -> None:

@@ -8,8 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gcs_autotune.craft import Observation
 from gcs_autotune.errors import WrongVehicle
 from gcs_autotune.logs import load_runs
+from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.workflow.announcement import room
+from gcs_autotune.workflow.excursion import Excursion
 
 from .sitl_harness import SLOW_LOOP, SitlHarness
 
@@ -37,3 +41,9 @@ def test_a_frame_without_a_pitching_motor_is_refused_before_anything_moves(tmp_p
     with pytest.raises(WrongVehicle, match="drives M on this FRAME_CONFIG, so it has no pitch loop to tune"):
         harness.tune(axis="pitch")
     harness.assert_untouched()
+
+
+def test_the_angle_at_which_a_run_ends_is_announced(tmp_path: Path) -> None:
+    settings = SitlHarness(tmp_path).settings("pitch", envelope=Envelope(pitch=math.radians(30.0)))
+    told = room("pitch", 0.0, settings, Observation(0.0, 0.0, z=2.0), Excursion(60.0, 2.0))
+    assert "More than 30 deg of pitch ends the run (--max-pitch)" in told.text
