@@ -40,6 +40,7 @@ from sitl.effects import SURROUNDINGS, BadEffect, HiddenEffect, make_effect
 from sitl.instruments import INSTRUMENTS, Instrument
 from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
 from sitl.sensors import Rangefinder, SensorData
+from sitl.setting import setting_of
 from sitl.vehicle_file import verify_vehicle_tables
 
 __all__ = ["VEHICLES", "BadVehicle", "UnknownVehicle", "VehicleData", "load_vehicle"]
@@ -113,6 +114,11 @@ class VehicleData:
     def is_boat(self) -> bool:
         """Whether the vehicle stays at the surface."""
         return str(self.tables["actuators"]) in (RUDDER, TWIN_THRUSTER)
+
+    @property
+    def mass(self) -> float:
+        """Mass of the craft without added mass [kg], 0 if the file does not state it."""
+        return float(values_of(self.tables.get("body", {})).get("mass", 0.0))
 
     def make_plant(self) -> Plant:
         """Return a new plant of the vehicle's kind, at its initial position and at rest."""
@@ -194,10 +200,12 @@ def _verify_surroundings(data: VehicleData) -> None:
     """Raise ``ValueError`` with the heading of the file if *data* has surroundings that its craft cannot be in."""
     if not set(SURROUNDINGS) & set(data.tables):
         return
-    from sitl.craft import Craft  # it needs this module
-
+    plant, actuators = data.make_plant(), data.make_actuators()
+    actuators.attach(plant)
+    setting = setting_of(plant, actuators, is_boat=data.is_boat, mass=data.mass, seed="0")
     try:
-        Craft(data).begin("0")
+        for effect in data.make_effects():
+            effect.begin(setting)
     except BadEffect as error:
         heading, slug = next(((h, s) for h, s in SURROUNDINGS.items() if str(error).startswith(s)), ("", ""))
         raise ValueError(heading + str(error).removeprefix(slug)) from error

@@ -6,15 +6,15 @@ effects, inputs are normalised (-1 to 1) and signals are those measured by the s
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 from sitl.actuators import Actuators, ThrusterSet
 from sitl.catalogue import VehicleData
-from sitl.effects import HiddenEffect, Setting
+from sitl.effects import HiddenEffect
 from sitl.modelfile import BadModel, FlownModel
-from sitl.plants import AxisDynamics, Parameters, PlanarHull, Plant, Wrench, values_of
+from sitl.plants import AxisDynamics, Parameters, PlanarHull, Plant, Wrench
 from sitl.sensors import SensorReading
+from sitl.setting import setting_of
 
 __all__ = ["Craft"]
 
@@ -23,13 +23,6 @@ _CHANNEL = {"delta": "N"}
 """Channel of a model -> channel of the vehicle, if the names differ."""
 _SIDEWAYS = "Y"
 """Input that most vehicles do not command. A model's input of that name stays 0."""
-_CHANNELS = {"yaw": "N", "surge": "X", "heave": "Z", "sway": "Y"}
-_NAMES = {
-    "N": ("steering", "rudder", "yaw", "delta"),
-    "X": ("throttle", "surge"),
-    "Z": ("vertical", "heave"),
-    "Y": ("lateral", "sway"),
-}
 
 
 class Craft:
@@ -72,8 +65,9 @@ class Craft:
 
     def begin(self, seed: str) -> None:
         """Start the effects; *seed*: seed of their random numbers. Raises ``BadEffect`` if one has no place."""
+        setting = setting_of(self.plant, self.actuators, is_boat=self.data.is_boat, mass=self.data.mass, seed=seed)
         for effect in self.effects:
-            effect.begin(_describe(self, seed))
+            effect.begin(setting)
 
     def move(self, t: float, dt: float, pwm: Sequence[int]) -> None:
         """Advance by *dt* [s] to time *t* [s] under servo pulses *pwm* [us]."""
@@ -169,37 +163,3 @@ def _fit_model(model: FlownModel, plant: PlanarHull, actuators: Actuators) -> Ac
     if model.coupling is not None:
         plant.couple(AxisDynamics(*model.axes["sway"]), model.coupling)
     return _ModelActuators(actuators, model)
-
-
-def _describe(craft: Craft, seed: str) -> Setting:
-    """Return the data of *craft* that effects may use at power-up."""
-    plant, full = craft.plant, craft.actuators.full
-    sways = "sway" in plant.dofs
-    inputs = {_CHANNELS[dof]: dof for dof in full}
-    signals = ("psi", "r", "phi", "theta", "p", "q", "u", *["v"][:sways], "x", "y")
-    return Setting(
-        state=plant.state,
-        water=plant.water,
-        parameters=plant.parameters,
-        dofs=tuple(dict.fromkeys((*full, *["sway"][:sways]))),
-        inputs=inputs,
-        swing=dict.fromkeys(inputs, 1.0),
-        gain=full,
-        signals=signals if craft.data.is_boat else (*signals, "z", "w"),
-        seed=seed,
-        cruise=_full_speed(craft),
-        mass=values_of(craft.data.tables.get("body", {})).get("mass", 0.0),
-        on_vehicle=True,
-        axis_names={name: channel for channel in inputs for name in _NAMES[channel]},
-    )
-
-
-def _full_speed(craft: Craft) -> float:
-    """Return the steady speed ahead [m/s] at full throttle."""
-    beta, beta2 = (craft.plant.parameters[f"surge.{name}"] for name in ("beta", "beta2"))
-    force = craft.actuators.full["surge"]
-    if beta2 <= 0.0 >= beta:
-        return 0.0
-    if beta2 > 0.0:
-        return (math.sqrt(beta**2 + 4.0 * beta2 * force) - beta) / (2.0 * beta2)
-    return force / beta
