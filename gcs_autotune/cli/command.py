@@ -52,6 +52,7 @@ __all__ = [
     "run_directory",
     "settings_of",
     "uri_of",
+    "waiting",
     "watching",
     "what_remains",
 ]
@@ -272,6 +273,18 @@ def progress_bar(args: argparse.Namespace, given: float = math.inf) -> StageBar:
 
     console = Console(stderr=True, quiet=args.quiet or (args.json and not args.verbose))
     return StageBar(console, verbose=args.verbose, given=given)
+
+
+@contextmanager
+def waiting(args: argparse.Namespace, what: str) -> Iterator[None]:
+    """Show a spinner with *what* on a terminal, during work without progress of its own that may take a second.
+
+    Write nothing to standard output meanwhile: the spinner would divert it.
+    """
+    from rich.console import Console
+
+    with Console(stderr=True, quiet=getattr(args, "quiet", False) or getattr(args, "json", False)).status(what):
+        yield
 
 
 def add_remote(parser: argparse.ArgumentParser) -> None:

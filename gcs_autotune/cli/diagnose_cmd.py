@@ -8,7 +8,7 @@ import os
 from datetime import datetime
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
+from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar, waiting
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing, put_out
 from gcs_autotune.clock import WallClock
@@ -84,8 +84,9 @@ def _run(args: argparse.Namespace) -> int:
             raise UsageError(
                 "--resume and --out exclude each other: a resumed search writes to its own directory. Leave out --out"
             )
-    from gcs_autotune.report import diagnosis_document
-    from gcs_autotune.workflow import DiagnosisSettings, run_diagnosis, write_diagnosis
+    with waiting(args, "starting"):
+        from gcs_autotune.report import diagnosis_document
+        from gcs_autotune.workflow import DiagnosisSettings, run_diagnosis, write_diagnosis
 
     if args.list_effects:
         from gcs_autotune.effects import EFFECTS
@@ -93,7 +94,9 @@ def _run(args: argparse.Namespace) -> int:
 
         put_out(effects_document(EFFECTS), as_json=args.json)
         return 0
-    runs, simulations, others = read_runs(args), read_others(args, args.simulation), read_others(args, args.validate)
+    with waiting(args, "reading the runs"):
+        runs = read_runs(args)
+        simulations, others = read_others(args, args.simulation), read_others(args, args.validate)
     directory, replaced = args.resume or args.out, ""
     if directory is None and not args.json:
         directory = fresh(Path(f"diagnose-{args.runs[0].resolve().stem}"))
@@ -118,7 +121,8 @@ def _run(args: argparse.Namespace) -> int:
         told = run_diagnosis(runs, others, settings, bar)
     lines = []
     if directory is not None:
-        page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"), runs)
+        with waiting(args, "writing the report"):
+            page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"), runs)
         lines.append(f"Report: {page}{replaced}")
     if told.verdict == "unfinished":
         lines.append(f"Not finished. Run the same command with --resume {directory} to continue.")

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_number
+from gcs_autotune.cli.command import Command, add_number, waiting
 from gcs_autotune.cli.config_file import find_config
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.untrusted_text import visible
@@ -32,12 +32,12 @@ def _add_listening(parser: argparse.ArgumentParser) -> None:
 
 
 def _doctor(args: argparse.Namespace) -> int:
-    from gcs_autotune.workflow import examine
+    with waiting(args, "checking this computer"):
+        from gcs_autotune.workflow import examine
 
-    findings = []
-    for finding in examine(Path("runs"), find_config()):
-        findings.append(finding)
-        if not args.json:
+        findings = list(examine(Path("runs"), find_config()))
+    if not args.json:
+        for finding in findings:
             _print(SIGNS[finding.state], finding.what, finding.told + (f". {finding.cure}" if finding.cure else ""))
     ports = _listen(args, told=not args.json)
     wrong = sum(f.state == "wrong" for f in findings)
@@ -75,7 +75,8 @@ def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
     """Listen on each port in turn and print the result of each. A terminal shows what is being listened to."""
     from rich.console import Console
 
-    from gcs_autotune.workflow import listened_to
+    with waiting(args, "looking for ports"):
+        from gcs_autotune.workflow import listened_to
 
     found: list[dict[str, object]] = []
     uris: Iterable[str] | None = args.connect

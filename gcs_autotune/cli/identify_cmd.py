@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
+from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar, waiting
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
 from gcs_autotune.documents import MODEL
@@ -136,14 +136,16 @@ def _run(args: argparse.Namespace) -> int:
     if args.method != "list":
         check_files(*args.runs, *args.validate, args.start, args.parameters)
 
-    from gcs_autotune.identify import METHODS, load_model, save_model
-    from gcs_autotune.report import method_list, study_document
-    from gcs_autotune.workflow import StudySettings, study
+    with waiting(args, "starting"):
+        from gcs_autotune.identify import METHODS, load_model, save_model
+        from gcs_autotune.report import method_list, study_document
+        from gcs_autotune.workflow import StudySettings, study
 
     if args.method == "list":
         put_out(method_list(METHODS.values()))
         return 0
-    runs = read_runs(args)
+    with waiting(args, "reading the runs"):
+        runs = read_runs(args)
     if args.plan is not None:
         return _follow(args, runs, known)
     unseen = read_others(args, args.validate)
@@ -176,7 +178,8 @@ def _run(args: argparse.Namespace) -> int:
         said.append(f"Model: {args.save}{replaced}")
     page = _page(args)
     if page is not None:
-        said.append(write_page(document, page))
+        with waiting(args, "writing the report"):
+            said.append(write_page(document, page))
     put_out(document, *said, as_json=args.json)
     return 0
 

@@ -6,12 +6,13 @@ import argparse
 import shlex
 import sys
 import time
+from contextlib import ExitStack
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar
+from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar, waiting
 from gcs_autotune.cli.writing import fresh, on_replacing, put_out
 from gcs_autotune.untrusted_text import visible
 
@@ -56,18 +57,22 @@ def _run(args: argparse.Namespace) -> int:
 
 def _study(args: argparse.Namespace) -> int:
     check_files(args.study)
-    from gcs_autotune.cli import make_parser
-    from gcs_autotune.executor import DaskExecutor, Executor
-    from gcs_autotune.study import Started, check_plan, cluster_of, given_up, load_plan, run_study, unsuited
+    with waiting(args, "starting"):
+        from gcs_autotune.cli import make_parser
+        from gcs_autotune.executor import DaskExecutor, Executor
+        from gcs_autotune.study import Started, check_plan, cluster_of, given_up, load_plan, run_study, unsuited
 
-    plan = load_plan(args.study)
-    check_plan(plan, lambda line: make_parser(only=line[0]).parse_args(line))
+        plan = load_plan(args.study)
+        check_plan(plan, lambda line: make_parser(only=line[0]).parse_args(line))
     folder = args.out or args.study.with_suffix("")
 
     def report(text: str) -> None:
         sys.stderr.write(f"{visible(text)}\n")
 
-    with cluster_of(round(args.workers), args.scheduler) as client, progress_bar(args) as bar:
+    with ExitStack() as cluster:
+        with waiting(args, "starting the workers"):
+            client = cluster.enter_context(cluster_of(round(args.workers), args.scheduler))
+        bar = cluster.enter_context(progress_bar(args))
 
         def executor(started: Started) -> Executor:
             return DaskExecutor(

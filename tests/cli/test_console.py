@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import os
 import signal
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 from gcs_autotune.cli import console
+from gcs_autotune.cli.command import waiting
 from gcs_autotune.cli.console import BELL_VARIABLE, ConsoleOperator
 from gcs_autotune.errors import UsageError
 
@@ -136,3 +138,11 @@ def test_a_signal_that_comes_while_we_write_is_heeded_and_told_and_ends_nothing(
     streams.stderr = None
     operator._note(signal.SIGTERM, None)
     os.close(into)
+
+
+def test_silent_work_shows_a_spinner_on_a_terminal_and_nothing_beside_json(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # rich takes any stream for a terminal
+    for asked, shown in (({}, True), ({"json": True}, False), ({"quiet": True}, False)):
+        with waiting(argparse.Namespace(**asked), "reading the runs"):
+            pass
+        assert ("reading the runs" in capsys.readouterr().err) is shown
