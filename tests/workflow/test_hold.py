@@ -54,7 +54,7 @@ def test_every_vehicle_follows_the_model_function_that_it_was_given(vehicle: str
     assert not harness.vehicle.autopilot.armed
     assert dict(harness.vehicle.parameters.values) == harness.parameters
     page = (harness.directory / "report.html").read_text()
-    assert "its step follows the model function" in page
+    assert "follows the model function" in page
     said = " ".join(harness.said)
     assert said.index("with our own controller") < said.index("State before the run: mode")
     assert "write no parameter" in said
