@@ -17,6 +17,7 @@ __all__ = [
     "FRAMES",
     "Actuators",
     "Motor",
+    "MotorDrive",
     "RudderBoat",
     "ThrustCurve",
     "ThrusterFrame",
@@ -32,6 +33,16 @@ _RUDDER_SPAN, _MOTOR_SPAN = 500.0, 400.0
 _LONGEST_PULSE = 65535
 
 
+class MotorDrive(NamedTuple):
+    """The motors of a set of actuators: servo channel of each, from 1; pulse of full output from neutral [us]; and
+    exponent of the power law that approximates the thrust over the output.
+    """
+
+    channels: tuple[int, ...]
+    span: float
+    exponent: float
+
+
 class Actuators(ABC):
     """Converts servo pulses to a wrench on the hull, via the normalised output of each axis."""
 
@@ -44,8 +55,13 @@ class Actuators(ABC):
         actuators drive.
         """
 
+    @property
     @abstractmethod
-    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+    def motor_drive(self) -> MotorDrive:
+        """The motors that weaken if they are hot or the battery is under load."""
+
+    @abstractmethod
+    def read(self, pwm: Sequence[float]) -> dict[str, float]:
         """Return the normalised outputs (-1 to 1) that the pulses *pwm* [us] command, by SNAME force: ``N``, ``X`` and,
         if driven, ``Z``, ``Y``, ``M``.
 
@@ -67,12 +83,12 @@ class Actuators(ABC):
     def attach(self, plant: Plant) -> None:  # noqa: B027
         """Connect the actuators to the body that they drive. Only those whose forces follow its motion need it."""
 
-    def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
+    def drive(self, pwm: Sequence[float], parameters: Parameters, wrench: Wrench) -> None:
         """Write the forces [N] and moments [N m] of the servo pulses *pwm* [us] into *wrench*."""
         self.apply(self.read(pwm), parameters, wrench)
 
 
-def _fraction(pwm: int, span: float) -> float:
+def _fraction(pwm: float, span: float) -> float:
     return 0.0 if pwm == 0 else max(-1.0, min(1.0, (pwm - _NEUTRAL_PWM) / span))
 
 
@@ -128,7 +144,12 @@ class RudderBoat(Actuators):
         """Degree of freedom -> input at full output: rudder angle [rad] for yaw, thrust [N] for surge."""
         return {"yaw": self.full_rudder, "surge": self.full_thrust}
 
-    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+    @property
+    def motor_drive(self) -> MotorDrive:
+        """The motor of the propeller, with thrust proportional to n|n|."""
+        return MotorDrive((self.throttle_channel,), _RUDDER_SPAN, 2.0)
+
+    def read(self, pwm: Sequence[float]) -> dict[str, float]:
         """Return the rudder (``N``) and throttle (``X``) commands of the pulses *pwm* [us] as normalised outputs (-1 to
         1).
         """
@@ -178,7 +199,12 @@ class TwinThrusterBoat(Actuators):
         """
         return {"yaw": self.arm * (1.0 + self.astern) * self.full_thrust, "surge": 2.0 * self.full_thrust}
 
-    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+    @property
+    def motor_drive(self) -> MotorDrive:
+        """Both motors, with thrust proportional to the command."""
+        return MotorDrive((self.left_channel, self.right_channel), _RUDDER_SPAN, 1.0)
+
+    def read(self, pwm: Sequence[float]) -> dict[str, float]:
         """Return half the difference (``N``, to starboard) and half the sum (``X``) of the two thrusters' normalised
         commands.
         """
@@ -213,6 +239,12 @@ class ThrustCurve:
 
     odd: Sequence[float] = (1.0,)
     dead: float = 0.0
+
+    @property
+    def exponent(self) -> float:
+        """Exponent of the power law through the forces at half and at full command: 1 for a line, 2 for a parabola."""
+        half = max(0.5, self.dead + 0.5 * (1.0 - self.dead))
+        return max(0.5, math.log(max(self(half), 1e-3)) / math.log(half))
 
     def __call__(self, u: float) -> float:
         """Return the normalised force of a normalised command *u*."""
@@ -266,7 +298,13 @@ class ThrusterFrame(Actuators):
         sway = {"sway": self.full_Y} if self.full_Y else {}
         return {"yaw": self.full_N, "surge": self.full_X, "heave": self.full_Z, **sway}
 
-    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+    @property
+    def motor_drive(self) -> MotorDrive:
+        """All motors of the frame."""
+        exponent = 1.0 if self.curve is None else self.curve.exponent
+        return MotorDrive(tuple(range(1, len(self.motors) + 1)), _MOTOR_SPAN, exponent)
+
+    def read(self, pwm: Sequence[float]) -> dict[str, float]:
         """Return the normalised outputs (-1 to 1) of all motors together: ``N``, ``X``, ``Z`` and, if driven, ``Y``,
         ``M``.
         """
@@ -344,7 +382,7 @@ class ThrusterSet(Actuators):
         if len(motors) != len(propellers):
             raise ValueError(f"thrusters: the lists have {len(propellers)} entries, but the frame has {len(motors)}")
         self._channels, self._span, self._curve, self._rudder = channels, span, curve, rudder
-        self._known: dict[int, float] = {}
+        self._known: dict[float, float] = {}
         self._biases = tuple(biases.get(name, 0.0) for name in "XYZKMN")
         used = [name for name in Motor._fields if any(getattr(motor, name) for motor in motors)]
         self._patterns = {name: np.array([getattr(motor, name) for motor in motors]) for name in used}
@@ -387,10 +425,16 @@ class ThrusterSet(Actuators):
             raise ValueError("these thrusters need the body of their own vehicle file")
         self._commands = plant.commands
 
-    def _outputs(self, pwm: Sequence[int]) -> list[float]:
+    def _outputs(self, pwm: Sequence[float]) -> list[float]:
         return [_fraction(pwm[channel - 1], self._span) for channel in self._channels]
 
-    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+    @property
+    def motor_drive(self) -> MotorDrive:
+        """All motors; without a curve, thrust is proportional to n|n|."""
+        exponent = 2.0 if self._curve is None else self._curve.exponent
+        return MotorDrive(tuple(self._channels), self._span, exponent)
+
+    def read(self, pwm: Sequence[float]) -> dict[str, float]:
         """Return the normalised outputs (-1 to 1) of all thrusters together, and ``N`` of the rudders."""
         outputs = np.array(self._outputs(pwm))
         shares = {name: float(pattern @ outputs) for name, pattern in self._patterns.items()}
@@ -413,7 +457,7 @@ class ThrusterSet(Actuators):
         shaped = [self._shaped(output) for output in self._mixed(shares).tolist()]
         self._command(shaped, shares.get("N", 0.0), wrench)
 
-    def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
+    def drive(self, pwm: Sequence[float], parameters: Parameters, wrench: Wrench) -> None:
         """Command each thruster by its own pulse [us]; *wrench* gets the constant forces."""
         known = self._known
         try:

@@ -12,7 +12,8 @@ aft) it oscillates in pitch. With ``[rangefinder]`` it faces a wall.
 ``plant`` names the kind of body (``sitl/plants/table.py``). Without it, the vehicle is a planar hull. A
 ``rigid-body`` moves in each degree of freedom that has a heading, and ``[body]`` has its mass, weight and buoyancy.
 With ``[thrusters]`` each thruster has its place and direction; ``[propeller]``, ``[motor]``, ``[thruster]`` and
-``[rudder]`` add its parts (``sitl/plants/propulsion.py``).
+``[rudder]`` add its parts (``sitl/plants/propulsion.py``). ``[heat]`` weakens hot motors, and ``[battery]`` weakens all
+motors under load (``sitl/derating.py``). Without them, thrust depends on neither.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from sitl.actuators import (
     TwinThrusterBoat,
     YawSchedule,
 )
+from sitl.derating import Derating
 from sitl.effects import SURROUNDINGS, BadEffect, HiddenEffect, make_effect
 from sitl.instruments import INSTRUMENTS, Instrument
 from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
@@ -166,6 +168,25 @@ class VehicleData:
             raise ValueError(f"frame '{self.tables['actuators']}' has no pitch thrusters. Remove [pitch]")
         return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve, *others)
 
+    @property
+    def battery(self) -> Mapping[str, float]:
+        """Voltage, internal resistance and full current of the file's battery; empty if it has none."""
+        return values_of(self.tables.get("battery", {}))
+
+    def make_derating(self, actuators: Actuators) -> Derating | None:
+        """Return the losses of the motors of *actuators* by heat and battery, or None if the file has neither."""
+        heat, battery = values_of(self.tables.get("heat", {})), self.battery
+        if not heat and not battery:
+            return None
+        for name, values, needed in (
+            ("heat", heat, ("time_constant", "rise", "limit", "loss")),
+            ("battery", battery, ("voltage", "resistance")),
+        ):
+            lacking = [each for each in needed if values and each not in values]
+            if lacking:
+                raise ValueError(f"{name}: missing entry '{lacking[0]}'. Give {', '.join(needed)}")
+        return Derating(actuators.motor_drive, heat, battery)
+
     def _make_thrusters(self) -> ThrusterSet:
         """Return the thrusters with places of their own, and the rudders behind them."""
         parts = [values_of(self.tables.get(heading, {})) for heading in ("thrusters", "propeller", "motor", "rudder")]
@@ -230,7 +251,7 @@ def load_vehicle(name: str) -> VehicleData:
     try:
         data = _read(Path(name).stem, Path(name))
         data.make_plant()
-        data.make_actuators()
+        data.make_derating(data.make_actuators())
         _verify_surroundings(data)
         data.make_instruments(0)
     except Unreadable as error:

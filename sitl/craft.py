@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from sitl.actuators import Actuators, ThrusterSet
+from sitl.actuators import Actuators, MotorDrive, ThrusterSet
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect
 from sitl.modelfile import BadModel, FlownModel
@@ -60,6 +60,7 @@ class Craft:
                 )
             self.actuators = _fit_model(model, self.plant, self.actuators)
         self.actuators.attach(self.plant)
+        self.derating = data.make_derating(self.actuators)
         self._wrench = Wrench()
         self._plain = dict(self.plant.parameters)
 
@@ -74,7 +75,8 @@ class Craft:
         if self.effects:
             self._drive_altered(t, dt, pwm)
         else:
-            self.actuators.drive(pwm, self.plant.parameters, self._wrench)
+            acting = self.derating.weaken(dt, pwm) if self.derating else pwm
+            self.actuators.drive(acting, self.plant.parameters, self._wrench)
         for effect in self.effects:
             effect.alter_force(t, self._wrench)
             effect.alter_water(t, self.plant.water)
@@ -91,7 +93,8 @@ class Craft:
         pulses = list(pwm)
         for effect in self.effects:
             effect.alter_command(t, pulses)
-        shares = self.actuators.read(pulses)
+        acting = self.derating.weaken(dt, pulses) if self.derating else pulses
+        shares = self.actuators.read(acting)
         for effect in self.effects:
             effect.alter_input(t, dt, shares)
         self.plant.parameters.update(self._plain)
@@ -120,7 +123,12 @@ class _ModelActuators(Actuators):
         """Degree of freedom -> force [N] or moment [N m] at full output, of the model where it has that degree."""
         return self._full
 
-    def read(self, pwm: Sequence[int]) -> dict[str, float]:
+    @property
+    def motor_drive(self) -> MotorDrive:
+        """The vehicle's own motors."""
+        return self._own.motor_drive
+
+    def read(self, pwm: Sequence[float]) -> dict[str, float]:
         """Return the normalised outputs (-1 to 1) that the pulses *pwm* [us] command, by SNAME force."""
         return self._own.read(pwm)
 

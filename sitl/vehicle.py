@@ -65,7 +65,7 @@ class Vehicle:
         self.rate = loop_rate(self.parameters)
         self._dt = 1.0 / self.rate
         self._slowly = self.rate // SLOW_RATE
-        self.battery = Battery()
+        self.battery = Battery(data.battery)
         self.tick = 0
         self._boot_tick = 0
         self._reading = SensorReading()
@@ -109,7 +109,8 @@ class Vehicle:
         slowly = self._slowly
         new = self.tick % slowly == 0
         if new:
-            self.battery.drain(pwm, slowly * dt)
+            derating = self.craft.derating
+            self.battery.drain(pwm, slowly * dt, derating.current if derating and self.data.battery else None)
         self._sensors.sample(self.plant, self._reading, new=new)
         if self.rangefinder is not None:
             distances = self.rangefinder.measure(t, self.state)

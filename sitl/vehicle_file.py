@@ -134,6 +134,17 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "friction": Range(("N m s",), 0.0),
         "most_current": Range(("A",), 0.0, 1e6, above=True),
     },
+    "heat": {
+        "time_constant": Range(("s",), 0.1, 1e5),
+        "rise": Range(("K",), 0.0, 1e3, above=True),
+        "limit": Range(("K",), 0.0, 1e3),
+        "loss": Range(("1/K",), 0.0, 1.0),
+    },
+    "battery": {
+        "voltage": Range(("V",), 0.0, 1e4, above=True),
+        "resistance": Range(("ohm",), 0.0, 1e3),
+        "full_current": Range(("A",), 0.0, 1e4, above=True),
+    },
     "rudder": {
         "x": Range(("m",), -1e3, 1e3, listed=True),
         "y": Range(("m",), -1e3, 1e3, listed=True),
