@@ -99,6 +99,8 @@ def _run(args: argparse.Namespace) -> int:
         if is_parameter_table(args.runs[0]):
             from gcs_autotune.report import parameter_table_document
 
+            if args.out or args.resume or args.model or args.simulation or args.validate:
+                raise UsageError(f"{args.runs[0]} is a table of parameters, not a run. Its only option is --json")
             table = read_parameter_table(args.runs[0])
             put_out(parameter_table_document(table.name, diagnose_table(table)), as_json=args.json)
             return 0

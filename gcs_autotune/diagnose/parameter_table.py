@@ -187,6 +187,8 @@ class TableFinding:
 
 _COLUMNS = ("level", "inertia", "drag")
 _MORE = ("linear_drag", "rate")
+_HEAD = 4096
+"""Bytes that contain the heads of a table. Project choice."""
 
 
 def _names(heads: list[str]) -> list[str]:
@@ -197,6 +199,9 @@ def is_parameter_table(path: Path) -> bool:
     """Return whether *path* is a CSV file whose columns are parameters (``level``, ``inertia``, ``drag``), not time."""
     if path.suffix.lower() != ".csv" or not path.is_file():
         return False
+    with path.open("rb") as stream:  # a long run is not read twice
+        if b"inertia" not in stream.read(_HEAD):
+            return False
     try:
         return set(_COLUMNS) <= set(_names(list(cells_of(path).head)))
     except BadFile:
