@@ -114,14 +114,17 @@ def _read(
     path: Path, parameters: Mapping[str, float] | None, system: int | None, structures: Mapping[str, str]
 ) -> ComparedRun:
     told = _json(path / SUMMARY) if path.is_dir() else {}
+    trials: Sequence[Trial]
+    fits: dict[str, AxisFit]
     try:
         trials = load_runs(path, system=system, parameters=parameters)
     except NotInformative as error:
-        fits: dict[str, AxisFit] = {}
+        trials, fits = (), {}
         reasons = {"all": str(error)}
     else:
         fits, reasons = fits_in(trials, structures)
-    run = ComparedRun(visible(path.resolve().name), fits=fits, unfitted=reasons)
+    kinds = frozenset(str(t.meta["manoeuvre"]) for t in trials if t.meta.get("manoeuvre"))
+    run = ComparedRun(visible(path.resolve().name), fits=fits, unfitted=reasons, manoeuvres=kinds)
     if not told:
         return run
     kept = told.get("kept")

@@ -66,6 +66,15 @@ def test_a_heavier_craft_is_reported_and_gains_and_steps_stand_side_by_side(tmp_
     assert "july" in page.read_text()
 
 
+def test_a_difference_between_different_manoeuvres_is_not_put_on_the_craft(tmp_path, capsys):
+    may = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
+    july = directory(tmp_path, "july", "2026-07-01T10:00:00", relay_run(2, inertia=1.4, manoeuvre="zig-zag"))
+    assert main(["compare", str(may), str(july)]) == 0
+    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "The runs have different manoeuvres, so this need not be a change of the craft." in told
+    assert "have changed" not in told
+
+
 def test_an_unchanged_craft_is_called_unchanged_in_json(tmp_path, capsys):
     runs = [directory(tmp_path, n, f"2026-0{i}-01T10:00:00", relay_run(i)) for i, n in ((1, "may"), (2, "june"))]
     assert main(["compare", *map(str, runs), "--json"]) == 0

@@ -9,11 +9,14 @@ import report_stories as stories
 
 from gcs_autotune.design import Change
 from gcs_autotune.report import Document, tune_document
-from gcs_autotune.report.toolkit.document import Section
+from gcs_autotune.report.toolkit.document import Section, cautions
 from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.report.toolkit.wording import with_signs
 from gcs_autotune.report.tune.tables import gains_table
 from gcs_autotune.report.tune.wording import verdict_of
 
+REPORT_AND_PROMPT = 3
+"""Lines below the verdict: a blank one, the path of the report and the prompt."""
 CHOSEN = "chosen for the smallest predicted tracking error of the step"
 
 
@@ -27,6 +30,20 @@ def test_the_verdict_is_the_last_thing_on_the_terminal():
     for earlier in ("How to undo", "lower is better", "ATC_", "doubt"):
         assert text.index(earlier) < verdict
     assert text.count("are better in a measured step") == 1
+
+
+def test_a_screen_of_24_lines_shows_gains_verdict_and_undo_at_any_number_of_doubts():
+    document = tune_document(stories.kept())
+    doubtful = replace(document, doubts=cautions(["the residuals are correlated"] * 30))
+    screen = render_text(doubtful).splitlines()[-(24 - REPORT_AND_PROMPT) :]
+    for needed in ("gcs-autotune params restore ", "are better in a measured step", " -> "):
+        assert any(needed in line for line in screen), needed
+
+
+def test_degrees_and_percent_have_one_notation_and_commands_stay_as_they_are():
+    assert with_signs("30 deg at 5 deg/s, 6% (50%)") == "30° at 5°/s, 6 % (50 %)"
+    for command in ("`fly --until 'N_r 5%'`", "'N_r 5%'", '"30 deg, 5%"', "gcs-autotune fly --until 5%"):
+        assert with_signs(command) == command
 
 
 def test_gains_that_stay_are_told_by_the_step_that_was_flown_with_them():

@@ -56,6 +56,7 @@ class ComparedRun:
     - ``metrics``: metrics of the step with these gains: name -> value; times in s, others as fractions.
     - ``step``: the trial with that step.
     - ``fits``: degree of freedom -> model. ``unfitted``: degree of freedom -> reason why there is none.
+    - ``manoeuvres``: kinds of manoeuvre that the models are from; empty if the files do not state them.
     """
 
     name: str
@@ -69,6 +70,7 @@ class ComparedRun:
     step: Trial | None = None
     fits: Mapping[str, AxisFit] = field(default_factory=dict)
     unfitted: Mapping[str, str] = field(default_factory=dict)
+    manoeuvres: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,11 +99,13 @@ class Comparison(Displayed):
             return "The runs have no model in common, so only their loops are compared."
         if not self.changed:
             return "The craft has not changed: every difference between the models is within its interval."
-        changed = list(dict.fromkeys(_number(self, run) for run, row in rows if row.changed))
-        others = " and ".join(changed)
-        return (
-            f"The model of run {others} differs by more than the intervals: the craft or its conditions have changed."
-        )
+        changed = [(run, row.dof) for run, row in rows if row.changed]
+        others = " and ".join(dict.fromkeys(_number(self, run) for run, _ in changed))
+        differs = f"The model of run {others} differs by more than the intervals"
+        unlike = list(dict.fromkeys(u for run, dof in changed for u in _unlike(self, run, dof)))
+        if not unlike:
+            return f"{differs}: the craft or its conditions have changed."
+        return f"{differs}. The runs have different {' and '.join(unlike)}, so this need not be a change of the craft."
 
     def _display(self) -> Display:
         parts = [part for section in _sections(self) for part in section.parts]
@@ -113,6 +117,17 @@ class Comparison(Displayed):
 def reference_of(runs: Sequence[ComparedRun], dof: str) -> ComparedRun | None:
     """Return the first of *runs* with a model of *dof*, with which the others are compared; None if there is none."""
     return next((run for run in runs if dof in run.fits), None)
+
+
+def _unlike(found: Comparison, run: ComparedRun, dof: str) -> Iterator[str]:
+    """Yield what else than the craft may explain a difference of the model of *dof* from its reference."""
+    first = reference_of(found.runs, dof)
+    if first is None:
+        return
+    if first.manoeuvres != run.manoeuvres:
+        yield "manoeuvres"
+    if first.fits[dof].structure != run.fits[dof].structure:
+        yield "model structures"
 
 
 def _number(found: Comparison, run: ComparedRun) -> str:

@@ -20,7 +20,7 @@ from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
 from gcs_autotune.observer import Fact, Intentions, Progress, Words
-from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share
+from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share, with_signs
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.untrusted_text import quoted, visible
 
@@ -170,7 +170,16 @@ class TerminalObserver:
         if text in self._shown:
             return
         self._erase()
-        self._console.print(Text(visible(text)))
+        self._console.print(Text(self._typeset(text)))
+
+    def _typeset(self, text: str) -> str:
+        """Return *text* as it is shown, with degree signs if the terminal has them."""
+        shown = visible(text)
+        try:
+            "°".encode(self._console.encoding)
+        except UnicodeEncodeError:
+            return shown
+        return with_signs(shown)
 
     def note(self, fact: Fact) -> None:
         """Show the announcement, and a text message of the vehicle if verbose. Other notes are not shown."""
@@ -188,7 +197,7 @@ class TerminalObserver:
         table = Table.grid(padding=(0, 2))
         table.add_column(style="bold", no_wrap=True)
         for each in rows:
-            table.add_row(Text(each.row), Text(visible(each.brief)))
+            table.add_row(Text(each.row), Text(self._typeset(each.brief)))
         self._console.print(table)
         self._shown = frozenset(f"will {each.text}" for each in rows)
 

@@ -13,6 +13,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from gcs_autotune.report.toolkit.document import Document, Figure, Note, Part, Section, Table, Tone, is_empty
+from gcs_autotune.report.toolkit.wording import with_signs
 from gcs_autotune.untrusted_text import visible
 
 __all__ = ["STYLES", "print_document", "render_text", "to_terminal"]
@@ -23,6 +24,9 @@ STYLES: Mapping[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "b
 
 DOUBTFUL = "bold yellow"
 
+LAST = ("resume", "undo")
+"""Sections that stand directly above the verdict, to be on a screen of 24 lines with it. Project choice."""
+
 BOX = 80
 """Width of the box with the verdict [characters], if the terminal is not narrower. Project choice."""
 
@@ -31,7 +35,8 @@ def to_terminal(document: Document) -> Group:
     """Return *document* as a ``rich`` renderable, without figures and details. Print it with :func:`print_document`.
 
     Contradictions come first. A document with a lead begins with the lead and its verdict. Any other document ends with
-    its verdict in a box, so that it is the last thing on the screen.
+    its verdict in a box, so that it is the last thing on the screen. The commands that undo or continue stand directly
+    above the box, because doubts may have any length.
     """
     return Group(*_pieces(document))
 
@@ -59,12 +64,16 @@ def _pieces(document: Document) -> Iterator[RenderableType]:
     if document.lead:
         yield from verdict
     for section in document.sections:
-        yield from _section(section)
+        if section.slug not in LAST:
+            yield from _section(section)
     if document.doubts:
         yield _title("Doubts" if document.doubted == "fit" else f"Doubts about the {document.doubted}", DOUBTFUL)
         yield from (_bullet(f"{word}: {doubt.text}") for word, doubt in document.graded)
     elif document.doubts is not None:
         yield _apart(_text(f"No doubts about the {document.doubted}."))
+    for section in document.sections:
+        if section.slug in LAST:
+            yield from _section(section)
     if not document.lead:
         yield from verdict
 
@@ -80,7 +89,7 @@ def _verdict(document: Document) -> Iterator[RenderableType]:
         yield _title(verdict.text)
         yield from sentences
         return
-    said = Group(Text(visible(verdict.text), style=style), *sentences)
+    said = Group(Text(with_signs(visible(verdict.text)), style=style), *sentences)
     yield _apart(Panel(said, box=box.ROUNDED, border_style=style.removeprefix("bold "), width=BOX))
 
 
@@ -116,7 +125,7 @@ def _part(part: Part) -> Iterator[RenderableType]:
 
 def _bullet(text: str) -> RichTable:
     line = RichTable.grid(padding=(0, 1))
-    line.add_row(Text(" -"), Text(visible(text)))
+    line.add_row(Text(" -"), _text(text))
     return line
 
 
@@ -130,7 +139,7 @@ def _apart(piece: RenderableType) -> Padding:
 
 
 def _text(text: str) -> Text:
-    return Text(visible(text))
+    return Text(with_signs(visible(text)))
 
 
 def _grid(table: Table) -> Padding:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 
@@ -36,6 +37,7 @@ __all__ = [
     "rounded_to",
     "sentence",
     "to_people",
+    "with_signs",
 ]
 
 
@@ -44,6 +46,9 @@ MOST_FACTOR = 100.0
 
 NOT_IDENTIFIABLE = "not identifiable from these runs"
 """Text for a number that the runs do not determine."""
+
+_VERBATIM = re.compile(r"`[^`]*`|(?<!\w)'[^']*'(?!\w)|\"[^\"]*\"|gcs-autotune .*")
+"""Parts of a sentence to copy or quoted from elsewhere: commands, options, messages of a vehicle."""
 
 _HEADINGS = ("anchor", "direction")
 """Parameters that are headings if their unit is rad."""
@@ -58,6 +63,21 @@ _PEOPLE: dict[str, tuple[str, float]] = {
 def to_people(unit: str) -> tuple[str, float]:
     """Return (display unit, factor from SI) of an SI *unit*; ``rad`` becomes degrees."""
     return _PEOPLE.get(unit, (unit, 1.0))
+
+
+def with_signs(text: str) -> str:
+    """Return *text* in the notation of the reports: ``30°``, ``5°/s`` and ``50 %`` for ``30 deg``, ``5 deg/s`` and
+    ``50%``. Commands and quotations stay as they are.
+    """
+    pieces, at = [], 0
+    for kept in _VERBATIM.finditer(text):
+        pieces += [_signs(text[at : kept.start()]), kept[0]]
+        at = kept.end()
+    return "".join((*pieces, _signs(text[at:])))
+
+
+def _signs(text: str) -> str:
+    return re.sub(r"(?<=\d)%(?!\w)", " %", re.sub(r"(?<=\d) deg\b", "°", text))
 
 
 def format_parameter(name: str, value: float, std: float, unit: str) -> str:

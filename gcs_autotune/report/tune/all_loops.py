@@ -147,8 +147,27 @@ def _verdict(story: JobStory) -> Verdict:
     bad = bool(story.stopped or worse or counts["aborted"] or counts["rejected"] or counts["skipped"])
     tone: Tone = "bad" if bad else "good" if counts["kept"] else "neutral"
     sentences = [sentence(story.stopped)] if story.stopped else []
+    sentences += [sentence(f"{step.name}: {_better(step)}") for step in tuned if step.ending == "kept"]
     sentences += [sentence(f"{step.name}: {step.reason or step.ending}") for step in worse]
     return Verdict(text, tone, tuple(sentences))
+
+
+def _better(step: JobStep) -> str:
+    """Return by how much a step that kept its gains changed the measured error."""
+    for name, what in (("itae", "tracking error"), ("rms", "distance from the route (rms)")):
+        old, new = (_figure(metrics or {}, name) for metrics in (step.before, step.after))
+        if math.isfinite(new) and old > 0.0:
+            change = round(100.0 * (new / old - 1.0))
+            return f"the new gains are kept, {what} {abs(change)} % {'lower' if change <= 0 else 'higher'} (measured)"
+    return "the new gains are kept"
+
+
+def _figure(metrics: Mapping[str, Any], name: str) -> float:
+    """Return a metric, of several legs the largest; NaN if it is missing or no number."""
+    value = metrics.get(name)
+    if isinstance(value, (list, tuple)):
+        value = max(value, default=math.nan)
+    return float(value) if isinstance(value, (int, float)) else math.nan
 
 
 def _sections(story: JobStory) -> Iterator[Section]:
@@ -196,10 +215,8 @@ def _pair(step: JobStep, name: str, of_line: str) -> str:
 
 
 def _cell(metrics: Mapping[str, Any], name: str, of_line: str) -> str:
-    value = metrics.get(name, metrics.get(of_line))
-    if isinstance(value, (list, tuple)):
-        value = max(value, default=math.nan)
-    if not isinstance(value, (int, float)) or not math.isfinite(value):
+    value = _figure(metrics, name if name in metrics else of_line)
+    if not math.isfinite(value):
         return "-" if name in metrics or of_line in metrics else ""
     if name not in metrics:
         return f"{format_number(value, 2)} m"

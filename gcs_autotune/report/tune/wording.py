@@ -205,7 +205,7 @@ def undo_sentence(story: TuneStory) -> str:
     """Return the sentence that introduces :func:`undo_command`."""
     written = bool(story.changes) and story.ending in ("kept", "restored", "aborted")
     if written:
-        return "The original parameters are saved. To restore them, connect to the vehicle and run:"
+        return "To restore the original parameters, connect to the vehicle and run:"
     return "Nothing was written, so there is nothing to undo. This command restores the saved original parameters:"
 
 
