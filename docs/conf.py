@@ -18,6 +18,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(HERE.parent), os.en
 
 import site_reference  # noqa: E402
 import site_run  # noqa: E402
+import site_vehicles  # noqa: E402
 
 import gcs_autotune  # noqa: E402
 
@@ -59,4 +60,5 @@ def setup(app: object) -> None:
     site_reference.write(HERE / "reference")
     app.add_directive("run", site_run.Run)  # type: ignore[attr-defined]
     app.add_directive("terminal", site_run.Terminal)  # type: ignore[attr-defined]
+    app.add_directive("vehicles", site_vehicles.Vehicles)  # type: ignore[attr-defined]
     app.connect("source-read", lead_out)  # type: ignore[attr-defined]

@@ -69,6 +69,8 @@ VEHICLES: Mapping[str, str] = {
     "charlie-rudders": "charlie_rudders.toml",
     "bluerov2-nav": "bluerov2_nav.toml",
     "blueboat-nav": "blueboat_nav.toml",
+    "launch": "launch.toml",
+    "vectored-boat": "vectored_boat.toml",
 }
 """Vehicle name -> name of its data file in ``vehicles/``."""
 

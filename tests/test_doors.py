@@ -20,11 +20,10 @@ PAST_THE_DOOR = {
 }
 """(file, module): the imports of another room's inside that are meant."""
 INNER_DOORS = {
-    "gcs_autotune.identify.signals": {"diagnose", "experiments", "research", "seatrials"},
+    "gcs_autotune.identify.signals": {"diagnose", "experiments", "seatrials"},
     "gcs_autotune.identify.problems": {"diagnose", "experiments", "thrusters"},
     "gcs_autotune.identify.kalman": {"diagnose"},
     "gcs_autotune.identify.open_loop": {"seatrials"},
-    "gcs_autotune.identify.regression": {"research"},
     "gcs_autotune.identify.relay": {"manoeuvres", "report", "seatrials", "workflow"},
     "gcs_autotune.identify.frequency": {"report", "seatrials", "workflow"},
     "gcs_autotune.identify.thrust": {"workflow"},

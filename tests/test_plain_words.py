@@ -36,7 +36,6 @@ ROOMS = (
     "gcs_autotune/models",
     "gcs_autotune/navigation",
     "gcs_autotune/report",
-    "gcs_autotune/research",
     "gcs_autotune/seatrials",
     "gcs_autotune/study",
     "gcs_autotune/thrusters",

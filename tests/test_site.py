@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gcs_autotune.api import example_run, fit, save_model
@@ -17,7 +19,8 @@ from gcs_autotune.cli import COMMANDS, make_parser
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import load_model
-from sitl import open_vehicle
+from sitl import VEHICLES, open_vehicle
+from sitl.catalogue import load_vehicle
 from sitl.effects import parse_effect
 
 from .conftest import module_of_the_docs
@@ -96,6 +99,34 @@ def test_every_effect_has_a_how_to_whose_commands_name_what_there_is(pages):
 def test_the_vehicle_that_a_how_to_names_hides_its_effect(slug):
     _, vehicle, size = module_of_the_docs("site_reference").ABOARD[slug]
     open_vehicle(vehicle, effects=[parse_effect(f"{slug}{size}")], seed=3)
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_every_vehicle_is_flown_for_its_plots(name):
+    site, data = module_of_the_docs("site_vehicles"), load_vehicle(name)
+    seen = site.manoeuvres_of(data)
+    for record in (seen.run_up, seen.circle, seen.zigzag, seen.decay, seen.release):
+        assert all(np.isfinite(values).all() for values in record.values())
+    assert seen.run_up["u"][-1] > 0.0
+    assert seen.circle["psi"][-1] - seen.circle["psi"][0] > 2.0 * math.pi
+    assert set(seen.zigzag["N"]) == {site.STEERING, -site.STEERING}
+    assert set(seen.release) - {"t"} == {c for c, h in (("phi", "roll"), ("theta", "pitch")) if h in data.tables} | (
+        {"z"} if "waterplane" in data.tables.get("body", {}) else set()
+    )
+    for column, values in seen.release.items():
+        assert column == "t" or abs(values[-1]) < 0.6 * abs(values[0])
+
+
+def test_the_plots_of_a_linear_boat_are_those_of_its_file():
+    site, data = module_of_the_docs("site_vehicles"), load_vehicle("blueboat")
+    seen = site.manoeuvres_of(data)
+    assert seen.run_up["u"][-1] == pytest.approx(55.2 / 29.35, rel=0.02)
+    assert seen.circle["r"][-1] == pytest.approx((2.0 * 0.3 * 55.2 * 0.285 + 0.2) / 44.65, rel=1e-6)
+    time = np.interp(-math.exp(-1.0), -seen.decay["u"] / seen.decay["u"][0], seen.decay["t"])
+    assert time == pytest.approx(41.77 / 29.35, rel=1e-3)
+    assert site.sources_of(data) == "Sources: jankristia/BlueBoatSystemIdentification. Assumed: 1 of 10 numbers."
+    picture = site.picture_of(data)
+    assert picture.startswith("<svg ") and all(word in picture for word in ("circle", "zig-zag", "steps", "free decay"))
 
 
 def test_every_page_stands_in_the_contents():

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gcs_autotune.research import ParameterTable, TableFinding, diagnose_table
+from gcs_autotune.diagnose import ParameterTable, TableFinding, diagnose_table
 
 __all__ = ["lines_of", "tables_of"]
 

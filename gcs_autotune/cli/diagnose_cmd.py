@@ -94,6 +94,17 @@ def _run(args: argparse.Namespace) -> int:
 
         put_out(effects_document(EFFECTS), as_json=args.json)
         return 0
+    if len(args.runs) == 1:
+        from gcs_autotune.diagnose import diagnose_table, is_parameter_table, read_parameter_table
+
+        if is_parameter_table(args.runs[0]):
+            from gcs_autotune.report import parameter_table_document
+
+            if args.out or args.resume or args.model or args.simulation or args.validate:
+                raise UsageError(f"{args.runs[0]} is a table of parameters, not a run. Its only option is --json")
+            table = read_parameter_table(args.runs[0])
+            put_out(parameter_table_document(table.name, diagnose_table(table)), as_json=args.json)
+            return 0
     with waiting(args, "reading the runs"):
         runs = read_runs(args)
         simulations, others = read_others(args, args.simulation), read_others(args, args.validate)
@@ -137,7 +148,9 @@ def _names(text: str | None) -> tuple[str, ...]:
 COMMAND = Command(
     description="Compare measured runs with a simulation of the same commands, identify what the simulation lacks, and "
     "measure the improvement on held-out data. The simulation is a plain model, or --model, or --simulation. Every "
-    "verdict exits with code 0. Searches are limited by work, not by time: every machine gives the same result.",
+    "verdict exits with code 0. Searches are limited by work, not by time: every machine gives the same result. "
+    "A CSV file with the columns level, inertia and drag is a table of identified parameters: it reports rows that "
+    "contradict each other.",
     add_arguments=_add_arguments,
     run=_run,
     everyday=(

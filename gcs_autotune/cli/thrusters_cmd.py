@@ -31,6 +31,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "time to the levels of fly bollard-staircase",
     )
     add_number(parser, "neutral", "C")
+    add_number(parser, "spacing", "M")
     water = parser.add_argument_group("open-water test: columns n, V_A, T and optionally Q")
     add_number(water, "diameter", "M")
     add_number(water, "density", "KG_M3")
@@ -38,18 +39,25 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from gcs_autotune.report import propeller_document, thruster_document
+    from gcs_autotune.report import propeller_document, thruster_document, twin_document
     from gcs_autotune.thrusters import (
         fit_bilinear,
         fit_open_water,
         fit_thruster,
+        fit_twin,
+        has_two_commands,
         pulls_from_log,
         read_columns,
         read_open_water,
         read_pull_test,
+        read_twin_test,
     )
 
-    if args.diameter is not None or (args.column is None and "V_A" in read_columns(args.file)):
+    if args.spacing is None and args.column is None and has_two_commands(args.file):
+        raise UsageError(f"{args.file} has the commands of two thrusters. State their distance: --spacing M")
+    if args.spacing is not None:
+        document = twin_document(fit_twin(read_twin_test(args.file, neutral=args.neutral), args.spacing))
+    elif args.diameter is not None or (args.column is None and "V_A" in read_columns(args.file)):
         test = read_open_water(args.file)
         found = fit_bilinear(test) if args.diameter is None else fit_open_water(test, args.diameter, rho=args.density)
         document = propeller_document(found)
@@ -84,7 +92,8 @@ def _pulls(text: str | None) -> list[float] | None:
 
 COMMAND = Command(
     description="Identify a thruster's force over command from a bollard pull test: coefficients ahead and astern, "
-    "dead zone, and the inverse map. Or identify K_T(J), K_Q(J) and C_n, C_v of a propeller from an open-water test.",
+    "dead zone, and the inverse map. Or identify K_T(J), K_Q(J) and C_n, C_v of a propeller from an open-water test. "
+    "Or identify the coefficients that two equal thrusters share, and the commands for a surge force and yaw moment.",
     add_arguments=_add_arguments,
     run=_run,
 )

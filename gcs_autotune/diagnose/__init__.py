@@ -23,6 +23,7 @@ command_match         the same from the commands that both files contain
 result                the result
 report_builder        conversion of a finished search to a :class:`Diagnosis`
 craft_changes         changes of a craft between two identifications
+parameter_table       test whether a table of identified parameters describes one craft
 ====================  ============================================================================
 
 Prepared runs and fits with effects come from :mod:`gcs_autotune.identify.extended`.
@@ -33,6 +34,13 @@ from __future__ import annotations
 from gcs_autotune.diagnose.api import WORK, diagnose
 from gcs_autotune.diagnose.craft_changes import CHANGES, CraftChange, CraftComparison, compare_craft
 from gcs_autotune.diagnose.heldout import METRIC
+from gcs_autotune.diagnose.parameter_table import (
+    ParameterTable,
+    TableFinding,
+    diagnose_table,
+    is_parameter_table,
+    read_parameter_table,
+)
 from gcs_autotune.diagnose.result import (
     Cause,
     Diagnosis,
@@ -65,11 +73,16 @@ __all__ = [
     "MissingForce",
     "Number",
     "Numbers",
+    "ParameterTable",
     "Portrait",
     "Ranked",
     "Signature",
+    "TableFinding",
     "Value",
     "Verdict",
     "compare_craft",
     "diagnose",
+    "diagnose_table",
+    "is_parameter_table",
+    "read_parameter_table",
 ]

@@ -224,6 +224,15 @@ DESK = (
         mistakes=(MM,),
     ),
     Limit(
+        "spacing",
+        "distance between two thrusters, for columns n_1, n_2 (or pwm_1, pwm_2), X and optionally N, V_A",
+        "m",
+        0.01,
+        100.0,
+        "between the shafts, across the craft",
+        mistakes=(MM,),
+    ),
+    Limit(
         "density",
         "density of the water",
         "kg/m^3",

@@ -35,7 +35,7 @@ from gcs_autotune.report.cases import (
 from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document, styles_compared
 from gcs_autotune.report.diagnosis.document import diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
-from gcs_autotune.report.diagnosis.tables import effects_document
+from gcs_autotune.report.diagnosis.tables import effects_document, parameter_table_document
 from gcs_autotune.report.flight.authority import authority_document
 from gcs_autotune.report.flight.compared import ComparedRun, Comparison, comparison_document, reference_of
 from gcs_autotune.report.flight.document import (
@@ -68,6 +68,7 @@ from gcs_autotune.report.summaries import (
     propeller_document,
     sheets_document,
     thruster_document,
+    twin_document,
 )
 from gcs_autotune.report.toolkit.chart import script_digest
 from gcs_autotune.report.toolkit.data import to_json
@@ -140,6 +141,7 @@ __all__ = [
     "log_document",
     "method_list",
     "navigation_document",
+    "parameter_table_document",
     "plan_document",
     "plan_plot",
     "plot",
@@ -160,5 +162,6 @@ __all__ = [
     "to_json",
     "to_terminal",
     "tune_document",
+    "twin_document",
     "write_story",
 ]

@@ -34,7 +34,7 @@ from gcs_autotune.report.toolkit.wording import (
 )
 from gcs_autotune.rounding import EXACT
 from gcs_autotune.seatrials import Figure, Sheet
-from gcs_autotune.thrusters import PropellerFit, ThrusterFit
+from gcs_autotune.thrusters import PropellerFit, ThrusterFit, TwinFit
 from gcs_autotune.vision import Calibration
 
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
     "sheet_section",
     "sheets_document",
     "thruster_document",
+    "twin_document",
 ]
 
 
@@ -339,6 +340,30 @@ def propeller_document(fit: PropellerFit) -> Document:
         title=heading,
         doubts=remarks(fit.doubts),
         sections=(Section("propeller", heading, parts, facts=IN_RESULT),),
+        facts=fit.to_dict(),
+    )
+
+
+def twin_document(fit: TwinFit) -> Document:
+    """Return the report of two equal thrusters, with the commands for some forces and moments at rest."""
+    rows = tuple((p.name, format_value(p.value, p.std), pretty_unit(p.unit) or "1") for p in fit.parameters.values())
+    noise = ", ".join(f"{n} {format_number(s)}" for n, s in fit.noise.items())
+    twin, unit = fit.thrusters, fit.thrusters.port.unit
+    X, N = 2.0 * twin.port.limits[1], 0.5 * twin.B * (twin.port.limits[1] - twin.starboard.limits[0])
+    asked = tuple(twin.commands(x * X, n * N) for x, n in ((1.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.0, 1.0), (0.5, 0.5)))
+    commands = tuple(tuple(format_number(v) for v in (c.X, c.N, c.port, c.starboard)) for c in asked)
+    heading = "Two thrusters"
+    on = "" if unit == "1" else f" [{pretty_unit(unit)}]"
+    parts = (
+        Table(("coefficient", "value ± std", "unit"), "lrl", rows),
+        Note(f"Standard deviation of one row: {noise}."),
+        Table(("X [N]", "N [N m]", f"port{on}", f"starboard{on}"), "rrrr", commands),
+        Note("Commands at rest. Outside the range, the moment has priority over the force."),
+    )
+    return Document(
+        title=heading,
+        doubts=remarks(fit.doubts),
+        sections=(Section("thrusters", heading, parts, facts=IN_RESULT),),
         facts=fit.to_dict(),
     )
 

@@ -33,6 +33,8 @@ choice.
 """
 FEWEST = 30
 """Smallest number of samples for a regression with three unknowns. Project choice."""
+STRAIGHT = 3.0
+"""Time [s] under throttle alone in which a reversed or dead thruster would have turned the craft. Project choice."""
 SPUN = ("heading excursion", "turn rate")
 """Safety limits that trip when a craft turns in the wrong direction."""
 REACTION = (0.0, 0.4, 0.8, 1.5)
@@ -74,8 +76,35 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
     steering = "against the steering" if math.sqrt(float(np.mean(whole.steering**2))) > FELT else "without steering"
     return PreconditionFailed(
         f"{trial.name}: {throttle:.0%} throttle, {steering}, turned the craft {_degrees(by_throttle)} to {to} in "
-        f"{seconds:.0f} s instead of driving it straight ahead: {cure}. {limit}"
+        f"{seconds:.0f} s instead of driving it straight ahead: {cure}. {_unstable_hull(whole, by_throttle)}{limit}"
     )
+
+
+def _unstable_hull(whole: _Stretch, turned: float) -> str:
+    """Return a sentence if the record also fits a hull that does not keep its course by itself; else empty.
+
+    A thruster that is reversed or dead turns the craft as soon as the throttle is applied. An unstable hull continues a
+    turn that it had before, or runs straight until it is steered. *turned* [rad]: turn under throttle alone.
+    """
+    driven = np.abs(whole.throttle) > IDLE
+    begin = int(np.argmax(driven))
+    steered = np.flatnonzero(np.abs(whole.steering[begin:]) >= STEERED)
+    end = begin + int(steered[0]) if len(steered) else len(whole.t)
+    if end - begin < 2:
+        return ""
+    start, way = float(np.median(whole.rate[: begin + 1])), math.copysign(1.0, turned)
+    mean = way * float(np.mean(whole.rate[begin:end]))
+    if 0.0 < MOSTLY * mean < way * start:
+        why = f"it was already turning at {_degrees(start)}/s when the throttle was applied"
+    elif (
+        len(steered)
+        and float(whole.t[end] - whole.t[begin]) >= STRAIGHT
+        and abs(float(np.trapezoid(whole.rate[begin:end], whole.t[begin:end]))) < LEAST_TURN / 4.0
+    ):
+        why = "it ran straight under throttle until it was steered"
+    else:
+        return ""
+    return f"Or the hull does not keep its course by itself: {why}. "
 
 
 def _turned_by_thrust(s: _Stretch) -> bool:

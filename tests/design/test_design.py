@@ -320,7 +320,8 @@ def test_a_wish_that_makes_no_sense_is_refused(wrong: dict[str, float]) -> None:
 
 @pytest.mark.slow
 def test_every_axis_of_every_firmware_can_be_designed_for() -> None:
-    models = {"yaw": boat(1.0, 0.5), "heave": heave(0.3, 0.3, 0.5), "surge": surge(1.0, 0.1, 0.05)}
+    tilts = {dof: SingleDof(dof, "1", 0.4, 0.3, 0.0, 0.0, 0.05) for dof in ("roll", "pitch")}
+    models = {"yaw": boat(1.0, 0.5), "heave": heave(0.3, 0.3, 0.5), "surge": surge(1.0, 0.1, 0.05), **tilts}
     for firmware in FIRMWARE.values():
         for axis in firmware.axes.values():
             model = models[axis.dof]

@@ -47,6 +47,7 @@ def test_every_number_of_a_vehicle_says_where_it_comes_from(name):
                         "ZhaoUSV",
                         "Gomes2003",
                         "Erunsal2017",
+                        "Wu2018",
                     )
                 ), (heading, key)
 

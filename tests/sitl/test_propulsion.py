@@ -159,6 +159,34 @@ def test_small_angles_of_charlies_rudders_brake_and_turn_with_n_squared_and_u_sq
     assert at[1] / at[0] == pytest.approx(4.0)
 
 
+@pytest.mark.parametrize("command", [1.0, -1.0])
+@pytest.mark.parametrize(("name", "full"), [("launch", 35.0), ("vectored-boat", 45.0)])
+def test_a_motor_that_turns_with_its_propeller_pushes_along_its_axis(name, full, command):
+    """The force of the file's rudder and thruster together: along the motor, T cos delta."""
+    tables = load_vehicle(name).tables
+    thruster, rudder = ({k: v["value"] for k, v in tables[h].items()} for h in ("thrusters", "rudder"))
+    assert math.degrees(rudder["full"]) == pytest.approx(full)
+    rows, rudders = propeller_rows(thruster, {}, {}), rudder_rows(rudder, 1)
+    T = static_thrust(rows[0], command)[0]
+    for delta in (-rudder["full"], 0.2, rudder["full"]):
+        X, Y, _, _, _, N = forces(rows, (0.0,) * 6, command, rudders, delta)
+        assert (X, Y) == pytest.approx((T * math.cos(delta) ** 2, -T * math.cos(delta) * math.sin(delta)))
+        assert N == pytest.approx(thruster["x"][0] * Y)
+    drifting = forces(rows, (0.0, 0.5, 0.0, 0.0, 0.0, 0.2), 0.0, rudders, 0.3)
+    assert drifting[5] == pytest.approx(forces(rows, (0.0, 0.5, 0.0, 0.0, 0.0, 0.2), 0.0)[5]), "no thrust, no steering"
+
+
+@pytest.mark.parametrize("name", ["launch", "vectored-boat"])
+def test_the_cruise_throttle_of_a_boat_with_a_turned_thrust_is_that_of_its_hull(name):
+    data = load_vehicle(name)
+    craft = Craft(data)
+    craft.begin("0")
+    pwm = craft.actuators.write([1500] * 16, {"X": data.parameters["CRUISE_THROTTLE"] / 100.0, "N": 0.0})
+    for k in range(3000):
+        craft.move(0.02 * (k + 1), 0.02, pwm)
+    assert craft.plant.state.u == pytest.approx(data.parameters["CRUISE_SPEED"], rel=0.02)
+
+
 def test_the_slew_of_a_rudder_is_the_effect_of_that_name_on_the_vehicle():
     data = load_vehicle("charlie-rudders")
     assert [(effect.slug, effect["rate"]) for effect in data.make_effects()] == [

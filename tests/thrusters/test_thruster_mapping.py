@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.research import TwinThrusters
-from gcs_autotune.thrusters import MapStructure, PullTest, ThrusterMap, fit_thruster, pulls_from_log, read_pull_test
+from gcs_autotune.thrusters import (
+    MapStructure,
+    PullTest,
+    ThrusterMap,
+    TwinThrusters,
+    fit_thruster,
+    pulls_from_log,
+    read_pull_test,
+)
 
 BLUEBOAT = Path(__file__).parents[2] / ".." / "shared" / "data" / "blueboat"
 

@@ -208,7 +208,7 @@ def test_the_options_are_those_of_the_manoeuvre_with_their_limits(visit: Any, sc
     assert "90 to 3600 deg" in page.page.inner_text("#h-turn")
     assert page.page.locator("#n-heading, #n-relays, #n-step, #axis:visible, #force:visible").count() == 0
     page.page.select_option("#manoeuvre", "chirp")
-    assert page.page.locator("#force option").all_inner_texts() == ["N", "X", "Y", "Z"]
+    assert page.page.locator("#force option").all_inner_texts() == ["N", "X", "Y", "Z", "K", "M"]
     page.page.fill("#n-steering", "50")
     page.page.click("#start")
     page.shows("#form-error", "steering: 50 is out of range")
@@ -263,6 +263,7 @@ def test_stop_in_every_stage_of_a_tune_puts_everything_back(
     """
     page = visit(flying[0])
     page.page.click("#tab-start")
+    page.page.select_option("#job", "tune")
     page.page.locator("#numbers summary", has_text="Proof").click()
     page.start(connect=at_sea, **{"n-step-duration": "12", **({"model": known} if has_model else {})})
     for question in ("Go ahead?", "Write ATC_STR_RAT_FF"):

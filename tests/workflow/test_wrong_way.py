@@ -83,6 +83,34 @@ def test_a_thruster_that_runs_the_wrong_way_is_named(turn: float, servo: str, st
     assert f"Set {servo}_REVERSED to 1 (it is 0)" in str(why) and "40% throttle" in str(why)
 
 
+def unstable(start: float, pulse: float) -> Trial:
+    """Return a record under throttle of a hull whose turn grows by itself; *start* [rad/s], steered from 5 to 6 s."""
+    t = np.arange(0.0, 10.0, 0.1)
+    N = np.where((t >= 5.0) & (t < 6.0), pulse, 0.0)
+    X = np.where(t < 0.5, 0.0, 0.4)
+    r = np.full(len(t), start)
+    for i in range(1, len(t)):
+        r[i] = r[i - 1] + 0.1 * ((0.3 * r[i - 1] if X[i - 1] else 0.0) - 0.5 * r[i - 1] * abs(r[i - 1]) + N[i - 1])
+    psi = np.cumsum(0.1 * r)
+    return Trial("own", {n: Channel(n, "1", t, v) for n, v in (("N", N), ("X", X), ("psi", psi))})
+
+
+@pytest.mark.parametrize(
+    ("start", "pulse", "why"),
+    [(0.4, 0.0, "was already turning at 22 deg/s"), (-0.4, 0.0, "was already turning at"), (0.0, 0.4, "ran straight")],
+)
+def test_a_hull_that_does_not_keep_its_course_is_a_third_possibility(start: float, pulse: float, why: str) -> None:
+    told = str(why_tripped(unstable(start, pulse), TRIPPED, BOAT, servos_of(SKID)))
+    assert "reversed or dead" in told
+    assert f"Or the hull does not keep its course by itself: it {why}" in told
+
+
+@pytest.mark.parametrize("steering", [0.0, 0.5])
+def test_a_dead_thruster_is_not_taken_for_an_unstable_hull(steering: float) -> None:
+    told = str(why_tripped(turning(0.0, 1.0, -steering), TRIPPED, BOAT, servos_of(SKID)))
+    assert "reversed or dead" in told and "keep its course" not in told
+
+
 def test_a_craft_that_turns_where_it_is_steered_or_trips_another_limit_is_told_nothing() -> None:
     right = turning(1.0, 0.0, 0.5)
     assert why_tripped(right, TRIPPED, BOAT, servos_of(SKID)) is None

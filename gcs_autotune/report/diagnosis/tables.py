@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
-from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Numbers, Ranked
+from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Numbers, Ranked, TableFinding
 from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, usual_bounds
 from gcs_autotune.report.diagnosis.wording import (
     effect_words,
@@ -35,6 +36,7 @@ __all__ = [
     "format_p",
     "gains_table",
     "numbers_table",
+    "parameter_table_document",
     "ranking_table",
     "steps_of",
 ]
@@ -155,6 +157,30 @@ def effects_document(effects: Mapping[str, Effect]) -> Document:
     about = Note(f"The bounds shown are for a reference craft: {CRAFT}. A fit derives its own from the runs.")
     sections.append(Section("bounds", "Bounds", (about,), facts=IN_RESULT))
     return Document("Effects", tuple(sections), facts=effects_to_dict(effects))
+
+
+def parameter_table_document(name: str, findings: Sequence[TableFinding]) -> Document:
+    """Return the report of a table of identified parameters: whether its rows describe one craft."""
+    off = [f for f in findings if f.answer == "yes"]
+    unsure = sum(f.answer == "cannot tell" for f in findings)
+    verdict = f"{len(off)} contradictions" if off else "No contradiction between the rows"
+    shown = [f for f in findings if f.answer == "yes" or f.question not in ("level", "row")]
+    rows = tuple((f.question, f.quantity, f.where, f.answer, _table_share(f), format_p(f.p)) for f in shown)
+    readings = dict.fromkeys(sentence(f.reading) for f in findings if f.reading and f.answer == "yes")
+    parts: tuple[Note | Table, ...] = (
+        Note(f"{verdict}. {unsure} of {len(findings)} questions cannot be answered because of the scatter."),
+        *(Note(reading) for reading in readings),
+        Table(("question", "quantity", "where", "differs", "difference [95 %]", "p"), "llllrr", rows),
+    )
+    facts = {"schema": 1, "table": name, "findings": [asdict(f) for f in findings]}
+    return Document(f"Table {name}", (Section("table", f"Table {name}", parts, facts=IN_RESULT),), facts=facts)
+
+
+def _table_share(f: TableFinding) -> str:
+    low, high = f.ci95
+    if f.question == "drag-order":
+        return f"{f.share:.2f} [{low:.2f}, {high:.2f}]"
+    return f"{100.0 * f.share:+.0f} % [{100.0 * low:+.0f}, {100.0 * high:+.0f}]"
 
 
 def _between(bounds: tuple[float, float]) -> str:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from regression_plants import DOFS, HORIZONTAL_INPUTS, TRUTH, M, camera_run, coupled
 
+from benchmarks.published.correlation import correlations, structure_by_correlation
 from gcs_autotune.identify import fit, validate
 from gcs_autotune.identify.regression.physical import check_physics
 from gcs_autotune.models import Form
-from gcs_autotune.research import correlations, structure_by_correlation
 
 pytestmark = pytest.mark.slow
 

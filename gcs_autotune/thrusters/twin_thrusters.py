@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_autotune.thrusters import ThrusterMap
+from gcs_autotune.thrusters.thruster_map import ThrusterMap
 
 __all__ = ["TwinCommand", "TwinThrusters"]
 

@@ -13,18 +13,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import NotInformative
+from gcs_autotune.csv_table import cells_of, numbers_of
+from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = [
     "ParameterTable",
     "TableFinding",
     "diagnose_table",
+    "is_parameter_table",
+    "read_parameter_table",
     "reading_of_level",
     "reading_of_order",
     "reading_of_sign",
@@ -179,6 +183,55 @@ class TableFinding:
     ci95: tuple[float, float]
     p: float
     reading: str = ""
+
+
+_COLUMNS = ("level", "inertia", "drag")
+_MORE = ("linear_drag", "rate")
+_HEAD = 4096
+"""Bytes that contain the heads of a table. Project choice."""
+
+
+def _names(heads: list[str]) -> list[str]:
+    return [head.partition("[")[0].strip() for head in heads]
+
+
+def is_parameter_table(path: Path) -> bool:
+    """Return whether *path* is a CSV file whose columns are parameters (``level``, ``inertia``, ``drag``), not time."""
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return False
+    with path.open("rb") as stream:  # a long run is not read twice
+        if b"inertia" not in stream.read(_HEAD):
+            return False
+    try:
+        return set(_COLUMNS) <= set(_names(list(cells_of(path).head)))
+    except BadFile:
+        return False
+
+
+def read_parameter_table(path: Path) -> ParameterTable:
+    """Return the table in a CSV file with ``level``, ``inertia``, ``drag``, and ``linear_drag`` and ``rate`` if known.
+
+    Units do not matter, because only ratios are tested.
+
+    Raises
+    ------
+    BadFile
+        The file is not such a table, or a cell is not a number.
+    """
+    cells = cells_of(path)
+    heads, table = _names(list(cells.head)), numbers_of(cells)
+    if table.dropped or not np.all(np.isfinite(table.values)):
+        raise BadFile(f"{path}: a row is incomplete, or a cell is not a number. Correct or remove it")
+    columns = {heads[i]: table.values[:, k] for k, i in enumerate(table.columns)}
+    lacking = [name for name in _COLUMNS if name not in columns]
+    if lacking:
+        raise BadFile(f"{path} lacks the column {lacking[0]}. It needs {', '.join(_COLUMNS)}")
+    linear_drag, rate = (columns.get(name) for name in _MORE)
+    for name, values in ((_MORE[0], linear_drag), (_MORE[1], rate)):
+        if values is not None and not np.all(values > 0.0):
+            raise BadFile(f"{path}: {name} must be positive in every row. Correct or remove that column")
+    level, inertia, drag = (columns[name] for name in _COLUMNS)
+    return ParameterTable(path.stem, level, inertia, drag, linear_drag, rate)
 
 
 def diagnose_table(table: ParameterTable) -> tuple[TableFinding, ...]:

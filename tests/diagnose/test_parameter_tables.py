@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from benchmarks.real_diagnosis.published import tables_of
+from gcs_autotune.cli import main
+from gcs_autotune.diagnose import ParameterTable, TableFinding, diagnose_table
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.research import ParameterTable, TableFinding, diagnose_table
 
 LEVELS = np.repeat([1.0, 2.0, 3.0, 4.0], 6)
 
@@ -120,3 +121,20 @@ def test_automarine_steps_show_quadratic_drag_and_videoray_a_mixture(published: 
     assert steps.share == pytest.approx(2.0, abs=0.1)
     rov = told(published["VideoRay, IS-O"], "drag-order", "linear drag")
     assert 1.0 < rov.ci95[0] < rov.ci95[1] < 2.0
+
+
+def test_the_command_reports_the_row_that_contradicts_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = table()
+    path = tmp_path / "steps.csv"
+    rows = [f"{a},{b},{c}" for a, b, c in zip(made.level, made.inertia, made.drag, strict=True)]
+    rows[8] = f"{made.level[8]},{1.6 * made.inertia[8]},{made.drag[8]}"
+    path.write_text("\n".join(["level[N],inertia[kg],drag[N s^2/m^2]", *rows]) + "\n")
+    assert main(["diagnose", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["findings"]
+    assert [f["where"].split(" (")[0] for f in found if f["question"] == "row"] == ["row 9"]
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "its only option is --json" in capsys.readouterr().err.lower()
+    assert main(["diagnose", str(path)]) == 0
+    assert "Repeat that experiment" in " ".join(capsys.readouterr().out.split())
