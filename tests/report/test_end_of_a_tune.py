@@ -8,7 +8,7 @@ import pytest
 import report_stories as stories
 
 from gcs_autotune.design import Change
-from gcs_autotune.report import Document, tune_document
+from gcs_autotune.report import Document, to_html, tune_document
 from gcs_autotune.report.toolkit.document import Section, cautions
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import with_signs
@@ -38,6 +38,12 @@ def test_a_screen_of_24_lines_shows_gains_verdict_and_undo_at_any_number_of_doub
     screen = render_text(doubtful).splitlines()[-(24 - REPORT_AND_PROMPT) :]
     for needed in ("gcs-autotune params restore ", "are better in a measured step", " -> "):
         assert any(needed in line for line in screen), needed
+
+
+def test_the_verdict_of_the_page_links_to_the_undo_command():
+    page = to_html(tune_document(stories.kept()))
+    assert page.index('class="verdict') < page.index('<a href="#undo">How to undo</a>') < page.index('id="undo"')
+    assert '<a href="#undo">' not in page[page.index('id="undo"') :]
 
 
 def test_degrees_and_percent_have_one_notation_and_commands_stay_as_they_are():

@@ -118,7 +118,7 @@ def test_every_figure_has_a_description_for_those_who_cannot_see_it(pages):
 
 def test_the_verdict_comes_before_everything_else(pages):
     text = Page(pages["kept"]).text
-    places = [text.index(w) for w in ("better in a measured step", "parameter old new", "Step before", "How to undo")]
+    places = [text.index(w) for w in ("better in a measured step", "parameter old new", "Step before", "To restore")]
     assert places == sorted(places)
 
 
