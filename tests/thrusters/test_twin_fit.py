@@ -16,7 +16,7 @@ from gcs_autotune.thrusters import TwinTest, fit_twin, read_twin_test
 C_N, C_V, B = 0.004, 0.03, 0.6
 
 
-def test_of(seed: int = 1, *, moving: bool = True, noise: float = 0.3, weak: float = 1.0) -> TwinTest:
+def pulled(seed: int = 1, *, moving: bool = True, noise: float = 0.3, weak: float = 1.0) -> TwinTest:
     rng = np.random.default_rng(seed)
     n_1, n_2 = rng.uniform(-90.0, 90.0, (2, 40))
     V = rng.uniform(0.0, 1.5, 40) if moving else np.zeros(40)
@@ -26,25 +26,22 @@ def test_of(seed: int = 1, *, moving: bool = True, noise: float = 0.3, weak: flo
     return TwinTest(n_1, n_2, X, V, 0.5 * B * (T_1 - T_2) + rng.normal(0.0, 0.1 * noise, 40))
 
 
-test_of.__test__ = False  # type: ignore[attr-defined]
-
-
 def test_the_tied_coefficients_are_within_their_errors() -> None:
     apart = []
     for seed in range(40):
-        fit = fit_twin(test_of(seed), B)
+        fit = fit_twin(pulled(seed), B)
         assert list(fit.parameters) == ["C_n", "C_v"]
         apart += [(fit.parameters[n].value - true) / fit.parameters[n].std for n, true in (("C_n", C_N), ("C_v", C_V))]
     assert np.std(apart) == pytest.approx(1.0, abs=0.25)
 
 
 def test_the_moment_improves_the_fit() -> None:
-    whole, alone = (fit_twin(t, B).parameters["C_n"].std for t in (test_of(), replace(test_of(), N=None)))
+    whole, alone = (fit_twin(t, B).parameters["C_n"].std for t in (pulled(), replace(pulled(), N=None)))
     assert whole < 0.8 * alone
 
 
 def test_at_rest_only_the_quadratic_law_is_fitted_and_its_inverse_returns_the_forces() -> None:
-    fit = fit_twin(test_of(moving=False, noise=0.0), B)
+    fit = fit_twin(pulled(moving=False, noise=0.0), B)
     assert list(fit.parameters) == ["C_T"]
     assert fit.parameters["C_T"].value == pytest.approx(C_N)
     for X, N in ((20.0, 0.0), (0.0, 5.0), (-10.0, 3.0), (25.0, -4.0)):
@@ -56,8 +53,8 @@ def test_at_rest_only_the_quadratic_law_is_fitted_and_its_inverse_returns_the_fo
 
 
 def test_a_weak_starboard_thruster_is_a_doubt() -> None:
-    assert [d.slug for d in fit_twin(test_of(weak=0.8), B).doubts] == ["unequal-thrusters"]
-    assert fit_twin(test_of(), B).doubts == ()
+    assert [d.slug for d in fit_twin(pulled(weak=0.8), B).doubts] == ["unequal-thrusters"]
+    assert fit_twin(pulled(), B).doubts == ()
 
 
 def test_the_command_fits_pulses_and_prints_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -78,7 +75,7 @@ def test_the_command_fits_pulses_and_prints_the_commands(tmp_path: Path, capsys:
 
 def test_a_thruster_that_never_runs_or_a_missing_column_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(NotInformative, match="never runs"):
-        fit_twin(replace(test_of(), starboard=np.zeros(40)), B)
+        fit_twin(replace(pulled(), starboard=np.zeros(40)), B)
     path = tmp_path / "one.csv"
     path.write_text("n_1[rad/s],X[N]\n1,2\n2,3\n")
     with pytest.raises(MissingChannel, match="n_1, n_2"):
