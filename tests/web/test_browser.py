@@ -62,6 +62,8 @@ class Page:
     def start(self, *, dry: bool = False, **fields: str) -> None:
         self.page.click("#tab-start")
         for name, value in {"job": "tune", **fields}.items():
+            if name.startswith("n-"):
+                self.page.eval_on_selector(f"#{name}", "input => { input.closest('details').open = true; }")
             chosen = name in ("job", "style", "axis", "manoeuvre", "force", "first-to", "model")
             (self.page.select_option if chosen else self.page.fill)(f"#{name}", value)
         self.page.locator("#dry").set_checked(dry) if dry else None
@@ -262,9 +264,6 @@ def test_stop_in_every_stage_of_a_tune_puts_everything_back(
     Stopped at any other point, and by whatever asks for it, a tune is in ``tests/workflow/test_bad_input.py``.
     """
     page = visit(flying[0])
-    page.page.click("#tab-start")
-    page.page.select_option("#job", "tune")
-    page.page.locator("#numbers summary", has_text="Proof").click()
     page.start(connect=at_sea, **{"n-step-duration": "12", **({"model": known} if has_model else {})})
     for question in ("Go ahead?", "Write ATC_STR_RAT_FF"):
         where = "#question-text" if is_question else "#stage"
