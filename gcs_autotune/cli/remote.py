@@ -170,8 +170,9 @@ class RemoteOperator(ConsoleOperator):
         asked = self._asked
         self._observer.put("question", {"id": asked, "text": question})
         while asked not in self._answers:
-            while_waiting()
-            if self._stop:  # where nothing is flown, nothing else heeds it
+            stopped = self._stop
+            while_waiting()  # in a flight this raises an error, if the STOP came before it
+            if stopped:  # nothing is flown, so nothing else heeds it
                 return False
         return self._answers[asked]
 
