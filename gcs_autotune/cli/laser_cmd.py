@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -51,14 +52,17 @@ def _run(args: argparse.Namespace) -> int:
     module = load_lasers(args.calibration)
     window = None if args.window is None else round(args.window)
     readings = read_lasers(module, args.source, rate=args.frame_rate, colour=args.colour, window=window)
-    kept: list[LaserReading] = []
+    few = 2 if is_live(args.source) and args.out is None else None
+    kept: deque[LaserReading] = deque(maxlen=few)  # a live camera has no end
+    seen = missed = whole = 0
     uri = args.connect or args.configured_link
     for reading in _sent(readings, module, uri, args) if uri else readings:
-        kept = [*kept[-1:], reading] if is_live(args.source) and args.out is None else [*kept, reading]
+        kept.append(reading)
+        seen, missed, whole = seen + 1, missed + bool(reading.missing), whole + (reading.searched == "picture")
         if not args.quiet:
             sys.stdout.write(f"{_line(reading)}\n")
             sys.stdout.flush()
-    run = laser_run(kept, Path(args.source).name)
+    run = laser_run(list(kept), Path(args.source).name)
     if args.out is not None:
         replaced = on_replacing(args.out)
         try:
@@ -66,9 +70,7 @@ def _run(args: argparse.Namespace) -> int:
         except OSError as error:
             raise BadFile(f"{args.out} cannot be written: {error.strerror}") from error
         sys.stdout.write(f"Run: {visible(str(args.out))}{replaced}\n")
-    missed = sum(bool(r.missing) for r in kept)
-    whole = sum(r.searched == "picture" for r in kept)
-    sys.stdout.write(f"{len(kept)} pictures, {missed} without a distance; {whole} were searched whole.\n")
+    sys.stdout.write(f"{seen} pictures, {missed} without a distance; {whole} were searched whole.\n")
     return 0
 
 
