@@ -46,9 +46,8 @@ def _run(args: argparse.Namespace) -> int:
         else:
             restored = restore_parameters(connection, args.file, operator, observer)
             told = [f"{visible(name)}: {found:g} -> {wanted:g}" for name, (found, wanted) in restored.items()]
-            told.append(
-                f"{len(restored)} parameter{'s' * (len(restored) != 1)} changed. All parameters in {args.file} verified by reading back"
-            )
+            what = f"{len(restored)} parameter{'s' if len(restored) != 1 else ''}"
+            told.append(f"{what} changed. All parameters in {args.file} verified by reading back")
             for line in told:  # with --remote standard output is the program's
                 observer.say(line) if args.remote else sys.stdout.write(f"{line}\n")
     return 0

@@ -244,7 +244,7 @@ def test_params_are_saved_and_restored_through_files(capsys, tmp_path):
     code, out, err = run(capsys, "params", "restore", wanted, "--yes", "--connect", "sitl:charlie")
     assert code == 0, err
     assert "ATC_STR_RAT_P: 0.2 -> 0.35" in out
-    assert "1 parameters changed" in out
+    assert "1 parameter changed" in out
 
 
 def test_a_parameter_file_that_is_none_writes_nothing(capsys, tmp_path):

@@ -6,7 +6,6 @@ import asyncio
 import io
 import json
 import sys
-import time
 import zipfile
 from collections.abc import Iterator
 from datetime import datetime
@@ -453,15 +452,15 @@ def test_a_run_is_downloaded_whole_without_files_that_are_not_of_a_run(tmp_path:
 def test_what_was_chosen_for_a_run_is_kept_with_it_to_start_it_again(client: TestClient) -> None:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         name = client.post("/start", json=HEADING, headers=OURS).json()["name"]
-        Viewer(socket).until("question")
+        viewer = Viewer(socket)
+        viewer.until("question")
         client.post("/stop", headers=OURS)
-        while not (again := client.get(f"/runs/{name}").json()["again"]):
-            time.sleep(0.02)
-    assert again == HEADING
+        viewer.until("end")
+    assert client.get(f"/runs/{name}").json()["again"] == HEADING
 
 
 def test_an_undo_asks_first_and_its_end_lists_what_was_restored() -> None:
-    said = ["connected", "answered yes: Write P 2 -> 1?", "P: 2 -> 1", "1 parameters changed, verified by reading back"]
+    said = ["connected", "answered yes: Write P 2 -> 1?", "P: 2 -> 1", "1 parameter changed, verified by reading back"]
     end = how_the_undo_ended(0, "", said)
     assert end["fine"] and end["put_back"] == said[2:]
     declined = how_the_undo_ended(130, "gcs-autotune: nothing was written: the answer was no\n", said[:1])
