@@ -26,13 +26,13 @@ from gcs_autotune.link import Journal, MavlinkCraft, ParameterTransaction
 from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.report import format_factor
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.accompanying_step import AccompanyingStep
+from gcs_autotune.workflow.accompanying_step import AccompanyingStep, compared_over
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria, design_from_file, design_from_fit, question_of
 from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, resolution, steering_throttle
 from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
-from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity
+from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity, told_of
 from gcs_autotune.workflow.settings import SuppliedGains
 from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
 from gcs_autotune.workflow.supplied_gains import step_of
@@ -126,9 +126,7 @@ class _AutopilotLoop:
         after = context.fly(criteria.proof.step("step-after"), PROVING)
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
-            legs = zip(alike, ("step", "step back"), strict=False)
-            told = " and ".join(f"the first {seconds:.0f} s of the {leg}" for seconds, leg in legs)
-            log.say(f"both flights are compared over {told}: the shorter flight ends there")
+            log.say(compared_over(alike))
         then, now, scatter, log.proposal = context.run_in_background(
             _compared, criteria, before, after, alike, log.proposal
         )
@@ -151,6 +149,8 @@ class _AutopilotLoop:
         """
         if not self.context.law.controls_velocity and self.context.settings.ends_early:
             self.context.turn_around("step-before", STEP_AHEAD, last=True)
+        if proof.settings.signal == "r":
+            self.context.log.say(told_of(proof.settings, self.context.settings.envelope.heading_excursion))
         return self.context.fly(proof.step("step-before"), "step with present gains")
 
 
