@@ -332,7 +332,7 @@ class ThrusterFrame(Actuators):
         """
         outputs, now = [_fraction(pulse, _MOTOR_SPAN) for pulse in pwm], self.read(pwm)
         patterns = np.array([[getattr(motor, name) for motor in self.motors] for name in now])
-        change = np.linalg.pinv(patterns) @ [shares[name] - now[name] for name in now]
+        change = _mixer(patterns) @ [shares[name] - now[name] for name in now]
         count = len(self.motors)
         outputs[:count] = [output + more for output, more in zip(outputs, change.tolist(), strict=False)]
         return [*(_pulse(output, _MOTOR_SPAN) for output in outputs[:count]), *pwm[count:]]
@@ -349,6 +349,15 @@ class ThrusterFrame(Actuators):
         wrench.Y = self.full_Y * Y
         wrench.Z = self.full_Z * Z + self.bias_Z
         wrench.M = self.full_M * M
+
+
+def _mixer(patterns: Array) -> Array:
+    """Return the matrix (p, a) from the outputs of a axes to the smallest commands of p thrusters that give them.
+
+    patterns : (a, p), contribution of each thruster to each axis.
+    """
+    mixer: Array = patterns.T @ np.linalg.inv(patterns @ patterns.T)
+    return mixer
 
 
 class ThrusterSet(Actuators):
@@ -384,7 +393,7 @@ class ThrusterSet(Actuators):
         self._biases = tuple(biases.get(name, 0.0) for name in "XYZKMN")
         used = [name for name in Motor._fields if any(getattr(motor, name) for motor in motors)]
         self._patterns = {name: np.array([getattr(motor, name) for motor in motors]) for name in used}
-        self._inverse = np.linalg.pinv(np.array(list(self._patterns.values())))
+        self._inverse = _mixer(np.array(list(self._patterns.values())))
         self._commands = np.zeros(len(motors) + (rudder[2] if rudder else 0))
         self._full = {dof: self._authority(name, propellers) for name, dof in _DRIVEN.items() if name in used}
         if rudder:
