@@ -36,12 +36,13 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from benchmarks.faults import KINDS, STATION_KINDS, Outcome, draw_case, draw_station_case, play  # noqa: E402
 from benchmarks.results import count, headline  # noqa: E402
-from benchmarks.studies import rows_of  # noqa: E402
+from benchmarks.studies import in_main_thread, rows_of  # noqa: E402
 
 
 def played(seed: int, draw: int, only: str, station: bool) -> dict[str, Any]:
     """Play case number *seed*; *draw* is the seed of everything drawn. Return its outcome for a row."""
-    found = play((draw_station_case if station else draw_case)(draw, seed, _split(only)))
+    # The referee limits time by a signal and the size of files for the whole process.
+    found = in_main_thread(play, (draw_station_case if station else draw_case)(draw, seed, _split(only)))
     return {"outcome": found.to_json(), "right": not found.failures, "ending": found.ending}
 
 

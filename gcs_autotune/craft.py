@@ -199,6 +199,11 @@ class Craft(Protocol):
         """Name of the craft's flight mode, from the last heartbeat."""
         ...
 
+    @property
+    def lateness(self) -> float:
+        """Present delay [s of the vehicle's time] from a command to its report by the vehicle."""
+        ...
+
     def await_heartbeat(self) -> None:
         """Wait for the next heartbeat, so that ``armed`` and ``mode`` are current. Raises ``LinkLost``."""
         ...

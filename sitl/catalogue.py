@@ -8,7 +8,8 @@ With ``[sway]`` (inertia, drag, on vectored frames ``authority``) the vehicle ca
 contains SNAME derivatives between surge, sway and yaw, and ``coriolis``: whether Coriolis forces follow from the
 inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment, ``authority`` of a frame with vertical thrusters fore and
 aft) it oscillates in pitch. With ``[rangefinder]`` it faces a wall.
-``[imu] [compass] [gps] [dvl] [pressure]`` are its instruments (:mod:`sitl.instruments`).
+``[imu] [compass] [gps] [dvl] [pressure]`` are its instruments (:mod:`sitl.instruments`). With ``[filter]`` they have no
+gyro, and the estimate changes at its rate (:mod:`sitl.estimator`).
 ``plant`` names the kind of body (``sitl/plants/table.py``). Without it, the vehicle is a planar hull. A
 ``rigid-body`` moves in each degree of freedom that has a heading, and ``[body]`` has its mass, weight and buoyancy.
 With ``[thrusters]`` each thruster has its place and direction; ``[propeller]``, ``[motor]``, ``[thruster]`` and
@@ -71,6 +72,7 @@ VEHICLES: Mapping[str, str] = {
     "blueboat-nav": "blueboat_nav.toml",
     "launch": "launch.toml",
     "vectored-boat": "vectored_boat.toml",
+    "charlie-sensors": "charlie_sensors.toml",
 }
 """Vehicle name -> name of its data file in ``vehicles/``."""
 
@@ -135,6 +137,11 @@ class VehicleData:
         at = values_of(self.tables["rangefinder"])
         heading = values_of(self.tables["start"])["heading"]
         return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed, at.get("apart", 0.0))
+
+    @property
+    def filter_model(self) -> Mapping[str, float]:
+        """The filter of a vehicle whose compass replaces the gyro (:mod:`sitl.estimator`); else empty."""
+        return values_of(self.tables.get("filter", {}))
 
     def make_instruments(self, seed: int) -> dict[str, Instrument]:
         """Return the instruments on board, by heading."""

@@ -1,8 +1,8 @@
 """Instruments whose own measurements the vehicle reports: IMU, compass, GPS, DVL and pressure gauge.
 
-Each samples the true motion at its own rate and place, with its own lag, noise and failures. The autopilot does not use
-them: its estimate comes from :mod:`sitl.sensors`. So a vehicle moves in the same way with and without instruments. A
-vehicle file has a heading for each instrument on board. An instrument without a heading is not there.
+Each samples the true motion at its own rate and place, with its own lag, noise and failures. The autopilot's estimate
+comes from them (:mod:`sitl.estimator`). A vehicle file has a heading for each instrument on board. An instrument
+without a heading is not there.
 """
 
 from __future__ import annotations

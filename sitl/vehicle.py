@@ -15,6 +15,7 @@ from sitl.battery import Battery
 from sitl.catalogue import VehicleData
 from sitl.craft import Craft
 from sitl.effects import HiddenEffect
+from sitl.estimator import Estimator
 from sitl.instruments import Suite
 from sitl.modelfile import FlownModel
 from sitl.plants import State
@@ -72,6 +73,7 @@ class Vehicle:
         self._sensors = Sensors(data.sensors, seed, floats=data.is_boat)
         self.rangefinder = data.make_rangefinder(seed)
         self.suite = Suite(data.make_instruments(seed))
+        self._estimator = Estimator(self.suite.instruments, self.state, data.filter_model)
         self.autopilot = self._boot()
         self.craft.begin(str(seed))
 
@@ -115,12 +117,15 @@ class Vehicle:
         if self.rangefinder is not None:
             distances = self.rangefinder.measure(t, self.state)
             self._reading.d, self._reading.d_starboard = distances[0], distances[-1]
-        self.craft.alter(t, self._reading)
         self.suite.step(t, dt, self.plant, self.battery.current)
+        if self.suite.instruments:
+            self._estimator.update(t, self._reading, self.actuators.read(pwm).get("N", 0.0))
+        self.craft.alter(t, self._reading)
 
     def control(self) -> None:
         """Run the autopilot's loop on the last sample."""
         voltage = self.battery.voltage(self.parameters["SIM_BATT_VOLTAGE"])
+        self.autopilot.aided = self._estimator.aided
         self.autopilot.tick(self.ms, self._reading, voltage, self.battery.consumed_mah)
 
     def reboot(self) -> None:

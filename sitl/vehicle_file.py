@@ -188,6 +188,11 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
     ),
     "dvl": _instrument("m/s"),
     "pressure": _instrument("m", bias=Range(("m",), -100.0, 100.0)),
+    "filter": {
+        "rate": Range(("Hz",), 0.0, 1000.0, above=True),
+        "time_constant": Range(("s",), 1e-3, 1e3),
+        "gain": Range(("rad/s",), -_TURN, _TURN),
+    },
     "link": {"up_delay": Range(("s",), 0.0, 60.0), "down_delay": Range(("s",), 0.0, 60.0)},
     "start": {
         "heading": Range(("rad",), -2.0 * math.pi, 2.0 * math.pi),

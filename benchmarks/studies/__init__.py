@@ -6,11 +6,14 @@ The results folder belongs to one version of the code. A stopped benchmark conti
 from __future__ import annotations
 
 import math
+import pickle
+import subprocess
 import sys
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +22,7 @@ from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.study import Started, cluster_of, given_up, load_plan, open_study, run_study, unsuited
 from gcs_autotune.study.plan import Axis
 
-__all__ = ["FOLDER", "rows_of"]
+__all__ = ["FOLDER", "in_main_thread", "rows_of", "serve_calls"]
 
 FOLDER = Path(__file__).parent
 OUT = Path("runs") / "studies"
@@ -68,3 +71,53 @@ def rows_of(
     if failed:
         raise RuntimeError(f"{len(failed)} of {len(rows)} cases of {out} failed, the first: {failed[0]['reason']}")
     return rows
+
+
+def in_main_thread(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what *function* returns, computed in the main thread of a process: it may use signals and limits.
+
+    A Dask worker runs its cases in another thread. It then keeps a process for them, which ends with the worker.
+
+    Raises
+    ------
+    EOFError
+        The process has ended. An exception of the function is raised here.
+    """
+    if threading.current_thread() is threading.main_thread():
+        return function(*arguments)
+    child = _child()
+    assert child.stdin is not None
+    assert child.stdout is not None
+    try:
+        pickle.dump((function, arguments), child.stdin)
+        child.stdin.flush()
+        is_result, found = pickle.load(child.stdout)
+    except (OSError, EOFError) as error:
+        _child.cache_clear()
+        raise EOFError(f"the process of {function.__name__} has ended") from error
+    if not is_result:
+        raise found
+    return found
+
+
+@cache
+def _child() -> subprocess.Popen[bytes]:
+    code = "from benchmarks.studies import serve_calls; serve_calls()"
+    return subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+
+def serve_calls() -> None:
+    """Answer the calls of :func:`in_main_thread` from standard input, until it ends."""
+    answers, sys.stdout = sys.stdout.buffer, sys.stderr
+    while True:
+        try:
+            function, arguments = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        answer: tuple[bool, Any]
+        try:
+            answer = True, function(*arguments)
+        except Exception as error:  # noqa: BLE001  it is raised again in the worker
+            answer = False, error
+        pickle.dump(answer, answers)
+        answers.flush()

@@ -23,7 +23,8 @@ SHARE_OF_TURN = 0.6
 TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
 """Size of the turn-rate step [rad/s], for a craft with speed and for a craft at rest.
 
-Project choice. It is smaller if the craft cannot reach it.
+Project choice. It is smaller if the craft cannot reach it, or if it would turn too far for its heading limit: 51 deg/s
+at rest for the usual limit of 120 deg.
 
 The step goes from half its size to port to half to starboard. On a BlueROV2, 25 deg/s take 6 % of its output, which is
 at the edge of its thrusters' dead zone. The end of such a step is random (ITAE +- 20 %); at 60 deg/s it is much less

@@ -319,7 +319,7 @@ def _nothing(log: Recording, dropped: list[SkippedPart]) -> str:
     notes = {cause: cure for left in dropped for slug, cause, cure in left.run.meta["notes"] if slug in NO_INPUT}
     whys = {left.why for left in dropped if not left.why.startswith("shorter")}
     if len(whys) == 1 and (cure := notes.get(*whys)):
-        return f"{name} contains no segment to identify from: {whys.pop()}. {cure}"
+        return f"{name} contains no segment to identify from: {whys.pop()}. {cure[0].upper()}{cure[1:]}"
     return (
         f"{name} contains no segment to identify from ({'; '.join(map(str, dropped[:6]))}). Record a relay or steps, "
         "with servo outputs and parameters in the log"

@@ -18,7 +18,7 @@ from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
-from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, TO_COME_ABOUT, Envelope, Guard, far_out
+from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, STOPPING, TO_COME_ABOUT, Envelope, Guard, far_out
 from gcs_autotune.manoeuvres.fly_mission import FlyMission, ProofCourse
 from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
@@ -59,6 +59,7 @@ __all__ = [
     "MOST_CORNERS",
     "NEARLY",
     "SPEED_TIME",
+    "STOPPING",
     "TO_COME_ABOUT",
     "AboardEnding",
     "AboardScript",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
 from gcs_autotune.craft import Observation
@@ -11,7 +11,7 @@ from gcs_autotune.errors import GuardTripped, UsageError
 from gcs_autotune.manoeuvres.area import Area, how_far
 from gcs_autotune.observer import Room
 
-__all__ = ["FAR_OUT", "GUARDS", "NEARLY", "TO_COME_ABOUT", "Envelope", "Guard", "Watch", "far_out"]
+__all__ = ["FAR_OUT", "GUARDS", "NEARLY", "RATES", "STOPPING", "TO_COME_ABOUT", "Envelope", "Guard", "Watch", "far_out"]
 
 NEARLY = 0.9
 """Fraction of the distance limit at which manoeuvres end early. Project choice."""
@@ -21,6 +21,12 @@ TO_COME_ABOUT = 12.0
 """Distance that a boat needs to turn around, as the time [s] of straight travel at cruise speed. The boat Charlie needs
 8 to 11 s after an unsteady step. Project choice.
 """
+STOPPING = 1.0
+"""Time [s] that a craft is assumed to need to stop a turn or a change of depth, in addition to the delay of the link.
+Project choice: the turn of the slowest simulated ROV, FALCON, has a time constant of 0.3 s, its heave one of 0.6 s.
+"""
+RATES: Mapping[str, str] = {"psi": "r", "z": "w", "x": "u"}
+"""Signal of an observation -> the signal that is its time derivative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,6 +211,38 @@ class Watch:
         if not envelope.area.beyond(*ahead):
             return ""
         return f"{to_come_about:.0f} m before the edge of {envelope.area.source}"
+
+    def drift_ends(self, signal: str, now: Observation, late: float) -> tuple[str, float]:
+        """Return a sentence on the limit that *signal*, which no loop holds, would reach before the craft stops, and
+        the side (-1 or 1) to which it drifts. The sentence is empty if there is space left.
+
+        late : delay of the link [s], in addition to :data:`STOPPING`.
+        """
+        if signal not in ("psi", "z"):
+            return "", 0.0
+        moved = now.value(signal) - self.anchor.value(signal)
+        side = math.copysign(1.0, moved)
+        rate = side * now.value(RATES[signal])
+        ahead = rate * (STOPPING + late) if rate > 0.0 else 0.0
+        for limit, option in self._limits_of(signal, side):
+            if abs(moved) + ahead >= NEARLY * limit:
+                far, most = (
+                    f"{math.degrees(x):.0f} deg" if signal == "psi" else f"{x:.1f} m" for x in (abs(moved), limit)
+                )
+                return f"{far} from its start, limit {most} (--{option})", side
+        return "", side
+
+    def _limits_of(self, signal: str, side: float) -> Iterator[tuple[float, str]]:
+        """Yield how far *signal* may go from its start to the *side*, and the option that limits it."""
+        e = self.envelope
+        if signal == "psi":
+            yield e.heading_excursion, "max-heading-excursion"
+            return
+        yield e.depth_excursion, "max-depth-excursion"
+        if side > 0.0:
+            yield e.depth_max - self.anchor.z, "max-depth"
+        elif e.depth_min > 0.0:
+            yield self.anchor.z - e.depth_min, "min-depth"
 
     def check(self, now: Observation) -> tuple[str, float]:
         """Return the guard nearest to tripping and the fraction of it that is used (0..1).

@@ -57,6 +57,8 @@ class Manoeuvre(ABC):
     signal, force : the controlled signal and the driven force, for display.
     phase, target : the current phase and target, for display.
     at_most : longest duration [s] with a poorly damped loop; NaN: as computed by the preview.
+    drifts : the limited signal (``psi``, ``z``) that changes for as long as a command lasts, because no loop holds it;
+        empty if there is none.
     """
 
     kind: str
@@ -65,6 +67,7 @@ class Manoeuvre(ABC):
     in_mission: ClassVar[bool] = False
     by_hand: ClassVar[bool] = False
     at_most: float = math.nan
+    drifts: str = ""
 
     def __init__(self, name: str = "", *, signal: str = "psi", force: str = "N") -> None:
         self.name = name or self.kind
@@ -103,6 +106,13 @@ class Manoeuvre(ABC):
         limit.
 
         It ends at the limit if its record is sufficient by then.
+        """
+        return None
+
+    def where_drift_ends(self, where: str, side: float) -> Outcome | None:
+        """Stop a drift to the *side* (-1 or 1) at *where*, before the limit. Return the outcome if the manoeuvre ends.
+
+        It is called at every tick at which the craft could not stop before the limit.
         """
         return None
 

@@ -31,7 +31,7 @@ from gcs_autotune.manoeuvres.excitation import (
 from gcs_autotune.manoeuvres.free_decay import released
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HeadingHold, HoldController, hold
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
-from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.sname import DOFS
 
 __all__ = ["DOF_OF", "KINDS", "WITHOUT_THROTTLE", "OpenLoopProgramme", "Programme", "coasting", "turning"]
@@ -65,7 +65,9 @@ class OpenLoopProgramme(Manoeuvre):
     ) -> None:
         self.kind = kind  # one class flies many kinds
         super().__init__(force=force, signal={"X": "u", "Y": "v", "Z": "z", "K": "phi", "M": "theta"}.get(force, "psi"))
+        self.drifts = {"Z": "z", "N": "psi"}.get(force, "")
         self._programme, self._duration = programme, duration
+        self._level = 0.0
         self._jump = JUMP if jump is None else jump
         held = {"N": "psi", "Z": "z", "X": "x"}.get(force, "x")
         self._holds = [HoldController(gains) for gains in HELD_DURING[held]] if keep_still else []
@@ -90,6 +92,7 @@ class OpenLoopProgramme(Manoeuvre):
         while True:
             shares = self._programme(now.t - start)
             last, level = level, shares.get(self.force, 0.0)
+            self._level = level
             if not abs(level - last) < self._jump:
                 self._mark(now.t, "level", {self.force: level})
                 self.phase = f"{self.force} {100.0 * level:+.0f} %"
@@ -102,6 +105,10 @@ class OpenLoopProgramme(Manoeuvre):
                 # a craft that coasts is left alone: thrusters that steer by their difference push her ahead
                 command = replace(command, N=self._heading_hold.steer(now) if command.X else 0.0)
             now = yield command
+
+    def where_drift_ends(self, where: str, side: float) -> Outcome | None:
+        """Return the outcome "stopped", unless the force already drives the craft back."""
+        return None if side * self._level < 0.0 else Outcome("stopped", f"{where}. The record so far is used")
 
 
 JUMP = 0.1

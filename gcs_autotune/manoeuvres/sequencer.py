@@ -8,14 +8,14 @@ original mode and armed state are restored.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
 from gcs_autotune.craft import Craft, Intervention, Observation
 from gcs_autotune.errors import AutotuneError, GuardTripped, LinkError, LinkLost, NotAsFound, PreconditionFailed
 from gcs_autotune.frames import to_body
-from gcs_autotune.manoeuvres.envelope import Envelope, Watch
+from gcs_autotune.manoeuvres.envelope import RATES, Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
 from gcs_autotune.observer import LeftAs, Observer, Progress
 from gcs_autotune.trial import Trial
@@ -23,12 +23,8 @@ from gcs_autotune.trial import Trial
 __all__ = ["DISARMED_ITSELF", "Sequencer", "restore_on_exit"]
 
 
-_RATES: Mapping[str, str] = {"psi": "r", "z": "w", "x": "u"}
-"""Controlled signal -> the signal of the observation that is its time derivative."""
-
-
 def _placed(progress: Progress, now: Observation) -> Progress:
-    rate = now.value(_RATES[progress.signal]) if progress.signal in _RATES else math.nan
+    rate = now.value(RATES[progress.signal]) if progress.signal in RATES else math.nan
     return replace(progress, rate=rate, x=now.x, y=now.y, psi=now.psi)
 
 
@@ -114,6 +110,9 @@ class Sequencer:
             nearest, share = watch.check(observation)
             where = watch.room_ends(observation)
             ended = manoeuvre.where_room_ends(where) if where else None
+            if ended is None and manoeuvre.drifts:
+                where, side = watch.drift_ends(manoeuvre.drifts, observation, craft.lateness)
+                ended = manoeuvre.where_drift_ends(where, side) if where else None
             if ended is not None:
                 return ended
             command = commands.send(observation)

@@ -144,6 +144,7 @@ class Step(Manoeuvre):
         from gcs_autotune.sensor import quantum  # a second to import, which nobody waits for in flight
 
         self._settings = settings
+        self.drifts = next((d.position for d in DOFS.values() if d.velocity == settings.signal), "")
         self._quantum = quantum
         self._step = 0
         self._step_start = math.nan
@@ -224,6 +225,21 @@ class Step(Manoeuvre):
             "stopped",
             f"out of space {there:.0f} s into the step and {back:.0f} s into the step back: {where}. "
             "The record so far is used",
+        )
+
+    def where_drift_ends(self, where: str, side: float) -> Outcome | None:
+        """End the hold or the half that drifts to *side*. Return the outcome "stopped" after the second half, else
+        None.
+        """
+        if side * self.target <= 0.0:  # on its way back
+            return None
+        if self._step in (1, 2):
+            self._lasted.append(self._now - self._step_start)
+        if self._step < 2:
+            self._next(self._now)
+            return None
+        return Outcome(
+            "stopped", f"the step back ended after {self._lasted[-1]:.1f} s: {where}. The record so far is used"
         )
 
     def _stands_there(self, t: float, error: float) -> bool:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import OTHER_MODE, StepMetrics, Verdict, is_followed, scatter_of
@@ -13,9 +14,9 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
 from gcs_autotune.workflow.experiments import STEP_AHEAD, noise_in, resolution
-from gcs_autotune.workflow.proof import LEAST_NOISES, Known, Proof, proof_of_turn_rate
+from gcs_autotune.workflow.proof import Known, proof_of_turn_rate, told_of
 
-__all__ = ["BESIDE", "PRESENT", "PROVING", "AccompanyingStep", "Compared", "flies_accompanying_step", "within"]
+__all__ = ["BESIDE", "PRESENT", "PROVING", "AccompanyingStep", "Compared", "compared_over", "flies_accompanying_step"]
 
 BESIDE = "turn rates"
 """Label in the report for the results of the turn-rate step that accompanies a heading step."""
@@ -53,10 +54,10 @@ class AccompanyingStep:
             return None
         try:
             proof = proof_of_turn_rate(context.settings, context.speed, known, beside=True)
-            proof = within(context.settings.envelope.heading_excursion, proof, known)
         except PreconditionFailed as error:
             context.log.say(f"turn-rate step omitted: {error}")
             return None
+        context.log.say(told_of(proof.settings, context.settings.envelope.heading_excursion))
         before = _fly(context, StepCriteria(proof, known.noise_std, 0.0), "turn-rate-before", PRESENT)
         noise = min(known.noise_std, noise_in(before, "r"))
         return cls(StepCriteria(proof, noise, resolution(before)), before)
@@ -64,35 +65,17 @@ class AccompanyingStep:
     def compared(self, context: TuneContext) -> Compared:
         """Fly the turn-rate step with the new gains. Return the comparison with the record of the present gains."""
         after = _fly(context, self.criteria, "turn-rate-after", PROVING)
+        alike = common_windows(self.before, after)
+        if min(alike, default=math.inf) < self.criteria.proof.settings.duration:
+            context.log.say(compared_over(alike))
         return context.run_in_background(_compared, self.criteria, self.before, after)
 
 
-def within(limit: float, proof: Proof, known: Known) -> Proof:
-    """Return *proof* with its turn rates reduced so that the heading stays within *limit* [rad] of where it began.
-
-    Raises
-    ------
-    PreconditionFailed
-        Turn rates this small cannot be distinguished from the noise.
-    """
-    s = proof.settings
-    turned = 0.5 * s.size * max(s.hold, s.settle, s.duration)
-    share = SHARE * limit / turned
-    if share >= 1.0:
-        return proof
-    size = share * s.size
-    if not size > LEAST_NOISES * known.noise_std:
-        raise PreconditionFailed(
-            f"the heading limit of {math.degrees(limit):.0f} deg is too small for this step. "
-            "Use a larger --max-heading-excursion"
-        )
-    return replace(proof, settings=replace(s, size=size, base=-0.5 * size))
-
-
-SHARE = 0.8
-"""Fraction of the heading limit that a turn-rate step may use. Project choice: a larger fraction leaves less margin to
-the limit.
-"""
+def compared_over(alike: Sequence[float]) -> str:
+    """Return a sentence on the durations [s] of the step and the step back over which two flights are compared."""
+    legs = zip(alike, ("step", "step back"), strict=False)
+    told = " and ".join(f"the first {seconds:.0f} s of the {leg}" for seconds, leg in legs)
+    return f"both flights are compared over {told}: the shorter flight ends there"
 
 
 def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:

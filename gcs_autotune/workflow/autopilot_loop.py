@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from gcs_autotune.design import (
-    STYLES,
     Proposal,
     StepMetrics,
     Verdict,
@@ -19,6 +18,7 @@ from gcs_autotune.design import (
     is_calmer,
     over_windows,
     scatter_of,
+    style_of,
 )
 from gcs_autotune.errors import ParameterMissing
 from gcs_autotune.firmware import Axis, Firmware, read_named
@@ -26,13 +26,13 @@ from gcs_autotune.link import Journal, MavlinkCraft, ParameterTransaction
 from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.report import format_factor
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.accompanying_step import AccompanyingStep
+from gcs_autotune.workflow.accompanying_step import AccompanyingStep, compared_over
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria, design_from_file, design_from_fit, question_of
 from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, resolution, steering_throttle
 from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
-from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity
+from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity, told_of
 from gcs_autotune.workflow.settings import SuppliedGains
 from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
 from gcs_autotune.workflow.supplied_gains import step_of
@@ -126,9 +126,7 @@ class _AutopilotLoop:
         after = context.fly(criteria.proof.step("step-after"), PROVING)
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
-            legs = zip(alike, ("step", "step back"), strict=False)
-            told = " and ".join(f"the first {seconds:.0f} s of the {leg}" for seconds, leg in legs)
-            log.say(f"both flights are compared over {told}: the shorter flight ends there")
+            log.say(compared_over(alike))
         then, now, scatter, log.proposal = context.run_in_background(
             _compared, criteria, before, after, alike, log.proposal
         )
@@ -136,7 +134,7 @@ class _AutopilotLoop:
         other = None if self._beside is None else self._beside.compared(context)
         log.beside = None if other is None else (other.before, other.after)
         errors = None if other is None else (other.before.itae, other.after.itae)
-        slower = STYLES[context.settings.style].slower
+        slower = style_of(context.settings.style).slower
         verdict = is_better(then, now, context.law.free_overshoot, errors, scatter, slower)
         followed = Verdict(True, ()) if other is None else other.verdict
         verdict = Verdict(verdict.better and followed.better, (*verdict.reasons, *followed.reasons))
@@ -151,6 +149,8 @@ class _AutopilotLoop:
         """
         if not self.context.law.controls_velocity and self.context.settings.ends_early:
             self.context.turn_around("step-before", STEP_AHEAD, last=True)
+        if proof.settings.signal == "r":
+            self.context.log.say(told_of(proof.settings, self.context.settings.envelope.heading_excursion))
         return self.context.fly(proof.step("step-before"), "step with present gains")
 
 
@@ -213,7 +213,7 @@ class _DesignedGains(_AutopilotLoop):
         measured = context.log.metrics_before = context.run_in_background(criteria.read, before, proposal.windows)
         source = found or context.given
         self._known = None if source is None else known_of(source, context.axis)
-        return _offer_of(proposal, measured, STYLES[context.settings.style].slower)
+        return _offer_of(proposal, measured, style_of(context.settings.style).slower)
 
     def _proof_of_velocity(self, source: Identified | SuppliedModel | None) -> Proof:
         assert source is not None

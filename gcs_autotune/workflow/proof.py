@@ -31,7 +31,7 @@ from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Fit, Model
 from gcs_autotune.identify.thrust import CURVE, square_of
-from gcs_autotune.manoeuvres import Step, StepSettings
+from gcs_autotune.manoeuvres import STOPPING, Step, StepSettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
@@ -40,16 +40,19 @@ from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 
 __all__ = [
+    "SHARE",
     "SHARE_OF_TOP",
     "Known",
     "Proof",
     "cruise_pair",
+    "farthest_turn",
     "known_of",
     "proof_about_rest",
     "proof_of_speed",
     "proof_of_turn_rate",
     "proof_of_velocity",
     "reduction_of",
+    "told_of",
 ]
 
 FILTERED = ("surge",)
@@ -241,7 +244,8 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, be
     Raises
     ------
     PreconditionFailed
-        The craft hardly turns.
+        The craft hardly turns, or it would turn too far for the heading limit: a step of the user's, or one whose turn
+        rates would disappear in the noise if they were reduced.
     """
     at_rest = not speed > 0.0
     if beside:
@@ -264,7 +268,53 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, be
         steady_band=RATE_BAND,
         hold=SHORTER * duration if at_rest else 0.0,
     )
-    return Proof(step, None, {})
+    limit, asked = settings.envelope.heading_excursion, None if beside else settings.step
+    return Proof(_within(step, limit, known, given=asked is not None), None, {})
+
+
+SHARE = 0.85
+"""Fraction of the heading limit that a turn-rate step may use.
+
+Project choice: a drift is stopped at a larger fraction (``envelope.NEARLY``), so a step usually lasts its full time."""
+
+
+def farthest_turn(step: StepSettings) -> float:
+    """Return how far a turn-rate *step* turns the craft from its first heading [rad], with the time to stop a turn.
+
+    The craft turns to one side while it is held, then back and beyond, then to the first side again.
+    """
+    held = max(step.hold, step.settle)
+    return 0.5 * step.size * (max(held, step.duration - max(step.hold, step.steady_time)) + STOPPING)
+
+
+def _within(step: StepSettings, limit: float, known: Known, *, given: bool) -> StepSettings:
+    """Return *step* with its turn rates reduced so that it turns by less than *limit* [rad]. The user's *given* one is
+    not reduced.
+    """
+    share = SHARE * limit / farthest_turn(step)
+    if share >= 1.0:
+        return step
+    most = f"the heading limit of {math.degrees(limit):.0f} deg"
+    if given:
+        raise PreconditionFailed(
+            f"a turn-rate step of {math.degrees(step.size):.0f} deg/s for {step.duration:.1f} s may turn the craft by "
+            f"{math.degrees(farthest_turn(step)):.0f} deg, too much for {most}. Use a smaller --step, a shorter "
+            "--step-duration, or a larger --max-heading-excursion"
+        )
+    size = share * step.size
+    if not size > LEAST_NOISES * known.noise_std:
+        raise PreconditionFailed(f"{most} is too small for this step. Use a larger --max-heading-excursion")
+    return replace(step, size=size, base=-0.5 * size)
+
+
+def told_of(step: StepSettings, limit: float) -> str:
+    """Return a sentence on how far a turn-rate *step* turns the craft, and on the heading *limit* [rad]."""
+    rate, turn = math.degrees(0.5 * step.size), math.degrees(farthest_turn(step))
+    ends = f". It ends early if the craft could not stop before the limit of {math.degrees(limit):.0f} deg"
+    return (
+        f"turn-rate step between {rate:.0f} deg/s to port and to starboard, {step.duration:.1f} s each way, turns the "
+        f"craft by up to {turn:.0f} deg{ends if math.isfinite(limit) else ''}"
+    )
 
 
 STRAIGHT = 0.2

@@ -25,6 +25,7 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, dive_for
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, Pace, legs_of_tune
 from gcs_autotune.workflow.nominal_plant import assumed_crafts, assumed_plant
 from gcs_autotune.workflow.preflight import sign_check_for
+from gcs_autotune.workflow.proof import SHARE
 
 __all__ = ["excursion_of", "movements_of", "tune_legs"]
 
@@ -137,4 +138,7 @@ def movements_of(context: TuneContext, now: Observation) -> str:
     )
     swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
     beside = ", steps in turn rate" if flies_accompanying_step(context) and context.settings.gains is None else ""
+    most = SHARE * context.settings.envelope.heading_excursion
+    if (beside or d.stepped == "r") and math.isfinite(most):
+        beside += f" (turning by up to {math.degrees(most):.0f} deg)"
     return f"{signs}{down}{shown}steps in {axis.name}{beside}{swings}{under_way}"

@@ -154,13 +154,15 @@ class Autopilot(ABC):
     ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``reached_items`` the
     mission items not yet reported as reached, ``last_gcs_ms`` when the ground station was last heard, ``failsafe``
     whether one is in force. ``home`` follows the craft until it arms (north + i east [m]). ``tilts``: whether the craft
-    has roll and pitch to control. ``scripts`` runs Lua scripts, if SCR_ENABLE was set at boot.
+    has roll and pitch to control. ``aided``: whether position or velocity is measured. ``scripts`` runs Lua scripts, if
+    SCR_ENABLE was set at boot.
     """
 
     firmware: str
     mav_type: int
     boot_mode: int
     tilts = False
+    aided = True
 
     def __init__(self, parameters: ParameterStore, dt: float, ready_ms: int) -> None:
         self.parameters = parameters
@@ -223,7 +225,7 @@ class Autopilot(ABC):
     @property
     def position_ok(self) -> bool:
         """Whether the position estimate is good enough for modes that need it."""
-        return self.ms >= self.ready_ms
+        return self.aided and self.ms >= self.ready_ms
 
     def say(self, severity: int, text: str) -> None:
         """Queue a STATUSTEXT, truncated to 50 characters."""

@@ -3,7 +3,16 @@
 from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed
 from sitl.plants.propulsion import propeller_rows, static_thrust, thruster_count
-from sitl.plants.rigid_body import AxisDynamics, Ballast, Coupling, RigidBody, coupling_of, quaternion_of, rotate
+from sitl.plants.rigid_body import (
+    AxisDynamics,
+    Ballast,
+    Coupling,
+    RigidBody,
+    angles_of,
+    coupling_of,
+    quaternion_of,
+    rotate,
+)
 from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, make_plant, values_of
 
 __all__ = [
@@ -21,6 +30,7 @@ __all__ = [
     "State",
     "Water",
     "Wrench",
+    "angles_of",
     "coupling_of",
     "make_plant",
     "measured_speed",

@@ -57,8 +57,9 @@ MASS, MOMENTUM, DRAG = 0, 6, 12
 """First of six rows: inertia, the inertia whose Coriolis forces act, linear drag (positive: it slows)."""
 QUADRATIC, FREE, GRAVITY, BUOYANCY, WATER, ROWS = 18, 19, 20, 21, 22, 23
 """Rows: quadratic drag of each degree; 1 where the degree is free; ``r_G``, weight [N], metacentric moments [N m] in
-roll and pitch per unit of tilt; ``r_B``, buoyancy [N], stiffness [N/m] of the waterplane; velocity of the water north,
-east, down, and 1 where the track of a step follows the heading at half the step."""
+roll and pitch per unit of tilt; ``r_B``, buoyancy [N], stiffness [N/m] of the waterplane, whose force acts at ``r_B``
+and follows the depth of this point; velocity of the water north, east, down, and 1 where the track of a step follows
+the heading at half the step."""
 PROPELLER, MOTOR, RUDDER = 24, 17, 10
 """Columns of a propeller: position (0-2), direction (3-5), per n|n|, n and |n| u_a of the thrust ahead (6-8) and astern
 (9-11), per n|n| and |n| u_a of the torque (12, 13), hand of the shaft (14), wake fraction (15), speed at full command
@@ -187,11 +188,13 @@ def _accelerate(body: Array, propellers: Array, rudders: Array, commands: Array,
     q, g, b = work[_Q], body[GRAVITY], body[BUOYANCY]
     down_x, down_y = 2.0 * (q[1] * q[3] - q[0] * q[2]), 2.0 * (q[2] * q[3] + q[0] * q[1])
     down_z = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
-    lift = -b[3] - b[4] * v[_DEPTH]
+    lift = -b[3] - b[4] * (v[_DEPTH] + b[0] * down_x + b[1] * down_y + b[2] * (down_z - 1.0))
     _add_force(f, g, g[3] * down_x, g[3] * down_y, g[3] * down_z)
     _add_force(f, b, lift * down_x, lift * down_y, lift * down_z)
+    # Conservative, and without a moment about the vertical, which water at rest cannot apply.
     f[3] -= g[4] * down_y
-    f[4] += g[5] * down_x
+    f[4] += (g[4] + (g[5] - g[4]) * down_z) * down_x
+    f[5] -= (g[5] - g[4]) * down_x * down_y
     _propel(propellers, commands, work)
     _steer(rudders, commands[len(propellers) :], work)
     for i in range(6):

@@ -116,8 +116,9 @@ class Ballast:
 
     ``mass`` [kg] with its centre ``centre`` [m] and products of inertia ``products`` (I_xy, I_xz, I_yz) [kg m^2] give
     the entries off the diagonal of the inertia. ``weight`` acts at ``centre``, ``buoyancy`` [N] at ``centre_of_lift``
-    [m]. ``waterplane`` [N/m] is the buoyancy lost per metre of heave, ``metacentric`` [N m] the righting moment per
-    unit of tilt in roll and pitch, for bodies at the surface.
+    [m]. For bodies at the surface, ``waterplane`` [N/m] is the buoyancy lost per metre that ``centre_of_lift`` rises
+    from where it is on a level body at z = 0, and ``metacentric`` [N m] the righting moment per unit of tilt in roll
+    and pitch.
     """
 
     mass: float = 0.0

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import signal
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from benchmarks import embedded_accuracy, thesis_7_5
 from benchmarks.embedded_accuracy import CASE, Result, Row, result_of
-from benchmarks.studies import FOLDER
+from benchmarks.studies import FOLDER, in_main_thread
 from gcs_autotune.study import check_plan, load_plan, open_study
 from tests.study.toys import ran
 
@@ -70,3 +73,12 @@ def test_a_day_of_relays_counts_what_is_valid(capsys: pytest.CaptureFixture[str]
     assert shown["day 2: valid experiments"] == 2
     assert shown["day 2: error of beta against least squares, largest"] == pytest.approx(30.0)
     assert not next(f for f in figures if "largest" in f.name).met
+
+
+def test_a_worker_can_call_a_function_that_needs_the_main_thread() -> None:
+    with ThreadPoolExecutor(1) as worker:
+        call = partial(worker.submit, in_main_thread, signal.signal)
+        call(signal.SIGPROF, signal.SIG_IGN).result()
+        assert call(signal.SIGPROF, signal.SIG_DFL).result() == signal.SIG_IGN
+        with pytest.raises(ValueError, match="signal number"):
+            call(1000, signal.SIG_IGN).result()

@@ -97,12 +97,8 @@ def test_the_same_tune_over_a_real_link(tmp_path, wire, program):
     with wire() as (listen, connect), vehicle_process(listen):
         tune = [*program, "tune", "heading", "--connect", connect, "--yes"]
         done = subprocess.run(
-            [*tune, "--out", str(run), "--step-duration", "8", "--max-heading-excursion", "170"],
-            capture_output=True,
-            text=True,
-            timeout=250,
-            check=False,
-        )  # a turn at 27 deg/s needs 90 deg and more, and the more the later a busy machine answers
+            [*tune, "--out", str(run), "--step-duration", "8"], capture_output=True, text=True, timeout=250, check=False
+        )
     assert done.returncode == 0, done.stderr
     summary = json.loads((run / "summary.json").read_text())
     assert summary["ending"] == "kept"

@@ -82,6 +82,8 @@ class PondCraft:
     def distance(self) -> float:
         return math.nan
 
+    lateness = 0.0
+
     def send(self, command: Command) -> None:
         self.command = command
 

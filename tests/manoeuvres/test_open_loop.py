@@ -9,10 +9,11 @@ import pytest
 
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres import MANOEUVRES, OpenLoopProgramme
+from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, OpenLoopProgramme, Sequencer
 from gcs_autotune.manoeuvres.excitation import prbs
 from gcs_autotune.manoeuvres.open_loop import coasting
-from tests.manoeuvres.pond import at_rest
+from gcs_autotune.observer import SilentObserver
+from tests.manoeuvres.pond import PondCraft, at_rest
 
 PLAIN = {"steering": 0.5, "side": 1.0, "throttle": 0.0, "keep-still": 0.0}
 
@@ -182,3 +183,16 @@ def test_the_end_of_a_level_is_marked_so_that_the_neutral_after_it_is_no_shortfa
 
 def test_a_craft_that_is_tied_up_may_swing_on_its_line() -> None:
     assert all(MANOEUVRES["bollard-staircase"].of(force).turns for force in "NXYZ")
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_steps_in_depth_of_a_quick_craft_end_with_their_record_before_the_depth_limit(side: float) -> None:
+    steps = MANOEUVRES["steps"].of("Z")
+    assert steps.make is not None
+    options = {"steering": 0.6, "duration": 60.0, "side": side, "throttle": 0.0, "keep-still": 0.0}
+    craft = PondCraft(gain=1.5)
+    craft.z = 6.0
+    flown = Sequencer(craft, Envelope(), SilentObserver(), lambda trial: None).fly(steps.make(options))
+    assert flown.ending == "stopped"
+    assert "limit 3.0 m (--max-depth-excursion). The record so far is used" in flown.reason
+    assert 0.5 < np.ptp(flown["z"].values) < 3.0

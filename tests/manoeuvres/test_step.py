@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import math
+import re
+from collections import deque
 
 import numpy as np
 import pytest
 
-from gcs_autotune.craft import DepthTarget, HeadingTarget
-from gcs_autotune.manoeuvres import Step, StepSettings
+from gcs_autotune.craft import DepthTarget, HeadingTarget, TurnRateTarget
+from gcs_autotune.manoeuvres import Envelope, Sequencer, Step, StepSettings
+from gcs_autotune.observer import SilentObserver
 
-from .pond import at_rest
+from .pond import PondCraft, at_rest
 
 
 def fly(step, path, dt=0.1):
@@ -182,3 +185,50 @@ def test_what_swings_so_that_more_of_it_tells_more_is_recorded_for_as_long_as_as
     step, (begun, stepped, *_) = swung(amplitude, period, enough)
     assert stepped - begun == pytest.approx(20.0, abs=0.11)
     assert step.asked["lasted"] == [pytest.approx(30.0, abs=0.11)] * 2
+
+
+class Turning(PondCraft):
+    """A craft whose rate loop follows at once, over a link that is *late* [s] both ways together."""
+
+    def __init__(self, late: float) -> None:
+        super().__init__()
+        self.lateness = late
+        self._sent = deque([0.0] * round(late / 0.1))
+
+    def send(self, command):
+        self.command = command
+        self._sent.append(command.r if isinstance(command, TurnRateTarget) else 0.0)
+
+    def _demand(self):
+        return 0.0, 0.0, 0.0
+
+    def _advance(self, dt):
+        self.r += dt / 0.3 * (self._sent[0] - self.r)
+        self.psi += dt * self.r
+
+    def observe(self):
+        seen = super().observe()
+        if len(self._sent) > 1:
+            self._sent.popleft()
+        return seen
+
+
+@pytest.mark.parametrize("late", [0.1, 1.0, 2.0])
+@pytest.mark.parametrize("rate", [27.0, 50.0])
+def test_a_turn_rate_step_stays_within_the_heading_limit_over_any_link(late, rate):
+    size = math.radians(2.0 * rate)
+    step = Step(StepSettings("r", size, 6.0, base=-0.5 * size, settle=5.0, steady_time=1.5, hold=5.0, diverged=9.0))
+    flown = Sequencer(Turning(late), Envelope(), SilentObserver(), lambda trial: None).fly(step)
+    assert flown.ending in ("completed", "stopped")
+    assert len([m for m in flown.marks if m.kind == "target"]) == 3
+    assert len(flown.meta["lasted"]) == 2
+    assert math.degrees(np.abs(flown["psi"].values).max()) < 118.0
+
+
+def test_a_part_of_a_turn_rate_step_ends_before_the_limit_and_the_record_says_so():
+    size = math.radians(40.0)
+    step = Step(StepSettings("r", size, 12.0, base=-0.5 * size, settle=3.0, steady_time=1.5, hold=3.0, diverged=9.0))
+    flown = Sequencer(Turning(0.1), Envelope(), SilentObserver(), lambda trial: None).fly(step)
+    assert flown.ending == "stopped"
+    assert flown.meta["lasted"][0] < 9.0
+    assert re.search(r"ended after \d\.\d s: \d+ deg from its start, limit 120 deg \(--max-head", flown.reason)

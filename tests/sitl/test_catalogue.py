@@ -62,7 +62,7 @@ def test_every_vehicle_opens_and_rests(name):
 
 def test_an_unknown_vehicle_names_the_nearest():
     with pytest.raises(
-        UnknownVehicle, match=r"unknown vehicle 'chrlie'; did you mean charlie or charlie-sway or charlie-rudders\?"
+        UnknownVehicle, match=r"unknown vehicle 'chrlie'; did you mean charlie or charlie-sway or charlie-sensors\?"
     ):
         load_vehicle("chrlie")
 

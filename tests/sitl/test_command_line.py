@@ -26,7 +26,7 @@ def test_the_vehicles_are_listed(capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["chrlie"], "unknown vehicle 'chrlie'; did you mean charlie or charlie-sway or charlie-rudders?"),
+        (["chrlie"], "unknown vehicle 'chrlie'; did you mean charlie or charlie-sway or charlie-sensors?"),
         ([], "no vehicle selected. Use one of charlie"),
         (["charlie", "--speedup", "0"], "Use 0.01 to 1000 simulated seconds per second"),
         (["charlie", "--speedup", "nan"], "Use 0.01 to 1000 simulated seconds per second"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,7 +55,10 @@ def energy(hull: RigidBody) -> float:
     at, held, nu = hull.state, hull.ballast, velocity(hull)
     q = quaternion_of(at.phi, at.theta, at.psi)
     low, high = (at.z + rotate(q, point)[2] for point in (held.centre, held.centre_of_lift))
-    return 0.5 * nu @ hull.body[:6] @ nu - held.weight * low + held.buoyancy * high
+    sunk, (roll, pitch) = high - held.centre_of_lift[2], held.metacentric
+    (down_x, _, down_z), square = (rotate(q, axis)[2] for axis in np.eye(3)), 0.5 * held.waterplane * sunk**2
+    righted = 0.5 * (pitch - roll) * down_x**2 - roll * down_z
+    return 0.5 * nu @ hull.body[:6] @ nu - held.weight * low + held.buoyancy * high + square + righted
 
 
 @FEW
@@ -94,6 +98,24 @@ def test_a_body_without_drag_keeps_its_energy(ballast, nu, angles):
     for _ in range(200):
         hull.step(Wrench(), 0.005)
     assert energy(hull) == pytest.approx(before, abs=1e-5)
+
+
+@FEW
+@given(ballasts(), NU, st.tuples(ANGLE, ANGLE, ANGLE))
+def test_a_floating_body_without_drag_keeps_its_energy(ballast, nu, angles):
+    afloat = replace(ballast, waterplane=400.0, metacentric=(5.0, 40.0))
+    hull = place(body(afloat, drag=0.0, bare=True), nu, angles, depth=0.1)
+    hull.water.floats = True
+    before = energy(hull)
+    for _ in range(200):
+        hull.step(Wrench(), 0.005)
+    assert energy(hull) == pytest.approx(before, abs=1e-5)
+
+
+def test_righting_moments_do_not_turn_a_tilted_hull_about_the_vertical():
+    hull = place(body(Ballast(metacentric=(5.0, 40.0)), bare=True), 6 * (0.0,), (0.3, -0.2, 0.7))
+    moment = (hull.body[:6] @ hull.acceleration(6 * (0.0,), Wrench()))[3:]
+    assert rotate(quaternion_of(0.3, -0.2, 0.7), moment)[2] == pytest.approx(0.0, abs=1e-12)
 
 
 @given(st.tuples(ANGLE, ANGLE, st.floats(-3.1, 3.1)))

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from gcs_autotune.design import Actuator
 from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.manoeuvres import STOPPING, Envelope
 from gcs_autotune.models import SingleDof
 from gcs_autotune.workflow import Connection, TuneSettings
-from gcs_autotune.workflow.accompanying_step import within
-from gcs_autotune.workflow.proof import Known, proof_of_turn_rate
+from gcs_autotune.workflow.proof import Known, farthest_turn, proof_of_turn_rate, told_of
 
 DEG = math.pi / 180.0
 BOAT = Known(SingleDof("yaw", "1", 0.858, 1.494), Actuator(), 0.1 * DEG)
@@ -27,11 +28,29 @@ def test_it_is_not_sized_by_the_heading_step_that_was_asked_for(speed: float) ->
     assert s.base == pytest.approx(-0.5 * s.size)
 
 
-def test_its_turn_rates_are_reduced_to_stay_within_the_heading_limit() -> None:
-    proof = proof_of_turn_rate(SETTINGS, 1.5, BOAT, beside=True)
-    assert within(120.0 * DEG, proof, BOAT) is proof
-    s = within(50.0 * DEG, proof, BOAT).settings
-    assert 0.5 * s.size * max(s.settle, s.duration) == pytest.approx(40.0 * DEG)
-    assert s.base == pytest.approx(-0.5 * s.size)
+def test_its_turn_rates_are_reduced_so_that_the_turn_keeps_a_margin_to_the_heading_limit() -> None:
+    wide = proof_of_turn_rate(_within(math.inf), 1.5, BOAT, beside=True).settings
+    assert farthest_turn(wide) == pytest.approx(0.5 * wide.size * (6.0 + STOPPING))
+    s = proof_of_turn_rate(_within(50.0 * DEG), 1.5, BOAT, beside=True).settings
+    assert farthest_turn(s) == pytest.approx(0.85 * 50.0 * DEG)
+    assert s.size < wide.size and s.base == pytest.approx(-0.5 * s.size)
     with pytest.raises(PreconditionFailed, match="heading limit of 1 deg is too small"):
-        within(1.0 * DEG, proof, BOAT)
+        proof_of_turn_rate(_within(1.0 * DEG), 1.5, BOAT, beside=True)
+
+
+def test_a_turn_rate_step_of_the_user_that_turns_too_far_is_rejected() -> None:
+    asked = replace(SETTINGS, axis="yaw", step=60.0 * DEG, step_duration=8.0)
+    with pytest.raises(PreconditionFailed, match=r"step of 60 deg/s for 8\.0 s may turn the craft by 234 deg"):
+        proof_of_turn_rate(asked, 0.0, BOAT)
+    assert proof_of_turn_rate(replace(asked, step=20.0 * DEG), 0.0, BOAT).settings.size == 20.0 * DEG
+
+
+def test_the_turn_is_announced_with_its_limit() -> None:
+    s = proof_of_turn_rate(SETTINGS, 0.0, BOAT, beside=True).settings
+    told = told_of(s, 120.0 * DEG)
+    assert f"turns the craft by up to {farthest_turn(s) / DEG:.0f} deg. It ends early" in told
+    assert "before the limit of 120 deg" in told
+
+
+def _within(limit: float) -> TuneSettings:
+    return replace(SETTINGS, envelope=Envelope(heading_excursion=limit))

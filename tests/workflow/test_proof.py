@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from gcs_autotune.design import Actuator
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify.thrust import fit_surge
-from gcs_autotune.manoeuvres import StepSettings
+from gcs_autotune.manoeuvres import STOPPING, StepSettings
 from gcs_autotune.models import SingleDof, simulate
 from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.workflow import Connection, TuneSettings
@@ -66,9 +66,9 @@ def test_a_turn_rate_step_at_rest_is_large_and_stays_well_within_the_heading_gua
     settings = TuneSettings(Connection("sitl:bluerov2"), Path("run"), axis="yaw")
     s = proof_of_turn_rate(settings, 0.0, known).settings
     assert s.base == -0.5 * s.size and s.hold == s.settle
-    assert s.size == pytest.approx(math.radians(60.0)) or slowness > 1.0
+    assert s.size > math.radians(50.0) or slowness > 1.0
     rate = 0.5 * s.size
     farthest = max(rate * s.hold, abs(rate * (s.hold - s.duration)))
-    assert farthest < 0.8 * settings.envelope.heading_excursion
+    assert farthest + rate * STOPPING <= 0.86 * settings.envelope.heading_excursion
     under_way = proof_of_turn_rate(settings, 1.0, known).settings
     assert under_way.size <= math.radians(30.0) and under_way.hold == 0.0

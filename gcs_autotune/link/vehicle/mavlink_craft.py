@@ -244,6 +244,11 @@ class MavlinkCraft:
         return rate.pause_since(since) * max(rate.pace, 1.0)
 
     @property
+    def lateness(self) -> float:
+        """Present delay [s of the vehicle's time] from a command to its report: a round trip of the link."""
+        return self.latency.lateness * max(self._streamer.send_rate.pace, 1.0)
+
+    @property
     def least_period(self) -> float:
         """Shortest oscillation period [s] that can be flown over this link and still be identified; 0 if unknown."""
         return least_period(self.latency.loop, self.rates.measured.get("ATTITUDE", 0.0))
