@@ -281,13 +281,13 @@ class RigidBody:
         self.parameters.update(own)
         at = self.state
         state = (at.x, at.y, at.z, *self._attitude(), at.u, at.v, at.w, at.p, at.q, at.r)
-        states, *fixed = (
+        states, rotors, propellers, rudders = (
             np.repeat(np.asarray(each, dtype=np.float64)[None], count, axis=0)
             for each in (state, self.rotors, self.propellers, self.rudders)
         )
-        out = np.empty((count, len(commands), 13))
-        inputs = [np.ascontiguousarray(each, dtype=np.float64) for each in (commands, wrenches)]
-        kernel.fly(states, fixed[0], bodies, *fixed[1:], *inputs, np.zeros_like(self._work), dt, steps, out)
+        commands, wrenches = (np.ascontiguousarray(each, dtype=np.float64) for each in (commands, wrenches))
+        work, out = np.zeros_like(self._work), np.empty((count, len(commands), 13))
+        kernel.fly(states, rotors, bodies, propellers, rudders, commands, wrenches, work, dt, steps, out)
         return out
 
     def acceleration(self, nu: Sequence[float], wrench: Wrench) -> list[float]:
@@ -366,7 +366,8 @@ def angles_of(q: Quaternion) -> Vector:
     """Return the Euler angles (phi, theta, psi) [rad] of a unit quaternion."""
     w, x, y, z = q
     phi = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    theta = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    sine = 2.0 * (w * y - z * x)
+    theta = math.asin(-1.0 if sine < -1.0 else 1.0 if sine > 1.0 else sine)
     return phi, theta, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
