@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.open_loop import OpenLoop, Rational, pade
+from gcs_autotune.design.open_loop import OpenLoop, Rational, differentiated, pade
 from gcs_autotune.design.result import Margins
 
 __all__ = ["NO_CROSSING", "Crossings", "Plant", "crossings", "margins_of", "margins_of_each", "worst"]
@@ -36,12 +36,15 @@ _S: Complex = (1j * GRID).astype(np.complex128)
 
 
 class Plant(NamedTuple):
-    """Plant of a velocity controller, ``gain / (alpha s + drag) * exp(-delay s)``, with ``delay`` in s."""
+    """Plant of a velocity controller, ``gain / (alpha s + drag + restoring / s) * exp(-delay s)``, with ``delay`` in
+    s. ``restoring`` is the moment per angle that pulls the craft back, or 0.
+    """
 
     gain: float
     alpha: float
     drag: float
     delay: float
+    restoring: float = 0.0
 
 
 def margins_of(loop: OpenLoop) -> Margins:
@@ -59,7 +62,7 @@ def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margi
         return []
     stable = _are_stable(controller, plants)
     response = controller.at(_S)
-    return _read_off(np.array([p.gain * response * _response(p.alpha, p.drag, p.delay) for p in plants]), stable)
+    return _read_off(np.array([p.gain * response * _response(*p[1:]) for p in plants]), stable)
 
 
 def worst(margins: list[Margins]) -> Margins:
@@ -138,23 +141,24 @@ def _zero_between(before: Array, after: Array) -> Array:
 
 
 @lru_cache(maxsize=2048)
-def _response(alpha: float, drag: float, delay: float) -> Complex:
+def _response(alpha: float, drag: float, delay: float, restoring: float) -> Complex:
     """Return the frequency response (n,) of a plant of gain one."""
-    response: Complex = np.exp(-delay * _S) / (alpha * _S + drag)
+    response: Complex = np.exp(-delay * _S) / (alpha * _S + drag + restoring / _S)
     return response
 
 
 def _are_stable(controller: Rational, plants: Sequence[Plant]) -> list[bool]:
     """Return which closed loops are stable, with the delay approximation of :meth:`OpenLoop.closed_loop_poles`."""
     stable = [False] * len(plants)
-    alike: dict[int, list[int]] = {}
+    alike: dict[tuple[int, bool], list[int]] = {}
     for k, plant in enumerate(plants):
-        alike.setdefault(len(_delayed(plant.alpha, plant.drag, plant.delay)[1]), []).append(k)
-    for own in alike.values():
-        parts = [_delayed(plants[k].alpha, plants[k].drag, plants[k].delay) for k in own]
+        alike.setdefault((len(_delayed(*plant[1:])[1]), plant.restoring != 0.0), []).append(k)
+    for (_, restored), own in alike.items():
+        parts = [_delayed(*plants[k][1:]) for k in own]
         gains = np.array([[plants[k].gain] for k in own])
-        forward = gains * _times(controller.num, np.array([top for top, _ in parts]))
-        closed = _times(controller.den, np.array([bottom for _, bottom in parts]))
+        path = differentiated(controller) if restored else controller
+        forward = gains * _times(path.num, np.array([top for top, _ in parts]))
+        closed = _times(path.den, np.array([bottom for _, bottom in parts]))
         if forward.shape[1] > closed.shape[1]:
             forward, closed = closed, forward
         closed[:, closed.shape[1] - forward.shape[1] :] += forward
@@ -193,7 +197,10 @@ def _is_stable(polynomial: Array) -> bool:
 
 
 @lru_cache(maxsize=2048)
-def _delayed(alpha: float, drag: float, delay: float) -> tuple[Array, Array]:
-    """Return numerator and denominator of a plant of gain one, including its delay."""
+def _delayed(alpha: float, drag: float, delay: float, restoring: float) -> tuple[Array, Array]:
+    """Return numerator and denominator of a plant of gain one, including its delay, from output to velocity.
+
+    With a restoring moment it is the plant from output to angle, so that the zero at s = 0 is in the controller.
+    """
     top, bottom = pade(delay)
-    return top, np.convolve(np.array([alpha, drag]), bottom)
+    return top, np.convolve(np.array([alpha, drag, restoring] if restoring else [alpha, drag]), bottom)
