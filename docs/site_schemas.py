@@ -107,6 +107,9 @@ def settings() -> dict[str, Any]:
         }
         for table, names in TABLES.items()
     }
+    whole = {name: each for table in tables.values() for name, each in table["properties"].items()}
+    one = {"type": "object", "properties": whole, "additionalProperties": False}
+    tables["craft"] = {"type": "object", "additionalProperties": one}
     return {
         "$schema": DRAFT,
         "title": "gcs-autotune.toml",

@@ -177,7 +177,10 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
                     master.mav.parse_buffer(data)
 
     def _tune(self, words: Sequence[str]) -> None:
-        args = make_parser(read_config(find_config())).parse_args(["tune", *words])
+        config = read_config(find_config())
+        args = make_parser(config).parse_args(["tune", *words])
+        if args.craft:
+            args = make_parser(config.of(args.craft)).parse_args(["tune", *words])
         if args.connect is not None or args.remote:
             raise UsageError("MAVProxy provides link and console. Omit --connect and --remote")
         now = datetime.now()

@@ -15,7 +15,7 @@ from typing import NoReturn
 
 from gcs_autotune import __version__
 from gcs_autotune.cli.command import Command, what_remains
-from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
+from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, craft_of, find_config, read_config, shown_value
 from gcs_autotune.cli.help import add_help
 from gcs_autotune.cli.tune_cmd import RESTORED, carry_out, tune_settings
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, OperatorStopped, UsageError, exit_code
@@ -114,8 +114,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = read_config(find_config())
         verb = next((word for word in arguments if word in COMMANDS), None)
         args = make_parser(config, None if verb == COMPLETION else verb).parse_args(arguments)
+        if craft := craft_of(config, args):
+            config = config.of(craft)
+            args = make_parser(config, verb).parse_args(arguments)
         if used := config.used_by(args):
             told = ", ".join(f"{name} {shown_value(value)}" for name, value in used.items())
+            told = f"craft {craft}: {told}" if craft else told
             sys.stderr.write(f"{visible(f'settings of {config.path}: {told}')}\n")
         code = COMMANDS[args.command].load().run(args)
         sys.stdout.flush()

@@ -170,6 +170,12 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
     group = parser.add_argument_group("connection")
     if not of_run:
         parser.set_defaults(configured_link="")
+        group.add_argument(
+            "--craft",
+            metavar="NAME",
+            help="use the settings [craft.NAME] of gcs-autotune.toml (default: those of the craft with this link, or "
+            "whose system id is received)",
+        )
     fallback = f" (default {otherwise})" if otherwise else ""
     group.add_argument(
         "--connect",

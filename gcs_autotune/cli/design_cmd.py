@@ -82,7 +82,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     out.add_argument("--no-page", action="store_true", help="write no report page")
     out.add_argument("--save", type=Path, metavar="FILE", help="write the autopilot's gains to FILE (.param)")
     out.add_argument(
-        "--styles", type=Path, metavar="FILE", help="write the designs of all styles to FILE (.json), to compare them"
+        "--styles",
+        type=Path,
+        metavar="FILE",
+        help="write nine designs from gentle to quick to FILE (.json), to compare them",
     )
     out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
 
@@ -139,7 +142,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _write_styles(settings: DeskSettings, file: Path) -> int:
-    """Write the designs of all styles to *file*."""
+    """Write the designs from gentle to quick to *file*."""
     from gcs_autotune.plain_json import json_text
     from gcs_autotune.report import styles_compared
     from gcs_autotune.workflow import designs_of_styles
@@ -149,7 +152,7 @@ def _write_styles(settings: DeskSettings, file: Path) -> int:
         file.write_text(json_text(compared), encoding="utf-8")
     except OSError as error:
         raise BadFile(f"{file} cannot be written: {error.strerror}") from error
-    sys.stdout.write(f"Designs of all styles: {file}{replaced}\n")
+    sys.stdout.write(f"Designs from gentle to quick: {file}{replaced}\n")
     return 0
 
 

@@ -67,7 +67,8 @@ def _run(args: argparse.Namespace) -> int:
         sys.stderr.write(visible(text, keep="\n") + "\n")
         sys.stderr.flush()
 
-    preset = read_config(find_config()).values
+    config = read_config(find_config())
+    preset = {**config.values, "craft": config.crafts}
     serve(ServeSettings(args.host, args.port, args.runs, tuple(args.allow_host), args.joystick_stop, preset), say)
     return 0
 

@@ -31,6 +31,7 @@ from gcs_autotune.cli.command import (
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import put_out
 from gcs_autotune.errors import ManoeuvreError, UsageError, exit_code
+from gcs_autotune.limits import finite
 from gcs_autotune.tunables import STEP_OPTIONS, TUNABLES, tunable
 
 if TYPE_CHECKING:
@@ -116,11 +117,26 @@ def add_style(group: argparse._ArgumentGroup) -> None:
     """Add the option ``--style``."""
     group.add_argument(
         "--style",
-        choices=STYLES,
+        type=_style,
+        metavar="STYLE",
         default=STYLES[0],
-        help="margins and bandwidth: normal (default), gentle (half the bandwidth, larger margins) or quick (smaller "
-        "margins); numbers in docs/tune.md",
+        help="margins and bandwidth: normal (default), gentle (half the bandwidth, larger margins), quick (smaller "
+        "margins), or a number from 0 (gentle) over 50 (normal) to 100 (quick); settings in docs/tune.md",
     )
+
+
+def _style(text: str) -> str:
+    """Return the style that was typed."""
+    if text not in STYLES:
+        try:
+            at = finite(text)
+        except UsageError:
+            at = -1.0
+        if not 0.0 <= at <= 100.0:
+            raise argparse.ArgumentTypeError(
+                f"unknown style '{text}'. Use {', '.join(STYLES)}, or a number from 0 (gentle) to 100 (quick)"
+            )
+    return text
 
 
 def check_style(args: argparse.Namespace) -> None:

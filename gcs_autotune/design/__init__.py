@@ -27,7 +27,7 @@ from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, pivots_wide, too_short
-from gcs_autotune.design.margins import crossings
+from gcs_autotune.design.margins import Plant, crossings, margins_of_each
 from gcs_autotune.design.motor_law import (
     SPEED_GAINS,
     STEERING_GAINS,
@@ -56,7 +56,7 @@ from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Proposal, StepMetrics
-from gcs_autotune.design.spec import STYLES, Spec, Style
+from gcs_autotune.design.spec import STYLE_STEPS, STYLES, Spec, Style, style_number, style_of
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.track_metrics import TrackMetrics, follows_better, track_metrics
 from gcs_autotune.design.verdict import Verdict, is_better, is_calmer, is_followed, is_no_worse, scatter_of
@@ -73,6 +73,7 @@ __all__ = [
     "SPEED_GAINS",
     "STEERING_GAINS",
     "STYLES",
+    "STYLE_STEPS",
     "UNSTABLE",
     "USED",
     "Actuator",
@@ -96,6 +97,7 @@ __all__ = [
     "OnLeg",
     "OpenLoop",
     "ParameterLimit",
+    "Plant",
     "PositionDesign",
     "PositionMetrics",
     "Prediction",
@@ -133,6 +135,7 @@ __all__ = [
     "line_changes",
     "linearity",
     "loiter_change",
+    "margins_of_each",
     "motor_changes",
     "over_windows",
     "pivots_wide",
@@ -144,6 +147,8 @@ __all__ = [
     "scatter_of",
     "shortfall_of",
     "step_metrics",
+    "style_number",
+    "style_of",
     "throttle_of",
     "too_short",
     "track_metrics",

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
+
+import numpy as np
 
 from gcs_autotune.control import REFERENCE_MODELS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
-__all__ = ["STYLES", "Spec", "Style"]
+__all__ = ["STYLES", "STYLE_STEPS", "Spec", "Style", "style_number", "style_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +35,8 @@ class Style:
     def __str__(self) -> str:
         """Return its numbers in words."""
         return (
-            f"{self.bandwidth:.0%} of the bandwidth of the fastest loop with a gain margin of {self.gain_margin:g} and "
-            f"a phase margin of {math.degrees(self.phase_margin):.0f} deg"
+            f"{self.bandwidth:.0%} of the bandwidth of the fastest loop with a gain margin of {self.gain_margin:.3g} "
+            f"and a phase margin of {math.degrees(self.phase_margin):.0f} deg"
         )
 
 
@@ -45,6 +47,41 @@ STYLES: Mapping[str, Style] = {
 }
 """Name -> style. Project choice: the margins of ``quick`` are near the least that any proposal may have."""
 NORMAL = STYLES["normal"]
+STYLE_STEPS = ("gentle", "12", "25", "38", "normal", "62", "75", "88", "quick")
+"""Styles that are compared, from slow to fast. Between two of them a predicted step changes little. Project choice."""
+
+
+def style_number(name: str) -> float:
+    """Return the place of a style between 0 (gentle) and 100 (quick). *name*: one in :data:`STYLES`, or the number.
+
+    Raises
+    ------
+    UsageError
+        It is neither.
+    """
+    if name in STYLES:
+        return 100.0 * list(STYLES).index(name) / (len(STYLES) - 1)
+    try:
+        number = float(name)
+    except ValueError:
+        number = math.nan
+    if not 0.0 <= number <= 100.0:
+        raise UsageError(f"unknown style '{name}'. Use {', '.join(STYLES)}, or a number from 0 (gentle) to 100 (quick)")
+    return number
+
+
+def style_of(name: str) -> Style:
+    """Return the style called *name*, as for :func:`style_number`.
+
+    The settings of a number lie on straight lines between those of the neighbouring names.
+
+    Raises
+    ------
+    UsageError
+        There is no such style.
+    """
+    at, known = style_number(name), np.linspace(0.0, 100.0, len(STYLES))
+    return Style(*(float(np.interp(at, known, each)) for each in zip(*map(astuple, STYLES.values()), strict=True)))
 
 
 @dataclass(frozen=True, slots=True)

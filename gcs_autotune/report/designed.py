@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.control import DirectLine, LineOfHeading, OwnDesign
-from gcs_autotune.design import Change, DiskMargin, LoopAnalysis, LoopResponse, Margins, OpenLoop, Proposal
+from gcs_autotune.design import (
+    Change,
+    DiskMargin,
+    LoopAnalysis,
+    LoopResponse,
+    Margins,
+    OpenLoop,
+    Proposal,
+    style_number,
+)
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.flight.held import gains_of_own
 from gcs_autotune.report.toolkit.canvas import AFTER, BAND, BEFORE, FAINT, INK, WANTED, legend, new_axes
@@ -418,8 +427,12 @@ def _plain(found: LoopAnalysis) -> dict[str, Any]:
 
 
 def styles_compared(designs: Mapping[str, DesignedGains | str]) -> dict[str, Any]:
-    """Return the designs by style as plain data for a page: gains, margins and predicted step; SI and radians."""
-    return {"schema": 1, "styles": {style: _compared(one) for style, one in designs.items()}}
+    """Return the designs by style as plain data for a page: gains, margins and predicted step; SI and radians.
+
+    ``at`` is the place of a style between gentle (0) and quick (100).
+    """
+    styles = [{"style": name, "at": style_number(name), **_compared(one)} for name, one in designs.items()]
+    return {"schema": 2, "styles": styles}
 
 
 def _compared(design: DesignedGains | str) -> dict[str, Any]:

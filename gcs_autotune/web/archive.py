@@ -21,11 +21,12 @@ from msgspec import Struct
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.errors import UsageError
+from gcs_autotune.mavlink import save_params
 from gcs_autotune.untrusted_text import visible
 from gcs_autotune.web.job import JOB, is_settled, page_of, read_json
 from gcs_autotune_files import Refused, conform, parse, read
 
-__all__ = ["GUIDED", "KINDS", "ORDERED", "STYLED", "Archive", "loop_of", "packed", "undo_of"]
+__all__ = ["GUIDED", "KINDS", "ORDERED", "STYLED", "Archive", "gains_of", "loop_of", "packed", "undo_of"]
 
 KINDS: Mapping[str, str] = {
     ".html": "text/html",
@@ -36,7 +37,7 @@ KINDS: Mapping[str, str] = {
 ORDERED = "ordered.json"
 """File of a run with what was chosen for it on the page."""
 STYLED = "styles.json"
-"""File of a run with the designs of all styles."""
+"""File of a run with the designs from gentle to quick."""
 GUIDED = "all"
 """Job of ``tune all``: the loops of a vehicle in order."""
 DROPPED = (".tlog", ".bin", ".log", ".csv")
@@ -168,6 +169,33 @@ def loop_of(folder: Path) -> str:
     """Return the loop that can be designed from the model of the run in *folder*; empty if there is none."""
     loop = str(read_json(folder / "summary.json").get("axis", ""))
     return loop if loop in AXES and (folder / "model.json").is_file() else ""
+
+
+def gains_of(designs: Path, style: str) -> Path:
+    """Write the gains of *style* in the file *designs* to a parameter file beside it, and return its path.
+
+    Raises
+    ------
+    UsageError
+        The file contains no new gains for this style, or the disk is full.
+    """
+    told = read_json(designs).get("styles")
+    found = (
+        [one for one in told if isinstance(one, dict) and one.get("style") == style] if isinstance(told, list) else []
+    )
+    try:
+        rows = [(str(gain["parameter"]), float(gain["old"]), float(gain["new"])) for gain in found[0]["gains"]]
+    except (LookupError, TypeError, ValueError):
+        rows = []
+    if all(old == new for _, old, new in rows):
+        raise UsageError(f"style '{style[:20]}' has no new gains to prove. Choose another one")
+    gains = {name: new for name, _, new in rows}
+    file = designs.with_name(f"style-{style}.param")
+    try:
+        save_params(file, gains, comment=f"designed for style {style}, not flown")
+    except OSError as error:
+        raise UsageError(f"the gains could not be stored: {error.strerror or error}") from error
+    return file
 
 
 def undo_of(folder: Path) -> tuple[str, ...]:

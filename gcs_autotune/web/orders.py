@@ -21,7 +21,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.limits import axes_of, limit_of
 from gcs_autotune.manoeuvres import DOF_OF, MANOEUVRES, ManoeuvreKind, read_area
 from gcs_autotune.registry import lookup
-from gcs_autotune.web.archive import GUIDED, Archive, undo_of
+from gcs_autotune.web.archive import GUIDED, STYLED, Archive, gains_of, undo_of
 
 __all__ = ["RunOrder", "fields", "make_order"]
 
@@ -62,6 +62,8 @@ _BOAT, _ROV, _BEFORE_A_WALL = "sitl:charlie", "sitl:bluerov2", "sitl:videoray-wa
 SIDES = ("starboard", "port")
 STYLES = ("gentle", "normal", "quick")
 """Names of ``design.STYLES``, from slow to fast; importing that takes a second."""
+DESIGNING = ("full-scale", "settling-time", "relay-output", "relay-hysteresis", "relays")
+"""Numbers on the page that are not used if designed gains are only proved."""
 _LONGEST_URI, _LONGEST_AREA = 300, 4000
 
 
@@ -95,11 +97,20 @@ LINK_VARIABLE = "GCS_AUTOTUNE_LINK"
 def fields(preset: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
     """Return the fields of the page: jobs, axes with default links, numbers with ranges, as typed.
 
-    preset : option -> value of the settings file, which applies to a run that does not choose another.
+    preset : option -> value of the settings file, which applies to a run that does not choose another. ``craft``: those
+    of each craft by name.
     """
+    asked = {name for names in _ASKED.values() for name in names}
     return {
         "link": os.environ.get(LINK_VARIABLE, "") or str(preset.get("connect", "")),
         "crafts": CRAFTS,
+        "presets": {
+            name: {
+                "connect": str(own.get("connect", "")),
+                "numbers": {key: f"{v:g}" for key, v in own.items() if key in asked},
+            }
+            for name, own in preset.get("craft", {}).items()
+        },
         "everyday": EVERYDAY,
         "jobs": [{"name": name, "title": title, "example": _BOAT} for name, title in JOBS.items()],
         "axes": [{"name": name, "example": kind.example, "signal": kind.stepped} for name, kind in AXES.items()],
@@ -161,8 +172,10 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
     """Return the order for the values *chosen* on the page.
 
     The keys are ``job``, ``connect``, ``dry_run``, ``fetch_log``, ``numbers`` by name, ``axis`` and ``style``. To fly
-    they are ``manoeuvre``, ``force``, ``first_to``, ``area``. ``model`` is a file in a folder of *runs*, used for the
-    design or the preview. A dry run of a manoeuvre is its preview. ``resume``: name of a guided run to continue.
+    they are ``manoeuvre``, ``force``, ``first_to``, ``area``. ``craft`` is one of the settings file. ``model`` is a
+    file in a folder of *runs*, used for the design or the preview. Its ``styles.json`` stands for the gains designed
+    for ``style``; they are only proved. A dry run of a manoeuvre is its preview. ``resume``: name of a guided run to
+    continue.
 
     Raises
     ------
@@ -188,12 +201,18 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
     else:
         what = axis = GUIDED if job == GUIDED else str(chosen.get("axis", ""))
         example = _BOAT if job == GUIDED else lookup(AXES, axis, "axis").example
+        if _proves(chosen) and isinstance(numbers, Mapping):
+            numbers = {name: value for name, value in numbers.items() if name not in DESIGNING}
         words = _numbers(numbers, job, axis) + ["--dry-run"] * (dry and job != "experiment") + _style(chosen, job)
     uri = uri or example
     words += _model(chosen, job, runs)
     words += ["--fetch-log"] * (chosen.get("fetch_log") is True)
     if len(uri) > _LONGEST_URI or not uri.isprintable():
         raise UsageError("link: not a connection URI. Write e.g. udpin:0.0.0.0:14550")
+    if craft := str(chosen.get("craft") or ""):
+        if len(craft) > _LONGEST_URI or not craft.isprintable():
+            raise UsageError("craft: not a name of gcs-autotune.toml. Choose one from the list")
+        words.append(f"--craft={craft}")
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")[:60]
     directory, earlier = _fresh(runs / f"{now:%Y%m%d-%H%M%S}-{label}-{what}"), str(chosen.get("resume") or "")
     if earlier and job == GUIDED:
@@ -219,7 +238,8 @@ def _undo(name: str, runs: Path) -> RunOrder:
 def _style(chosen: Mapping[str, Any], job: str) -> list[str]:
     """Return the option for the chosen style of a tune."""
     style = str(chosen.get("style") or "normal")
-    lookup(dict.fromkeys(STYLES, True), style, "style")
+    if not _proves(chosen):  # else it is looked up among the designs
+        lookup(dict.fromkeys(STYLES, True), style, "style")
     return [f"--style={style}"] * (style != "normal" and job in (GUIDED, "tune"))
 
 
@@ -260,9 +280,15 @@ def _model(chosen: Mapping[str, Any], job: str, runs: Path) -> list[str]:
     if not inner.endswith(".json"):
         raise UsageError("model: not a model file of a run. Choose one from the list")
     try:
-        return [f"--model={Archive(runs).path(name, inner)}"]
+        file = Archive(runs).path(name, inner)
     except UsageError as error:
         raise UsageError(f"model: {error}") from None
+    return [f"--gains={gains_of(file, str(chosen.get('style')))}"] if _proves(chosen) else [f"--model={file}"]
+
+
+def _proves(chosen: Mapping[str, Any]) -> bool:
+    """Return whether the run only proves gains that were designed on the page."""
+    return chosen.get("job") == "tune" and str(chosen.get("model") or "").endswith(f"/{STYLED}")
 
 
 def _fresh(path: Path) -> Path:

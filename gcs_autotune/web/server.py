@@ -42,7 +42,7 @@ class ServeSettings:
     """Where the page is served: *host* and *port* to listen on, the folder of *runs*, and other names of the server.
 
     ``joystick_stop``: whether Cockpit is offered a STOP for a joystick button. ``preset``: option -> value
-    of the settings file.
+    of the settings file; ``craft``: those of each craft by name.
     """
 
     host: str

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from gcs_autotune.axes import excitation_of, position_axis
 from gcs_autotune.craft import Observation
-from gcs_autotune.design import STYLES
+from gcs_autotune.design import style_of
 from gcs_autotune.manoeuvres import FAR_OUT, NEARLY, Envelope
 from gcs_autotune.observer import Intention
 from gcs_autotune.sname import DOFS
@@ -126,9 +126,16 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> Intention:
     return Intention(f"use {draws}{assumed} ({', '.join(known)})", "Battery", f"about {share} % ({', '.join(known)})")
 
 
-def styled(name: str) -> Intention:
-    """Return a sentence with the numbers of the style called *name*."""
-    return Intention(f"design for style {name}: {STYLES[name]}", "Style", f"{name}: {STYLES[name]}")
+def styled(name: str, *, designs: bool = True) -> Intention:
+    """Return a sentence with the numbers of the style called *name*.
+
+    designs : whether gains are designed. Otherwise existing ones are compared by what the style accepts.
+    """
+    style = style_of(name)
+    if designs:
+        return Intention(f"design for style {name}: {style}", "Style", f"{name}: {style}")
+    told = f"an error up to {style.slower:.2g} times as large is accepted if the actuator travels clearly less"
+    return Intention(f"compare by style {name}: {told}", "Style", f"{name}: {told}")
 
 
 def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention, ...]:

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from gcs_autotune.design import (
-    STYLES,
     Proposal,
     StepMetrics,
     Verdict,
@@ -19,6 +18,7 @@ from gcs_autotune.design import (
     is_calmer,
     over_windows,
     scatter_of,
+    style_of,
 )
 from gcs_autotune.errors import ParameterMissing
 from gcs_autotune.firmware import Axis, Firmware, read_named
@@ -134,7 +134,7 @@ class _AutopilotLoop:
         other = None if self._beside is None else self._beside.compared(context)
         log.beside = None if other is None else (other.before, other.after)
         errors = None if other is None else (other.before.itae, other.after.itae)
-        slower = STYLES[context.settings.style].slower
+        slower = style_of(context.settings.style).slower
         verdict = is_better(then, now, context.law.free_overshoot, errors, scatter, slower)
         followed = Verdict(True, ()) if other is None else other.verdict
         verdict = Verdict(verdict.better and followed.better, (*verdict.reasons, *followed.reasons))
@@ -213,7 +213,7 @@ class _DesignedGains(_AutopilotLoop):
         measured = context.log.metrics_before = context.run_in_background(criteria.read, before, proposal.windows)
         source = found or context.given
         self._known = None if source is None else known_of(source, context.axis)
-        return _offer_of(proposal, measured, STYLES[context.settings.style].slower)
+        return _offer_of(proposal, measured, style_of(context.settings.style).slower)
 
     def _proof_of_velocity(self, source: Identified | SuppliedModel | None) -> Proof:
         assert source is not None

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from gcs_autotune.design import STYLES, Proposal, Spec, StepMetrics, design, design_from
+from gcs_autotune.design import Proposal, Spec, StepMetrics, design, design_from, style_of
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import Fit, Model
@@ -105,7 +105,7 @@ def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, c
 
 def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Trial) -> Spec:
     s, proof, flown = context.settings, criteria.proof, criteria.proof.settings
-    style = STYLES[s.style]
+    style = style_of(s.style)
     speed = speed if proof.design_speed is None else proof.design_speed
     by_thrust = context.craft.skid or context.present.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0
     return Spec(

@@ -20,7 +20,7 @@ from gcs_autotune.control import (
     uncertainty_of,
 )
 from gcs_autotune.design import (
-    STYLES,
+    STYLE_STEPS,
     Change,
     Spec,
     analyse_own,
@@ -28,6 +28,7 @@ from gcs_autotune.design import (
     design,
     in_fractions,
     pulse_of,
+    style_of,
     turn_rate_step,
 )
 from gcs_autotune.documents import MODEL
@@ -71,7 +72,7 @@ class DeskSettings:
     full_scale : model input at full output, if the model's input is not an output.
     speed, throttle : speed [m/s] and throttle [fraction] at which a boat was identified.
     step : size of the step [rad, m or m/s]. kind : family of the model function.
-    style : margins and bandwidth, a name in ``design.STYLES``.
+    style : margins and bandwidth, one of ``design.style_of``.
     omega_0 [rad/s], settling_time [s] : speed of the loop. gain_margin [ratio], phase_margin [rad] : least margins,
     instead of those of the style.
     guidance, approach : line law, a name in ``LINE_LAWS``, and its largest angle to the line [rad].
@@ -121,7 +122,7 @@ def design_at_desk(settings: DeskSettings) -> Designed:
 
 
 def designs_of_styles(settings: DeskSettings) -> dict[str, DesignedGains | str]:
-    """Return the design of a loop of the autopilot for each style; why there is none, if no gains keep its margins.
+    """Return the design of a loop of the autopilot for each of ``STYLE_STEPS``, or why no gains keep its margins.
 
     Raises
     ------
@@ -129,7 +130,7 @@ def designs_of_styles(settings: DeskSettings) -> dict[str, DesignedGains | str]:
         As :func:`design_at_desk`.
     """
     found: dict[str, DesignedGains | str] = {}
-    for style in STYLES:
+    for style in STYLE_STEPS:
         try:
             designed = design_at_desk(replace(settings, style=style))
         except NoGainsMeetSpec as error:
@@ -259,7 +260,7 @@ def _spec(
         speed, measured = top - step, cruise_pair(known, throttle, present)
     elif axis.kind.controls_velocity and step is None:
         step = turn_rate_step(known.model, at_rest=not speed)[0]
-    style = lookup(STYLES, settings.style, "style")
+    style = style_of(settings.style)
     return Spec(
         step=axis.kind.step if step is None else step,
         kind=settings.kind,
@@ -293,7 +294,7 @@ def _own(settings: DeskSettings) -> DesignedOwn:
     omega_0 = settings.omega_0
     if settings.settling_time is not None:
         omega_0 = omega_for_settling(settings.kind, settings.settling_time)
-    style = lookup(STYLES, settings.style, "style")
+    style = style_of(settings.style)
     least = LEAST_MARGINS
     if style.bandwidth < 1.0:  # the model function sets the phase margin
         least = replace(least, gain=style.gain_margin)

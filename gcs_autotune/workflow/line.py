@@ -17,7 +17,6 @@ import numpy as np
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import (
     LINE_PARAMETERS,
-    STYLES,
     HullTurn,
     OnLeg,
     TrackMetrics,
@@ -25,6 +24,7 @@ from gcs_autotune.design import (
     follows_better,
     line_changes,
     pivots_wide,
+    style_of,
     too_short,
     track_metrics,
 )
@@ -169,7 +169,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             Intention(f"need {free}. A smaller --leg-length needs less", "Space", free),
             how_long(itinerary),
             battery(now, envelope, itinerary.seconds),
-            f"choose parameters for style {settings.style}: {STYLES[settings.style].bandwidth:.0%} of the bandwidth",
+            f"choose parameters for style {settings.style}: {style_of(settings.style).bandwidth:.0%} of the bandwidth",
         ),
         fly=fly,
         writes="write no parameter (dry run)" if settings.dry_run else changes,
@@ -449,7 +449,7 @@ class _Line:
         pivots = self._craft.skid and self._present.get("WP_PIVOT_ANGLE", 0.0) > 5.0
         before = self._log.track_before
         wide = pivots and before is not None and pivots_wide(before, speed / rate)
-        return HullTurn(speed, rate, lag, pivots, wide, _on_legs(self._before), STYLES[self._tune.style].bandwidth)
+        return HullTurn(speed, rate, lag, pivots, wide, _on_legs(self._before), style_of(self._tune.style).bandwidth)
 
 
 JOB = TuneJob(tune_line, _declare)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from gcs_autotune.design import STYLES
+from gcs_autotune.design import style_of
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import ModelFile, Structure
@@ -16,7 +16,6 @@ from gcs_autotune.link import Transport, open_link
 from gcs_autotune.manoeuvres import Envelope, StepSettings
 from gcs_autotune.mavlink import SigningKey
 from gcs_autotune.models import Form
-from gcs_autotune.registry import lookup
 from gcs_autotune.thrusters import PullTest
 
 __all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "StudySettings", "SuppliedGains", "TuneSettings"]
@@ -145,7 +144,7 @@ class TuneSettings(CommonSettings):
     step, step_duration : size of the step that proves gains [rad, m, m/s or rad/s], and duration [s] of each half.
     relay_output, relay_hysteresis : amplitude of the relays [fraction of full output] and their hysteresis [rad or m].
     model : family of the reference model. settling_time [s], omega_0 [rad/s] : speed of the reference model.
-    style : margins and bandwidth, a name in ``design.STYLES``.
+    style : margins and bandwidth, one of ``design.style_of``.
     given : a model to design from instead of flying experiments. full_scale : the model's input at full output, in its
         unit.
     dry_run : whether to write nothing.
@@ -188,7 +187,7 @@ class TuneSettings(CommonSettings):
         """Check that the numbers are within their limits and that the stop rule exists."""
         CommonSettings.__post_init__(self)
         _check_limits(self, _TUNE_NUMBERS, self.axis)
-        lookup(STYLES, self.style, "style")
+        style_of(self.style)
         if self.stop_rule not in STOP_RULES:
             raise UsageError(f"unknown stop rule '{self.stop_rule}'. Use {' or '.join(STOP_RULES)}")
 

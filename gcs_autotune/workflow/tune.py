@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 
-from gcs_autotune.design import LAWS
+from gcs_autotune.design import LAWS, style_of
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.observer import Observer
@@ -122,7 +122,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     again = "" if settings.agreed else ", after asking again,"
     changes = f"write some of {gains}{again} and restore the old values unless the new ones are better"
 
-    loop = autopilot_loop(context)
+    loop, designs = autopilot_loop(context), settings.gains is None
     return Mission(
         itinerary=itinerary,
         modes=(firmware.hold_mode, firmware.manual_mode),
@@ -131,7 +131,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
             room(axis.dof, context.speed, settings, now, whole),
             how_long(itinerary, patient.seconds),
             battery(now, settings.envelope, itinerary.seconds),
-            *([] if settings.gains is not None else [styled(settings.style)]),
+            *([styled(settings.style, designs=designs)] if designs or style_of(settings.style).slower > 1.0 else []),
         ),
         fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
         writes="write no parameter (dry run)" if settings.dry_run else changes,

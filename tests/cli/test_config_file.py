@@ -8,9 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from gcs_autotune import link
 from gcs_autotune.cli import find_config, main, make_parser, read_config
-from gcs_autotune.cli.config_file import CONFIG_VARIABLE, ConfigFile
+from gcs_autotune.cli.config_file import CONFIG_VARIABLE, ConfigFile, craft_of
 from gcs_autotune.errors import BadFile, UnknownName, UsageError
+from gcs_autotune.link import Overheard
+from gcs_autotune.link.discovery import VehicleCandidate
 
 WHOLE = '[link]\nconnect = "udpin:0.0.0.0:14551"\nsystem-id = 7\nsigning-key = "key.txt"\n[limits]\nmax-distance = 40\n'
 
@@ -68,6 +71,7 @@ def test_help_and_run_say_which_file_is_used(tmp_path, monkeypatch, capsys):
         ("[limit]\nmax-distance = 4\n", "Did you mean limits"),
         ("[limits]\nmax-distanse = 40\n", "Did you mean max-distance"),
         ("[link]\nconect = 'sitl:charlie'\n", "Did you mean connect"),
+        ("[craft.otter]\nmax-sped = 2\n", r"setting of \[craft.otter\] in .*gcs-autotune.toml 'max-sped'"),
     ],
 )
 def test_an_unknown_key_is_answered_with_the_nearest_spelling(tmp_path, text, words):
@@ -84,11 +88,64 @@ def test_an_unknown_key_is_answered_with_the_nearest_spelling(tmp_path, text, wo
         ("[link]\nsystem-id = 1.5\n", "not a whole number"),
         ("[link]\nconnect = 14550\n", "must be text in quotation marks"),
         ("limits = 3\n", "must be a table"),
+        ("[craft.otter]\nmax-speed = 'fast'\n", r"gcs-autotune.toml: \[craft.otter\] max-speed: must be a number"),
+        ("[craft]\nmax-speed = 2\n", r"Write \[craft.NAME\] and max-speed below it"),
     ],
 )
 def test_a_value_is_held_to_the_same_limits_as_a_typed_one(tmp_path, text, words):
     with pytest.raises(UsageError, match=words):
         read_config(written(tmp_path, text))
+
+
+CRAFTS = """[limits]
+max-distance = 40
+[craft.otter]
+system-id = 3
+max-speed = 2
+[craft.pike]
+connect = "udpin:127.0.0.1:14561"
+max-distance = 90
+"""
+
+
+def chosen(config: ConfigFile, *words: str) -> str:
+    return craft_of(config, make_parser(config).parse_args(["tune", "heading", *words]))
+
+
+def test_a_craft_is_selected_by_name_by_link_or_by_the_system_id_received(tmp_path, monkeypatch):
+    config = read_config(written(tmp_path, CRAFTS))
+    heard = VehicleCandidate(3, 1, 3, 11, False, 0)
+    listened = []
+    monkeypatch.setattr(link, "overhear", lambda uri, seconds: listened.append(uri) or Overheard(uri, (heard,)))
+    assert chosen(config, "--craft", "pike") == "pike"
+    assert chosen(config, "--connect", "udpin:127.0.0.1:14561") == "pike"
+    assert chosen(config, "--connect", "sitl:charlie") == chosen(config) == ""
+    assert chosen(config, "--connect", "udpin:127.0.0.1:9", "--system-id", "3") == "otter"
+    assert chosen(config, "--connect", "udpin:127.0.0.1:9", "--system-id", "4") == ""
+    assert listened == []
+    assert chosen(config, "--connect", "udpin:127.0.0.1:9") == "otter"
+    assert listened == ["udpin:127.0.0.1:9"]
+    twice = read_config(written(tmp_path, CRAFTS + "system-id = 3\n"))
+    with pytest.raises(UsageError, match=r"several crafts .* match .*: otter, pike. Select one with --craft"):
+        chosen(twice, "--connect", "udpin:127.0.0.1:9")
+
+
+def test_the_settings_of_a_craft_replace_the_common_ones_and_a_typed_one_counts_more(tmp_path, monkeypatch, capsys):
+    config = read_config(written(tmp_path, CRAFTS))
+    for craft, distance, speed in (("otter", 40.0, 2.0), ("pike", 90.0, None)):
+        args = make_parser(config.of(craft)).parse_args(["tune", "heading"])
+        assert args.max_distance == distance and (speed is None or args.max_speed == speed)
+    typed = make_parser(config.of("pike")).parse_args(["tune", "heading", "--max-distance", "50"])
+    assert (typed.max_distance, typed.configured_link) == (50.0, "udpin:127.0.0.1:14561")
+    with pytest.raises(UnknownName, match=r"unknown craft in .*gcs-autotune.toml 'pyke'. Did you mean pike"):
+        config.of("pyke")
+    with pytest.raises(UsageError, match=r"--craft pike needs a table \[craft.pike\]"):
+        ConfigFile().of("pike")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv(CONFIG_VARIABLE, raising=False)
+    words = ["tune", "heading", "--craft", "otter", "--connect", "sitl:nosuchboat", "--out", "run"]
+    assert main(words) == 2
+    assert "craft otter: max-distance 40, system-id 3, max-speed 2" in capsys.readouterr().err
 
 
 def test_a_damaged_file_is_refused_with_the_way_round_it(tmp_path):

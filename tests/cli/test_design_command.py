@@ -54,8 +54,10 @@ def test_gains_for_ardurover_are_printed_with_the_defaults_saved_and_shown_on_a_
 def test_all_styles_are_designed_into_one_file_to_compare_them(tmp_path, briefly, capsys):
     model, file = written(tmp_path / "rov.json", HEAVE), tmp_path / "styles.json"
     assert main(["design", str(model), "--for", "depth", "--full-scale", "100", "--styles", str(file)]) == 0
-    styles = json.loads(file.read_text())["styles"]
-    assert set(styles) == {"gentle", "normal", "quick"}
+    found = json.loads(file.read_text())["styles"]
+    assert [one["at"] for one in found] == sorted(one["at"] for one in found)
+    assert [one["style"] for one in (found[0], found[4], found[8])] == ["gentle", "normal", "quick"]
+    styles = {one["style"]: one for one in found}
     for style, least in (("gentle", 3.5), ("normal", 2.5), ("quick", 2.0)):
         found, step = styles[style], styles[style]["step"]
         assert found["margins"]["gain"] is None or found["margins"]["gain"] > 0.99 * least

@@ -8,7 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_autotune.design import STYLES, Proposal, Spec, StepMetrics, design, is_better
+from gcs_autotune.design import (
+    STYLE_STEPS,
+    STYLES,
+    Proposal,
+    Spec,
+    StepMetrics,
+    design,
+    is_better,
+    style_number,
+    style_of,
+)
+from gcs_autotune.errors import UsageError
 
 from .crafts import DEG, ROVER_DEFAULTS, ROVER_HEADING, yaw
 
@@ -61,6 +72,19 @@ def test_a_slower_loop_is_better_for_a_gentle_style_if_the_actuator_travels_less
     assert not is_better(STEP, replace(slower, itae=8.1), slower=gentle.slower).better
     assert not is_better(STEP, replace(slower, travel=0.39), slower=gentle.slower).better
     assert not is_better(STEP, replace(slower, overshoot=0.3), slower=gentle.slower).better
+
+
+def test_a_number_is_a_style_between_its_neighbours() -> None:
+    assert style_of("50") == style_of("normal") == STYLES["normal"]
+    between = style_of("25")
+    assert (between.bandwidth, between.gain_margin) == (0.75, 3.0)
+    assert math.isclose(math.degrees(between.phase_margin), 52.5)
+    assert style_of("75").gain_margin == 2.25
+    places = [style_number(name) for name in STYLE_STEPS]
+    assert places == sorted(places) and {0.0, 50.0, 100.0} <= set(places)
+    for wrong in ("-1", "101", "nan", "fast", ""):
+        with pytest.raises(UsageError, match="from 0"):
+            style_of(wrong)
 
 
 def test_a_style_states_its_numbers() -> None:

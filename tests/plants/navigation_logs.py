@@ -58,7 +58,7 @@ def motion(vehicle: str, seed: int, seconds: float) -> Motion:
 
 
 def hidden(seed: int, devices: tuple[str, ...]) -> dict[str, np.ndarray | float]:
-    """Return biases, lever arms from the inertial sensor and delays, drawn at random."""
+    """Return biases, lever arms from the inertial sensor, delays, declination and the compass's turn in its mount."""
     rng = np.random.default_rng([seed, 7])
     found = {
         "gyro bias": rng.normal(0.0, 0.01, 3),
@@ -70,6 +70,7 @@ def hidden(seed: int, devices: tuple[str, ...]) -> dict[str, np.ndarray | float]
         found[f"{device} delay"] = float(rng.uniform(0.02, 0.3))
         if device != "compass":
             found[f"{device} arm"] = rng.normal(0.0, 0.25, 3)
+    found["compass turn"] = rng.normal(0.0, 0.035, 3)  # a mount about 2 degrees off on each axis
     return found
 
 
@@ -114,7 +115,8 @@ def log(vehicle: str, seed: int, seconds: float = 100.0, devices: tuple[str, ...
         elif device == "compass":
             offset = float(told["compass offset"])
             field = np.array([20.0 * np.cos(offset), -20.0 * np.sin(offset), 40.0])  # an unknown declination
-            body = seen(np.einsum("nji,j->ni", true.R, field))
+            mount = Rotation.from_rotvec(told["compass turn"]).as_matrix()
+            body = seen(np.einsum("nji,j->ni", true.R, field)) @ mount  # from the craft's axes to the compass's
             columns["compass"] = (
                 stamps,
                 ("mx", "my", "mz"),

@@ -19,6 +19,7 @@ from starlette.websockets import WebSocketDisconnect
 from gcs_autotune.cli import make_parser
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres import MANOEUVRES, ManoeuvreKind
+from gcs_autotune.mavlink import load_params
 from gcs_autotune.web import Access, CommandLine, make_app
 from gcs_autotune.web.access import TOKEN_HEADER
 from gcs_autotune.web.app import FILES, STATIC
@@ -297,12 +298,16 @@ def test_every_manoeuvre_can_be_chosen_with_each_force_and_its_options(kind: Man
 
 
 def test_the_settings_file_is_shown_where_a_field_is_left_empty(tmp_path: Path) -> None:
-    preset = {"connect": "/dev/ttyUSB0,57600", "max-distance": 40.0}
+    otter = {"connect": "udpin:0.0.0.0:14561", "max-speed": 2.0, "signing-key": tmp_path / "key"}
+    preset = {"connect": "/dev/ttyUSB0,57600", "max-distance": 40.0, "craft": {"otter": otter}}
     with TestClient(make_app(tmp_path, Access(), PROGRAM, preset), base_url="http://127.0.0.1:8090") as one:
         about = one.get("/about").json()
     everyday = {field["name"]: field["by_axis"][""]["usual"] for field in about["numbers"][about["everyday"]]}
     assert (about["link"], everyday["max-distance"]) == ("/dev/ttyUSB0,57600", "40 (gcs-autotune.toml)")
     assert "toml" not in everyday["max-time"]
+    assert about["presets"] == {"otter": {"connect": "udpin:0.0.0.0:14561", "numbers": {"max-speed": "2"}}}
+    order = make_order({"job": "tune", "axis": "heading", "craft": "otter"}, tmp_path, NOW)
+    assert make_parser().parse_args(list(order.arguments)).craft == "otter"
 
 
 def test_ports_are_listened_to_by_the_command_and_never_during_a_run(tmp_path: Path) -> None:
@@ -421,7 +426,7 @@ def test_nothing_is_undone_where_nothing_was_kept_or_the_vehicle_is_gone(
         make_order({"job": "undo", "run": "lake"}, tmp_path, NOW)
 
 
-def test_a_run_with_the_model_of_a_loop_offers_what_if_and_its_proof_is_a_tune_from_that_model(
+def test_a_run_with_the_model_of_a_loop_offers_what_if_and_its_proof_flies_the_gains_shown(
     tmp_path: Path,
 ) -> None:
     folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0")
@@ -434,9 +439,21 @@ def test_a_run_with_the_model_of_a_loop_offers_what_if_and_its_proof_is_a_tune_f
     words = VERBS["what-if"](folder, folder, "yaw", folder)
     args = make_parser().parse_args(words)
     assert (args.loop, args.styles, entry["loop"]) == ("heading", folder / "styles.json", "heading")
-    proof = {"job": "tune", "axis": entry["loop"], "style": "quick", "model": "lake/model.json"}
+    gains = [
+        {"parameter": "ATC_STR_ANG_P", "old": 2.0, "new": 1.25},
+        {"parameter": "ATC_STR_RAT_P", "old": 0.2, "new": 0.2},
+    ]
+    designs = [{"style": "38", "at": 38.0, "gains": gains}, {"style": "quick", "error": "none"}]
+    (folder / "styles.json").write_text(json.dumps({"schema": 2, "styles": designs}))
+    numbers = {"settling-time": "4", "full-scale": "2", "max-distance": "50"}  # of a run that designed
+    proof = {"job": "tune", "axis": "heading", "style": "38", "model": "lake/styles.json", "numbers": numbers}
     tune = make_parser().parse_args(list(make_order({**proof, "connect": entry["link"]}, tmp_path, NOW).arguments))
-    assert (tune.style, tune.model, tune.connect, tune.yes) == ("quick", folder / "model.json", "/dev/ttyUSB0", False)
+    assert (tune.style, tune.gains, tune.model) == ("38", folder / "style-38.param", None)
+    assert (tune.connect, tune.yes, tune.max_distance, tune.settling_time) == ("/dev/ttyUSB0", False, 50.0, None)
+    assert load_params(tune.gains) == {"ATC_STR_ANG_P": 1.25, "ATC_STR_RAT_P": 0.2}
+    for style in ("quick", "62", "../../x"):
+        with pytest.raises(UsageError, match="no new gains to prove"):
+            make_order({**proof, "style": style}, tmp_path, NOW)
 
 
 def test_a_run_is_downloaded_whole_without_files_that_are_not_of_a_run(tmp_path: Path) -> None:

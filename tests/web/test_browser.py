@@ -18,7 +18,7 @@ import pytest
 from gcs_autotune.web.live import MOST_VIEWERS
 
 from .prefix_proxy import behind
-from .serving import ROOT, served
+from .serving import BRIEF, ROOT, served
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -127,19 +127,21 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
 
 
 @pytest.fixture
-def at_sea() -> Iterator[str]:
+def at_sea(request: pytest.FixtureRequest) -> Iterator[str]:
     """The link to a vehicle that keeps a clock of its own, four times ours, and is asked about as a real one is.
 
     Its failsafes are four times as patient: a pause beside other processes is as long in our time as ever. At eight
     times our clock, beside two busy processes, commands came so unevenly that oscillations never settled, and the boat
     swung on until she was 300 m away.
+
+    It is a Charlie, or the vehicle in the parameter of the fixture.
     """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     patience = ("--param", "RC_OVERRIDE_TIME=10", "--param", "RC_FS_TIMEOUT=4", "--param", "FS_TIMEOUT=6")
     listening = ("--listen", f"tcp:127.0.0.1:{port}", "--speedup", "4")
-    words = [sys.executable, "-m", "sitl", "charlie", *listening, *patience]
+    words = [sys.executable, "-m", "sitl", getattr(request, "param", "charlie"), *listening, *patience]
     with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE) as vehicle:
         assert vehicle.stderr is not None
         vehicle.stderr.readline()
@@ -161,6 +163,45 @@ def test_over_a_link_it_asks_before_it_moves_and_before_it_writes(
     page.page.click("#no")
     page.shows("#end-reason", "the new gains were declined; nothing was written")
     assert "as before the run" in page.page.inner_text("#put-back")
+
+
+@pytest.mark.parametrize("at_sea", ["blueboat"], indirect=True)
+def test_what_if_shows_designs_from_gentle_to_quick_and_the_one_shown_is_proved(
+    visit: Any, flying: tuple[str, Path], at_sea: str, barriers: Any
+) -> None:
+    link, runs = flying
+    tune = [sys.executable, str(BRIEF), "tune", "heading", "--connect", "sitl:blueboat", "--dry-run"]
+    subprocess.run([*tune, "--out", str(runs / "lake")], check=True, capture_output=True)
+    journal = runs / "lake" / "journal.jsonl"  # as of a run on this vehicle
+    journal.write_text(journal.read_text().replace("sitl:blueboat", at_sea))
+    page = visit(link)
+    page.page.click("#tab-runs")
+    page.page.locator("#runs").get_by_role("button", name="lake", exact=True).click()
+    page.page.click("#work-what-if")
+    page.shows("#desk-told", "what-if: done")
+    page.shows("#style-told", "Predicted: settles in")
+    slider = page.page.locator("#style-slider")
+    slider.evaluate("node => { node.value = 90; node.dispatchEvent(new Event('input')); }")
+    assert "between two designs" in page.page.inner_text("#style-name")
+    assert not page.page.is_visible("#prove")  # gains are never interpolated
+    slider.evaluate("node => node.dispatchEvent(new Event('change'))")
+    assert page.page.inner_text("#style-name") == "88 of 100"
+    slider.press("ArrowRight")
+    assert page.page.inner_text("#style-name") == "quick"
+    shown = page.page.inner_text("#style-gains")
+    assert barriers(page.page) == []
+    page.page.focus("#prove")
+    page.page.keyboard.press("Enter")
+    page.shows("#question-text", "Go ahead?")
+    assert "restore the old values unless the new ones are better" in page.page.text_content("#intentions-list")
+    page.page.click("#yes")
+    page.shows("#question-text", "Write ATC_STR_RAT_FF")
+    (offered,) = page.page.locator("#offer tr", has_text="ATC_STR_RAT_FF").all_inner_texts()
+    assert f"{float(offered.split()[2]):.3g}" == shown.split("RAT_FF ")[1].split(",")[0].split()[-1]
+    page.page.click("#yes")
+    page.shows("#end-title", "tune heading: ")
+    assert page.page.inner_text("#end-title").endswith(("done", "the old gains were better and were restored"))
+    assert "disarmed, as before the run" in page.page.inner_text("#put-back")
 
 
 def test_a_manoeuvre_is_chosen_with_its_options_previewed_asked_about_and_flown(

@@ -39,7 +39,8 @@ export function drawProof(node, before, after, signal) {
 }
 
 // What a style would do: the step with the present and the new gains, and the output for it. Returns the plots.
-export function drawStyle(node, step, signal) {
+// *plots*: those that it returned before, to be filled again.
+export function drawStyle(node, step, signal, plots = []) {
   const k = about(signal).factor, axis = { stroke: css("soft"), grid: { stroke: css("faint"), width: 1 }, ticks: { stroke: css("faint") } };
   const line = (label, name, dash, width = 2) => ({ label, stroke: css(name), width, dash, points: { show: false } });
   const plot = (series, data, height) => new uPlot({
@@ -47,11 +48,14 @@ export function drawStyle(node, step, signal) {
     scales: { x: { time: false } }, axes: [{ ...axis, size: 34 }, { ...axis, size: 52 }], series: [{}, ...series],
   }, data, node);
   const scaled = (values) => values.map((v) => v * k);
+  const data = [[step.t, step.t.map(() => step.size * k), ...["before", "after", "low", "high"].map((name) => scaled(step[name]))],
+    [step.t, step.output.map((v) => 100 * v)]];
+  if (plots.length) { plots.forEach((each, i) => each.setData(data[i])); return plots; }
   return [
     plot([line("target", "wanted", [8, 5]), line("present gains", "soft"), line("new gains", "measured"),
       line("95 % range: low", "measured", [2, 4], 1), line("high", "measured", [2, 4], 1)],
-    [step.t, step.t.map(() => step.size * k), ...["before", "after", "low", "high"].map((name) => scaled(step[name]))], 230),
-    plot([line("output [% of full]", "measured")], [step.t, step.output.map((v) => 100 * v)], 150),
+    data[0], 230),
+    plot([line("output [% of full]", "measured")], data[1], 150),
   ];
 }
 

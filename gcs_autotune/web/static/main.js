@@ -314,7 +314,7 @@ function look(at) {
 $("tab-runs").onclick = () => look("runs");
 $("tab-live").onclick = () => look("live");
 $("tab-start").onclick = $("go-start").onclick = () => look("start");
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { forget(); fresh = true; show(); });
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { forget(); whatIf.redraw(); fresh = true; show(); });
 addEventListener("resize", () => { resize(); fresh = true; show(); });
 document.addEventListener("visibilitychange", () => { fresh = true; show(); });
 setInterval(show, 500);

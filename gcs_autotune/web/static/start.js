@@ -49,7 +49,8 @@ export async function models(wanted = null) {
   crafts();
   const found = entries.flatMap((each) => (each.models || []).map((file) => `${each.name}/${file}`));
   const before = wanted ?? $("model").value;
-  $("model").replaceChildren(option("", "none"), ...found.map((path) => option(path, path)));
+  if (before.endsWith("/styles.json")) found.push(before);  // a proof of What if, again
+  $("model").replaceChildren(option("", "none"), ...found.map((path) => option(path, path.replace(/(.*)\/styles.json$/, "gains of What if: $1"))));
   $("model").value = found.includes(before) ? before : "";
 }
 
@@ -58,6 +59,7 @@ function chosen() {
   for (const node of document.querySelectorAll("#numbers input")) if (node.value.trim()) numbers[node.name] = node.value.trim();
   return {
     job: $("job").value, style: $("style").value, axis: $("axis").value, manoeuvre: $("manoeuvre").value, force: $("force").value,
+    craft: $("craft").value.startsWith("preset ") ? $("craft").value.slice(7) : "",
     first_to: $("first-to").value, area: $("area").value.trim(), model: $("model").value, connect: $("connect").value.trim(),
     dry_run: $("dry").checked, fetch_log: $("fetch").checked, numbers,
   };
@@ -66,7 +68,11 @@ function chosen() {
 // The same choices again, to be looked through before they are started.
 export function fill(choice) {
   const ids = { job: "job", axis: "axis", manoeuvre: "manoeuvre", style: "style", first_to: "first-to", area: "area", connect: "connect" };
+  $("style").replaceChildren(...table.styles.map((style) => option(style, style)));
+  $("style").value = "normal";
+  if (choice.style && !table.styles.includes(choice.style)) $("style").append(option(choice.style, `${choice.style} of 100`));
   for (const [name, id] of Object.entries(ids)) if (choice[name]) $(id).value = choice[name];
+  $("craft").value = choice.craft && table.presets[choice.craft] ? `preset ${choice.craft}` : "";
   $("dry").checked = choice.dry_run === true;
   $("fetch").checked = choice.fetch_log === true;
   forces();
@@ -82,6 +88,7 @@ let known = [], received = [];
 function crafts() {
   const before = $("craft").value, groups = [["Simulated", Object.entries(table.crafts).map(([name, uri]) => [uri, name])],
     ["Received now", received.map((port) => [port.uri, `${port.told} on ${port.uri}`])],
+    ["Of gcs-autotune.toml", Object.keys(table.presets).map((name) => [`preset ${name}`, name])],
     ["Earlier runs, with their settings", known.map((each, k) => [`run ${k}`, `${each.link} (${each.name})`])]];
   $("craft").replaceChildren(option("", "as in Link below"), ...groups.filter(([, all]) => all.length).map(([label, all]) => {
     const group = document.createElement("optgroup");
@@ -95,7 +102,11 @@ function crafts() {
 function choose() {
   const value = $("craft").value;
   if (value.startsWith("run ")) fill(known[Number(value.slice(4))].again);
-  else if (value) $("connect").value = value;
+  else if (value.startsWith("preset ")) {
+    const { connect, numbers } = table.presets[value.slice(7)];
+    if (connect) $("connect").value = connect;
+    for (const node of document.querySelectorAll("#numbers input")) node.value = numbers[node.name] || node.value;
+  } else if (value) $("connect").value = value;
 }
 
 async function listen() {

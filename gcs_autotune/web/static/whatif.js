@@ -1,15 +1,24 @@
-// What if the loop were gentler or quicker: the styles as designed by the server from the model of a run.
+// What if the loop were gentler or quicker: the designs of the server from the model of a run.
+// While the slider moves, the picture between two designs is interpolated. Gains are never interpolated: the slider
+// comes to rest on a design, and that one is proved.
 import { about, drawStyle } from "./charts.js";
 import { post } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
-let styles = [], signals = {}, entry = null, does = null, plots = [];
+const CURVES = ["before", "after", "low", "high", "output"], STEPS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
+let designs = [], signals = {}, entry = null, does = null, plots = [];
 const short = (v) => (v === null || v === undefined ? "–" : String(Number(v.toPrecision(3))));
 
 export function make(fields) {
-  styles = fields.styles;
   signals = Object.fromEntries(fields.axes.map((axis) => [axis.name, axis.signal]));
-  $("style-slider").max = styles.length - 1;
+  const slider = $("style-slider");
+  slider.oninput = draw;
+  slider.onchange = () => rest(nearest());
+  slider.onkeydown = (event) => {
+    if (!STEPS[event.key]) return;
+    event.preventDefault();
+    rest(Math.max(0, Math.min(designs.length - 1, nearest() + STEPS[event.key])));
+  };
   $("prove").onclick = prove;
 }
 
@@ -22,37 +31,81 @@ export async function show(of, doing) {
   if (!of.loop || !of.files.includes("styles.json")) return;
   const answer = await fetch(`files/${encodeURIComponent(of.name)}/styles.json`).catch(() => null);
   if (!answer || !answer.ok || entry !== of) return;
-  const found = (await answer.json()).styles;
+  designs = (await answer.json()).styles;
+  if (!Array.isArray(designs)) return;  // of an earlier version: to be computed again
   $("what-if-styles").hidden = false;
-  $("style-slider").oninput = () => draw(found);
-  draw(found);
+  redraw();
 }
 
-function draw(found) {
-  const name = styles[$("style-slider").value], style = found[name], kind = about(signals[entry.loop]);
-  $("style-name").textContent = name;
-  $("style-slider").setAttribute("aria-valuetext", name);
+// After a change of the colours, or with other designs.
+export function redraw() {
   plots.forEach((plot) => plot.destroy());
   plots = [];
+  if (entry && !$("what-if-styles").hidden) draw();
+}
+
+const at = () => Number($("style-slider").value);
+const nearest = () => designs.reduce((best, one, k) => (Math.abs(one.at - at()) < Math.abs(designs[best].at - at()) ? k : best), 0);
+
+function rest(k) {
+  $("style-slider").value = designs[k].at;
+  draw();
+}
+
+const mix = (a, b, share) => (a === null || b === null ? (share < 0.5 ? a : b) : a + share * (b - a));
+
+// The design at the slider. Between two designs: what is predicted, without gains.
+function shown() {
+  const k = designs.findIndex((one) => one.at >= at()), high = designs[k], low = designs[Math.max(k - 1, 0)];
+  if (high.at === at() || low.error || high.error) return designs[nearest()];
+  const share = (at() - low.at) / (high.at - low.at);
+  const each = (one, other) => Object.fromEntries(Object.keys(one).filter((name) => typeof one[name] === "number" || one[name] === null)
+    .map((name) => [name, mix(one[name], other[name], share)]));
+  const t = low.step.t.filter((time) => time <= high.step.t[high.step.t.length - 1]);
+  const step = { size: low.step.size, t };
+  for (const name of CURVES) {
+    const other = resampled(high.step.t, high.step[name], t);
+    step[name] = t.map((_, i) => mix(low.step[name][i], other[i], share));
+  }
+  return {
+    step, margins: each(low.margins, high.margins), largest_output: mix(low.largest_output, high.largest_output, share),
+    metrics: { before: each(low.metrics.before, high.metrics.before), after: each(low.metrics.after, high.metrics.after) },
+  };
+}
+
+function resampled(times, values, wanted) {
+  let k = 1;
+  return wanted.map((t) => {
+    while (k < times.length - 1 && times[k] < t) k++;
+    return mix(values[k - 1], values[k], (t - times[k - 1]) / (times[k] - times[k - 1]));
+  });
+}
+
+function draw() {
+  const style = shown(), kind = about(signals[entry.loop]), name = style.style || "";
+  const told = name ? (isNaN(name) ? name : `${name} of 100`) : `${at()} of 100, between two designs`;
+  $("style-name").textContent = told;
+  $("style-slider").setAttribute("aria-valuetext", told);
+  const changed = (style.gains || []).filter((gain) => gain.old !== gain.new);
   $("style-figure").hidden = $("style-gains").hidden = Boolean(style.error);
+  $("prove-row").hidden = !changed.length;
   if (style.error) { $("style-told").textContent = `No gains: ${style.error}`; return; }
   const { before, after } = style.metrics, m = style.margins;
   const settles = (one) => (one.settling === null ? "does not settle" : `settles in ${short(one.settling)} s`);
   $("style-told").textContent = `Predicted: ${settles(after)} (present gains: ${settles(before)}), overshoot ${Math.round(100 * after.overshoot)} % `
     + `(${Math.round(100 * before.overshoot)} %). Smallest margins over the 95 % region: a factor of ${m.gain === null ? "any size" : short(m.gain)} in gain, `
     + `${m.phase === null ? "any" : `${Math.round(m.phase * 180 / Math.PI)}°`} of phase. Largest output ${Math.round(100 * style.largest_output)} % of full.`;
-  const changed = style.gains.filter((gain) => gain.old !== gain.new);
-  $("style-gains").textContent = changed.length ? changed.map((gain) => `${gain.parameter} ${short(gain.old)} → ${short(gain.new)}`).join(", ")
+  $("style-gains").textContent = !name ? "The slider comes to rest on the nearest design and shows its gains."
+    : changed.length ? changed.map((gain) => `${gain.parameter} ${short(gain.old)} → ${short(gain.new)}`).join(", ")
     : "The present gains stay: no others are better in this style.";
   $("style-caption").textContent = `Predicted step: ${kind.name} [${kind.unit}], and output below, over time [s]`;
-  plots = drawStyle($("style-chart"), style.step, signals[entry.loop]);
+  plots = drawStyle($("style-chart"), style.step, signals[entry.loop], plots);
 }
 
 async function prove() {
-  const again = entry.again || {};
+  const again = entry.again || {}, style = designs[nearest()].style;
   const told = await post("start", {
-    ...again, job: "tune", axis: entry.loop, connect: entry.link, style: styles[$("style-slider").value],
-    model: `${entry.name}/model.json`, dry_run: false,
+    ...again, job: "tune", axis: entry.loop, connect: entry.link, style, model: `${entry.name}/styles.json`, dry_run: false,
   });
   if (told.ok) does.started();
   else does.refused(`Not started: ${told.error || "no reason given by the server"}`);
