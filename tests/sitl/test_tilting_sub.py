@@ -29,6 +29,18 @@ def test_attitude_tells_the_true_roll_and_pitch():
     assert told.pitch == pytest.approx(at.theta, abs=0.02)
 
 
+def test_the_gyro_filter_delays_roll_and_pitch_rates_like_the_yaw_rate():
+    estimate, reading = (
+        StateEstimate(ParameterStore({"INS_GYRO_FILTER": 5.0, "INS_ACCEL_FILTER": 20.0})),
+        SensorReading(),
+    )
+    reading.p = reading.q = reading.r = 1.0
+    for _ in range(10):
+        estimate.update(reading, 0.0025)
+    assert 0.0 < estimate.yaw_rate < 0.6
+    assert estimate.roll_rate == estimate.pitch_rate == estimate.yaw_rate
+
+
 @pytest.mark.parametrize(("channel", "angle"), [(2, "phi"), (1, "theta")])
 def test_a_manual_stick_rolls_to_starboard_and_pitches_up(channel, angle):
     ground = sub(SUB_MANUAL)
