@@ -56,7 +56,10 @@ def _rms(fit: Fit[Model], signal: str) -> float:
 
 
 def _log_likelihood(fit: AxisFit) -> float:
-    """Return the log-likelihood of the free run in all signals, without constants: angle and rate both show the drag."""
+    """Return the log-likelihood of the free run in all signals, without constants.
+
+    Angle and rate both show the drag.
+    """
     if not fit.traces:
         return -math.log(max(fit.residual_rms, 1e-300))
     found = 0.0
