@@ -1,7 +1,7 @@
 """``hold distance`` flown by pictures of two laser dots, beside rangefinders that measure at the same rate.
 
 A camera on the simulated VideoRay takes two pictures of the wall per second. The laser module reads them, and its
-companion computer sends DISTANCE_SENSOR messages one picture later than 0.1 s. All runs in simulated time::
+companion computer sends them 0.1 s later as DISTANCE_SENSOR messages. Everything runs in simulated time::
 
     python3 -m benchmarks.hold_by_pictures --seeds 1     # a minute
     python3 -m benchmarks.hold_by_pictures               # 5 seeds
@@ -31,8 +31,8 @@ from sitl.camera import NOISE, WallCamera
 from sitl.camera.__main__ import main as render
 
 APART, PERIOD, LATE = 0.2, 0.5, 0.1
-"""Distance between the lasers [m], time between two pictures [s] (Miskovic2010, section 8.2.1), and how much later their
-distance is sent [s]. The last is a project choice."""
+"""Distance between the lasers [m], time between two pictures [s] (Miskovic2010, section 8.2.1), and time until their
+distance is sent [s]. The first and the last are project choices."""
 WALL = 0.6
 """Distance to the wall at the start [m]: the lasers are calibrated from 0.1 to 1 m."""
 SEEN = (0.02, 3.0)

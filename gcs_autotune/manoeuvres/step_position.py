@@ -48,7 +48,7 @@ class _AtPosition(Manoeuvre):
         """End the manoeuvre if the position is unknown, jumps, or is far from (x, y) [m]."""
         last, self._last = self._last, now
         if not all(math.isfinite(value) for value in (now.x, now.y, now.psi)):
-            self._end("aborted", "the vehicle reports no position any more. Check its position sensor")
+            self._end("aborted", "the vehicle reports no usable position any more. Check its position sensor")
             return
         if last is not None:
             jump = math.hypot(now.x - last.x, now.y - last.y)
