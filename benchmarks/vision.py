@@ -93,7 +93,8 @@ def lasers(folder: Path, seeds: int) -> list[Figure]:
 def table_3_1(folder: Path) -> list[Figure]:
     """Calibrate from pictures whose dots are where the printed curves put them.
 
-    The pairs are not printed in Miskovic2010, so this shows only that pictures lose nothing.
+    The pairs are not printed in Miskovic2010: figure 3.9 shows them as dots without numbers. The published tables have
+    only the curves. So this shows only that pictures lose nothing.
     """
     tape = np.arange(10.0, 100.1, 5.0)
     curves = {side: LaserCurve(*row) for side, row in TABLE_3_1.items()}
@@ -171,8 +172,8 @@ def hidden(folder: Path, seeds: int, level: str) -> list[Figure]:
             for k in range(dives):
                 at = folder / f"hidden-{seed}-{len(errors)}-{k}-{effect[:5]}"
                 more = ["--effect", effect] if effect else []
-                render(["pool", str(at), "--seed", str(100 + 10 * seed + k), "--noise", level]
-                       + ["--seconds", str(SECONDS), *more])  # fmt: skip
+                drawn = ["--seed", str(100 + 10 * seed + k), "--noise", level, "--seconds", str(SECONDS)]
+                render(["pool", str(at), *drawn, *more])
                 camera = camera or calibrate_camera(at / "floor.csv", str(at / "boards"))[0]
                 runs.append(joined(track(str(at), camera), load_runs(at / "log.csv")[0]).run)
                 shutil.rmtree(at)
