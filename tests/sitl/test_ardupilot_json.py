@@ -20,6 +20,7 @@ from tests.sitl.ground import refusal_of
 NEUTRAL = [1500] * 16
 NUMBERS = {
     "time-scale": "factor=1.01",
+    "shallow-water": "draught=0.2,depth=2",
     "unit-error": "factor=2",
     "saturation": "limit=0.5",
     "dead-zone": "width=0.1",
