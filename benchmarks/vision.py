@@ -157,8 +157,9 @@ def pool(folder: Path, dives: int, level: str) -> list[Figure]:
     return figures
 
 
-HIDDEN = {"input-delay@N.delay=0.3": 1, "dead-zone@N.width=0.02": 2, "": 1}
-"""Hidden effect -> dives of one diagnosis. A dead zone shows in commands of different sizes: one size per dive."""
+HIDDEN = {"input-delay@N.delay=0.3": 1, "dead-zone@N.width=0.02": 3, "": 1}
+"""Hidden effect -> dives of one diagnosis. A dead zone shows in commands of different sizes: one size per dive. Two sizes
+also fit other laws of the thruster."""
 SECONDS = 25
 """Length of these dives [s]."""
 
