@@ -328,7 +328,7 @@ class ThrusterFrame(Actuators):
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
         """Return *pwm* [us] with the motor outputs changed so that each axis has its output in *shares* (-1 to 1).
 
-        The change is the smallest one, so that it does not affect axes that are not in *shares*, such as roll.
+        The change is the smallest one that does so.
         """
         outputs, now = [_fraction(pulse, _MOTOR_SPAN) for pulse in pwm], self.read(pwm)
         patterns = np.array([[getattr(motor, name) for motor in self.motors] for name in now])
