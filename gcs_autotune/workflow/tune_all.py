@@ -34,7 +34,7 @@ from gcs_autotune.link import Journal, MavlinkCraft, Transport, difference, fing
 from gcs_autotune.manoeuvres import TO_COME_ABOUT, ComeBack
 from gcs_autotune.observer import Intention, Intentions, ListedStep, Observer, SilentObserver, StepList
 from gcs_autotune.plain_json import json_text
-from gcs_autotune.report import JobStep, JobStory, job_document, to_html, to_json
+from gcs_autotune.report import JobStep, JobStory, job_document, save_page, to_json
 from gcs_autotune.tunables import TUNABLES, Tunable
 from gcs_autotune.workflow.announcement import battery, exactly, styled
 from gcs_autotune.workflow.connection import arming
@@ -411,7 +411,7 @@ class _Job:
         document = job_document(story)
         try:
             (self._path / SUMMARY).write_text(json_text(to_json(document)), encoding="utf-8")
-            (self._path / "report.html").write_text(to_html(document), encoding="utf-8")
+            save_page(self._path, document)
         except (OSError, BadFile) as error:
             self._observer.say(f"the report could not be written to {self._path}: {error}")
 
