@@ -134,7 +134,10 @@ def read_flight(
     predicted = runs[0].preview.trial if len(runs) == 1 else None
     asked = plan.title if plan.until is None else f"A trial for {plan.until.title}"
     title = f"{asked}: {common.connection.uri}"
-    document = flight_document(FlightStory(title, when, tracks, predicted, sheets, models, remarks, story_of(steps)))
+    told = FlightStory(
+        title, when, tracks, predicted, sheets, models, remarks, story_of(steps), str(common.directory or "")
+    )
+    document = flight_document(told)
     page = save_page(record.path, document)
     return FlightResult(runs, page, document, sheets, models, remarks, steps)
 

@@ -243,10 +243,10 @@ class _Job:
             if step.ending == "rejected":
                 yield Intention(f"not tune {step.name}: {step.reason}", f"Not {step.name}", step.reason)
         for name, mission in left.items():
-            yield Intention(f"for {name}, move: {mission.movements}")
+            yield Intention(f"move for {name}: {mission.movements}")
             space = mission.needs[0]
             told = space if isinstance(space, Intention) else Intention(space)
-            yield Intention(f"for {name}, {told.text}", name.capitalize(), told.brief or told.text)
+            yield Intention(f"{told.text} (for {name})", name.capitalize(), told.brief or told.text)
         seconds = sum(step.seconds for step in flown)
         each = ", ".join(f"{step.name} {exactly(step.seconds)}" for step in flown)
         brief = f"about {exactly(seconds)} of the vehicle's time"

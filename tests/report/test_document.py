@@ -121,7 +121,7 @@ def test_a_column_that_80_characters_have_no_space_for_is_on_the_page_only() -> 
     assert "meaning" not in render_text(document) and "meaning" in to_html(document)
 
 
-def test_the_verdict_ends_the_terminal_unless_a_lead_begins_it() -> None:
+def test_the_verdict_ends_the_terminal_with_its_lead_in_the_box() -> None:
     document = shown(Note("words"), verdict=Verdict("It works.", "good"), contradictions=("x and y disagree.",))
     boxed = render_text(document).splitlines()[-3:]
     assert boxed[0][0] + boxed[2][0] == "╭╰"
@@ -129,7 +129,7 @@ def test_the_verdict_ends_the_terminal_unless_a_lead_begins_it() -> None:
     assert render_text(document).index("disagree") < render_text(document).index("words")
     assert "It works. x and y disagree." in Page(to_html(document)).text
     led = render_text(replace(document, lead="Your boat is fine."))
-    assert led.index("Your boat is fine.") < led.index("It works.") < led.index("words")
+    assert led.index("words") < led.index("╭") < led.index("Your boat is fine.") < led.index("It works.")
 
 
 def test_a_document_draws_nothing_until_it_is_a_page() -> None:
