@@ -216,6 +216,8 @@ ABOARD: dict[str, tuple[str, str, str]] = {
     "wave-disturbance": (HEADING, "charlie", ".amplitude=0.1,frequency=1.2"),
     "tether-pull": (HEADING, "videoray", ".stiffness=0.02"),
     "tether-line": (DEPTH, "videoray", ".length=4,stiffness=20"),
+    "shallow-water": ("fly turning-circle", "charlie-sway", ".draught=0.5,depth=1.5,north=0.02,drag=80"),
+    "bank-suction": ("fly turning-circle", "charlie-sway", ".direction=0,distance=30,Y=900,N=500"),
     "sensor-position": ("fly turning-circle", "charlie-sway", ".x_P=1"),
     "compass-deviation": (HEADING, "charlie", ".B=0.1"),
     "gyro-bias": (HEADING, "charlie", ".bias=0.02"),

@@ -86,6 +86,7 @@ SIGNALS: dict[str, Signal] = {
     "n": Signal("rad/s", "propeller speed"),
     "d": Signal("m", "distance to a flat surface ahead"),
     "d_starboard": Signal("m", "distance to a flat surface ahead, second rangefinder"),
+    "wall_angle": Signal("rad", "angle to a flat surface ahead, 0 at a right angle to it"),
     "psi_ref": Signal("rad", "commanded heading"),
     "z_ref": Signal("m", "commanded depth"),
     "u_ref": Signal("m/s", "commanded speed ahead"),

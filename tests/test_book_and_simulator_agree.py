@@ -60,6 +60,11 @@ CASES = {
     "wind-load": ("surge+sway+yaw", {"X": 0.5, "Y": 0.8, "N": 0.4, "direction": 1.0, "speed": 1e5}),
     "tether-pull": ("surge+sway", {"stiffness": 0.5, "x": 2.0, "y": 1.0, "anchor": 0.0}),
     "tether-line": ("surge+sway+heave", {"stiffness": 2.0, "length": 6.0, "drag": 4.0, "x": 2.0, "y": 1.0, "z": 3.0}),
+    "shallow-water": (
+        "surge+sway+yaw",
+        {"draught": 1.0, "depth": 2.0, "north": 0.01, "east": -0.02, "drag": 4.0, "sway": 0.6, "yaw": 0.4},
+    ),
+    "bank-suction": ("sway+yaw", {"direction": 0.4, "distance": 30.0, "Y": 20.0, "N": 5.0}),
     "sensor-position": ("u+v+x+y", {"x_P": 0.7, "y_P": -0.4}),
     "compass-deviation": ("psi", {"A": 0.02, "B": 0.1, "C": 0.05}),
     "gyro-bias": ("r", {"bias": 0.05}),
@@ -70,7 +75,12 @@ ALSO = {"asymmetric-thrust": ("N+X", {"ratio": 0.6})}
 """The same at another place, where it does something else."""
 UNFORESEEN = {"wave-disturbance", "quantisation", "outliers"}
 """What no simulation foretells; the tests of both sides look at their statistics."""
-BOOK_ONLY = {"advance-speed-loss": {"gain": 1.0, "axis": 5.0}, "ground-effect": {"dives": 1.0}}
+BOOK_ONLY = {
+    "advance-speed-loss": {"gain": 1.0, "axis": 5.0},
+    "ground-effect": {"dives": 1.0},
+    "shallow-water": {"x_0": 0.0, "y_0": 0.0},
+    "bank-suction": {"least": 0.1},
+}
 """What the book reads off the form of the base model."""
 CONSTANTS = {
     "u_ref",
@@ -87,6 +97,9 @@ CONSTANTS = {
     "c_n",
     "gamma",
     "drift",
+    "draught",
+    "depth",
+    "beam",
 }
 
 

@@ -19,7 +19,8 @@ class Hidden:
     ``craft``: what carries it. ``turns``: the heading has to go round.
     ``start``: signal -> (mean, spread) of where runs begin. ``in_runs``: the runs that have it, None: all.
     ``plain``: how the base model drags, ``linear`` or ``none`` (then neither does the bare hull).
-    ``near_bottom``: runs reach down to the bottom.
+    ``near_bottom``: runs reach down to the bottom. ``near_wall``: runs reach to the ``distance`` of the origin from
+    the wall.
     """
 
     slug: str
@@ -31,6 +32,7 @@ class Hidden:
     in_runs: tuple[int, ...] | None = None
     plain: str = "linear"
     near_bottom: bool = False
+    near_wall: bool = False
 
 
 @dataclass(frozen=True)

@@ -281,6 +281,37 @@ def _tether_line(rng: Rng, craft: Craft) -> Hidden:
     return Hidden("tether-line", place, values, craft, start=start)
 
 
+def _shallow_water(rng: Rng, craft: Craft) -> Hidden:
+    """A bottom that slopes along the track, so that the water under the keel changes by a third to nine tenths."""
+    reach, towards = 0.2 * craft.top["surge"] * craft.duration, rng.uniform(-np.pi, np.pi)
+    draught, zeta = 0.5, log_uniform(rng, 0.3, 3.0)
+    clear = draught / zeta
+    slope = clear / reach * rng.uniform(0.3, 0.9)
+    values = {
+        "draught": draught,
+        "depth": draught + clear,
+        "north": float(slope * np.cos(towards)),
+        "east": float(slope * np.sin(towards)),
+        "drag": craft.full["X"] / craft.top["surge"] ** 2 * log_uniform(rng, 0.1, 1.0) / zeta,
+        "sway": log_uniform(rng, 0.1, 1.0) / zeta,
+        "yaw": log_uniform(rng, 0.05, 0.5) / zeta,
+    }
+    return Hidden("shallow-water", "surge+sway+yaw", values, craft)
+
+
+def _bank(rng: Rng, craft: Craft) -> Hidden:
+    """A wall that the runs come close to."""
+    clear = craft.top["surge"] * craft.time_constant("surge") * log_uniform(rng, 0.1, 1.0)
+    per = clear / craft.top["surge"] ** 2
+    values = {
+        "direction": rng.uniform(-np.pi, np.pi),
+        "distance": clear,
+        "Y": craft.linear["sway"] * craft.top["sway"] * per * log_uniform(rng, 0.1, 1.0),
+        "N": craft.full["N"] * per * log_uniform(rng, 0.1, 1.0),
+    }
+    return Hidden("bank-suction", "sway+yaw", values, craft, near_wall=True)
+
+
 # -- sensors
 
 
@@ -367,6 +398,8 @@ SURROUNDINGS: Mapping[str, Recipe] = {
     "wind-load": Recipe(("boat", "raft", "steered"), _wind_load),
     "sea": Recipe(("yaw", "surge", "heave", "boat"), _sea),
     "tether-line": Recipe(("raft", "raft", "heave"), _tether_line),
+    "shallow-water": Recipe(_PLANAR, _shallow_water),
+    "bank-suction": Recipe(_PLANAR, _bank),
 }
 """Slug (``sea``: another law of ``wave-disturbance``) -> recipe, hidden by the kind ``environment`` only.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -118,6 +118,7 @@ def draw_voyage(rng: Rng, hidden: Sequence[Hidden], names: Sequence[str] = ()) -
             start.update({n: float(rng.normal(mean, spread)) for n, (mean, spread) in h.start.items()})
         if any(h.near_bottom for h in hidden):
             start["z"] = _shallow(craft, commands[k], hidden, craft.top["heave"] * craft.pace * rng.uniform(0.02, 0.2))
+        start.update(_beside(craft, commands[k], hidden, start))
         initial.append(start)
     seeds = tuple(int(s) for s in rng.integers(0, 2**31, count))
     return Voyage(craft, tuple(commands), tuple(initial), names, seeds, hidden[0].plain)
@@ -135,6 +136,19 @@ def _shallow(craft: Craft, commands: Mapping[str, Array], hidden: Sequence[Hidde
             break
         depth += close - clear
     return depth if close > 0.0 else depth - 2.0 * clear
+
+
+def _beside(
+    craft: Craft, commands: Mapping[str, Array], hidden: Sequence[Hidden], start: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the position to start at for a run whose plain track comes as close to the wall as the origin is."""
+    found: dict[str, float] = {}
+    for h in (h for h in hidden if h.near_wall):
+        c, s = np.cos(h.values["direction"]), np.sin(h.values["direction"])
+        run = open_loop(_hull(craft, hidden[0].plain), commands, **_clock(craft), measured=("x", "y"), initial=start)
+        back = float((c * run["x"] + s * run["y"]).max())
+        found |= {"x": -back * float(c), "y": -back * float(s)}
+    return found
 
 
 def _hull(craft: Craft, plain: str) -> Hull:
@@ -254,7 +268,19 @@ def _counted(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, f
         values = {n: v for n, v in values.items() if n not in ("N_v", "Y_rdot")}  # sway follows yaw: not to be told
     if values.get("gamma"):  # a sea: the book knows the band, and the drift force by another name
         values = {"amplitude": values["amplitude"]}
+    if hidden.slug == "shallow-water":  # the book counts from the middle of the track
+        (x, y), T = ([_middle(f[n] for f in files) for n in "xy"]), values.pop("draught")
+        under = values.pop("depth") - T + values["north"] * x + values["east"] * y
+        for name in ("drag", "sway", "yaw"):
+            values[name] *= T / under
+        values |= {name: values[name] / under for name in ("north", "east")}
+        values = {n: v for n, v in values.items() if n != "sway" or craft.kind != "boat"}  # nothing drives its sway
     if hidden.slug == "ground-effect":
         off = BOTTOM - max(float(f[POSITION["heave"]].max()) for f in files)
         values["strength"] *= float(np.exp(-off / values["length"]))
     return values
+
+
+def _middle(columns: Iterable[Array]) -> float:
+    every = np.concatenate(list(columns))
+    return 0.5 * float(every.min() + every.max())

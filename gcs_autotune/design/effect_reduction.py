@@ -275,6 +275,11 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     ),
     "tether-pull": ("omitted, since the integral gain removes its error", ""),
     "tether-line": ("omitted, since it acts only beyond the tether's length", ""),
+    "shallow-water": (
+        "omitted. The gains are valid at the depth of the identification runs",
+        "check them at the depth where they will be used",
+    ),
+    "bank-suction": ("omitted, since it is only a disturbance of this loop", "keep clear of the wall"),
     "sensor-position": (
         "omitted, since it does not affect heading or turn rate",
         "set the sensor's position in the autopilot",

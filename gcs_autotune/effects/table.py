@@ -19,6 +19,7 @@ from gcs_autotune.effects.actuator import (
     Saturation,
 )
 from gcs_autotune.effects.actuator_dynamics import ActuatorLag, GainDrift, InputDelay, RateLimit
+from gcs_autotune.effects.bank_suction import BankSuction
 from gcs_autotune.effects.changing_current import ChangingCurrent
 from gcs_autotune.effects.command_coupling import CommandCoupling
 from gcs_autotune.effects.data_errors import ChannelSwap, SignError, TimeOffset, TimeScale, UnitError
@@ -36,6 +37,7 @@ from gcs_autotune.effects.hydrodynamics import (
 from gcs_autotune.effects.inflow import AdvanceSpeedLoss, PropellerWash, SpeedDependentSteering
 from gcs_autotune.effects.sensor import CompassDeviation, GyroBias, MeasurementDelay, SensorPosition
 from gcs_autotune.effects.sensor_noise import Outliers, Quantisation
+from gcs_autotune.effects.shallow_water import ShallowWater
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.effects.tether_line import TetherLine
 from gcs_autotune.effects.velocity_products import MunkMoment, SpeedDamping, SwayMoment, VelocityProduct
@@ -90,6 +92,8 @@ OURS: tuple[Effect, ...] = (
     WaveDisturbance(),
     TetherPull(),
     TetherLine(),
+    ShallowWater(),
+    BankSuction(),
     SensorPosition(),
     CompassDeviation(),
     GyroBias(),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import inf
 
@@ -17,7 +17,7 @@ from gcs_autotune.smoothing import best_width, local_polynomials
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel
 
-__all__ = ["TetherLine"]
+__all__ = ["TetherLine", "on_track"]
 
 Array = NDArray[np.float64]
 
@@ -105,21 +105,16 @@ class TetherLine(Effect):
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Return *drive* with the line's force added as inputs. Between two stamps it is that half-way."""
-        own, names = drive.measured, _names(effect.place)
-        drive = drive.on(np.union1d(drive.t, own[names[0]].t))
-        middle = 0.5 * (drive.t + np.append(drive.t[1:], drive.t[-1]))
-        paths = [[np.interp(middle, t, values) for values in rest] for t, *rest in map(_path, (own[n] for n in names))]
-        away = np.array([effect[name] - place for name, (place, _) in zip(names, paths, strict=True)])
-        speeds = np.array([speed for _, speed in paths])
+        names = _names(effect.place)
+        drive, places, speeds, heading = on_track(drive, names)
+        away = np.array([[effect[name]] for name in names]) - places
         distance = np.maximum(np.linalg.norm(away, axis=0), 1e-9)
         along = away / distance
         across = speeds - along * np.sum(along * speeds, axis=0)
         lost = effect.values.get("drag", 0.0) * np.linalg.norm(across, axis=0)
         force = effect["stiffness"] * np.maximum(distance - effect["length"], 0.0) * along - lost * across
-        if len(names) > 1 and "psi" in own:
-            known = np.isfinite(own["psi"].values)
-            psi = np.interp(middle, own["psi"].t[known], np.unwrap(own["psi"].values[known]))
-            c, s = np.cos(psi), np.sin(psi)
+        if len(names) > 1 and heading is not None:
+            c, s = np.cos(heading), np.sin(heading)
             force[:2] = c * force[0] + s * force[1], c * force[1] - s * force[0]
         for dof, values in zip(effect.place.split("+"), force, strict=True):
             drive = drive.with_channel(_INPUTS[dof], values)
@@ -139,6 +134,23 @@ class TetherLine(Effect):
 
 def _names(place: str) -> tuple[str, ...]:
     return tuple(_POSITIONS[dof] for dof in place.split("+"))
+
+
+def on_track(drive: Drive, names: Sequence[str]) -> tuple[Drive, Array, Array, Array | None]:
+    """Return *drive* with the stamps of the recorded positions *names* as well, and where the craft is between stamps.
+
+    That are its smoothed positions and their rates (k, j), and its heading (j,), continuous, None if not recorded. They
+    are those half-way from each stamp to the next.
+    """
+    own = drive.measured
+    drive = drive.on(np.union1d(drive.t, own[names[0]].t))
+    middle = 0.5 * (drive.t + np.append(drive.t[1:], drive.t[-1]))
+    paths = [[np.interp(middle, t, values) for values in rest] for t, *rest in map(_path, (own[n] for n in names))]
+    heading = None
+    if "psi" in own:
+        known = np.isfinite(own["psi"].values)
+        heading = np.interp(middle, own["psi"].t[known], np.unwrap(own["psi"].values[known]))
+    return drive, np.array([place for place, _ in paths]), np.array([rate for _, rate in paths]), heading
 
 
 @lru_cache(maxsize=64)

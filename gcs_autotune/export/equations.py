@@ -22,6 +22,7 @@ from gcs_autotune.models import (
     INPUT_SIZE,
     NU_SIZE,
     PAYLOAD,
+    PAYLOADS,
     SPECIAL,
     STATES,
     inertia_matrix,
@@ -140,7 +141,7 @@ def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> MotionEqua
     units = {c: _plain(file.inputs.get(c, "")) for c in inputs}
     values = dict(zip(form.parameters, (float(v) for v in theta), strict=True))
     left = [f"{n} = {values[n]:.6g} {SPECIAL[n]}" for n in SPECIAL if values.get(n) and n not in WITHIN]
-    left += [f"the input {c}" for c in (PAYLOAD, DEPTH) if c in inputs]
+    left += [f"the input {c}" for c in (PAYLOAD, *PAYLOADS, DEPTH) if c in inputs]
     terms = []
     for row, par, scale, coefficient, factors in zip(
         program.rows, program.pars, program.scales, program.coefs, program.factors, strict=True

@@ -514,6 +514,6 @@ def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
         if now.t > until:
             raise PreconditionFailed(
                 f"{kind.name} needs a forward rangefinder, but the vehicle reports no distance within its range "
-                f"({message}, orientation 0). Check the rangefinder. Nothing was armed"
+                f"({message}, orientation 0, or 1 and 7). Check the rangefinder. Nothing was armed"
             )
         now = craft.observe()

@@ -161,8 +161,7 @@ class Sub(Autopilot):
 
     def pass_tilt_sticks(self) -> None:
         """Set the roll and pitch demands to the stick positions, without a dead zone."""
-        if self.tilts:
-            self.motors.roll, self.motors.pitch = self.rc.fraction(_ROLL), self.rc.fraction(_PITCH)
+        self.motors.roll, self.motors.pitch = self.rc.fraction(_ROLL), self.rc.fraction(_PITCH)
 
     def hold_tilt(self) -> None:
         """Hold the roll and pitch of the sticks, level with both centred."""

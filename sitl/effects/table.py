@@ -18,6 +18,7 @@ from sitl.effects.actuator import (
     Saturation,
     SpeedDependentSteering,
 )
+from sitl.effects.bank_suction import BankSuction
 from sitl.effects.bookkeeping import (
     ChannelSwap,
     SignError,
@@ -58,6 +59,7 @@ from sitl.effects.sensor import (
     Quantisation,
     SensorPosition,
 )
+from sitl.effects.shallow_water import ShallowWater
 from sitl.effects.tether_line import TetherLine
 from sitl.effects.wind_load import WindLoad
 
@@ -102,6 +104,8 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
     WaveDisturbance,
     TetherPull,
     TetherLine,
+    ShallowWater,
+    BankSuction,
     SensorPosition,
     CompassDeviation,
     GyroBias,
@@ -112,7 +116,13 @@ _CLASSES: tuple[type[HiddenEffect], ...] = (
 
 EFFECTS: Mapping[str, type[HiddenEffect]] = {kind.slug: kind for kind in _CLASSES}
 
-SURROUNDINGS: Mapping[str, str] = {"current": "changing-current", "wind": "wind-load", "tether": "tether-line"}
+SURROUNDINGS: Mapping[str, str] = {
+    "current": "changing-current",
+    "wind": "wind-load",
+    "tether": "tether-line",
+    "shallows": "shallow-water",
+    "bank": "bank-suction",
+}
 """Heading of a vehicle file -> slug of the effect of the surroundings whose parameters it has."""
 
 

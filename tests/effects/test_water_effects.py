@@ -27,6 +27,13 @@ def blown(t: float, s: Mapping[str, float], held: object) -> dict[str, float]:
     return {"X": 3.0 * np.cos(a), "Y": 5.0 * np.sin(a), "N": -1.2 * np.sin(2.0 * a)}
 
 
+def beside(t: float, s: Mapping[str, float], held: object) -> dict[str, float]:
+    """Return the forces of a wall 60 m from the origin towards 0.7 rad."""
+    gap = 60.0 - s["x"] * np.cos(0.7) - s["y"] * np.sin(0.7)
+    abeam = np.sin(0.7 - s["psi"]) / gap
+    return {"Y": 200.0 * s["u"] ** 2 * abeam, "N": -40.0 * s["u"] * abs(s["u"]) * abeam}
+
+
 def near(s: float, bottom: float, strength: float, length: float) -> float:
     return float(strength * np.exp(-(bottom - s) / length))
 
@@ -101,6 +108,9 @@ CASES = {
     ),
     "wind on the superstructure": Case(
         "wind-load", "surge+sway+yaw", BOAT, {"X": 3.0, "Y": 5.0, "N": 1.2, "direction": 0.7}, Water(blown)
+    ),
+    "wall": Case(
+        "bank-suction", "sway+yaw", BOAT, {"direction": 0.7, "distance": 60.0, "Y": 200.0, "N": 40.0}, Water(beside)
     ),
     "tether that untwists": Case(
         "tether-pull", "yaw", SPINNER, {"stiffness": 0.3, "anchor": 1.5},

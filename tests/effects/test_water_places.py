@@ -58,6 +58,10 @@ def test_the_book_holds_them_in_the_order_they_are_told() -> None:
         ("tether-line", "boat", ("surge+sway",)),
         ("tether-line", "diver", ("heave",)),
         ("tether-line", "coaster", ()),
+        ("shallow-water", "boat", ("surge+sway+yaw",)),
+        ("shallow-water", "spinner", ()),
+        ("bank-suction", "boat", ("sway+yaw",)),
+        ("bank-suction", "diver", ()),
     ],
 )
 def test_places(slug: str, name: str, places: tuple[str, ...]) -> None:
@@ -111,6 +115,8 @@ def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: s
         ("tether-pull", "boat", "surge+sway", {"stiffness": "N/m", "x": "m"}),
         ("wind-load", "boat", "surge+sway+yaw", {"X": "N", "N": "N m", "direction": "rad"}),
         ("tether-line", "boat", "surge+sway", {"stiffness": "N/m", "drag": "N s^2/m^2", "length": "m"}),
+        ("shallow-water", "boat", "surge+sway+yaw", {"drag": "N s^2/m^2", "sway": "1", "north": "1/m"}),
+        ("bank-suction", "boat", "sway+yaw", {"Y": "N s^2/m", "N": "N m s^2/m", "distance": "m"}),
     ],
 )
 def test_units(slug: str, name: str, place: str, units: dict[str, str]) -> None:

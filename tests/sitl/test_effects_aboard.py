@@ -12,7 +12,7 @@ from sitl.effects import parse_effect
 from tests.sitl.ground import Ground, boat, refusal_of, rov
 
 ATTITUDE, LOCAL_POSITION, SERVO = 30, 32, 36
-NUMBERS = {"V_x": 0.3, "V_y": 0.2, "frequency": 1.0, "factor": 1.02}
+NUMBERS = {"V_x": 0.3, "V_y": 0.2, "frequency": 1.0, "factor": 1.02, "depth": 8.0}
 PLACES = {"wave-disturbance": "surge", "unit-error": "r", "sign-error": "r", "channel-swap": "x+y"}
 NEED_SWAY = ("coriolis-coupling", "sway-yaw-coupling", "sway-moment", "munk-moment")
 

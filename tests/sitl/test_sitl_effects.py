@@ -51,6 +51,8 @@ SLUGS = [
     "wave-disturbance",
     "tether-pull",
     "tether-line",
+    "shallow-water",
+    "bank-suction",
     "sensor-position",
     "compass-deviation",
     "gyro-bias",

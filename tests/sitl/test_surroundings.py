@@ -138,6 +138,20 @@ like = "charlie"
         ("wind", {"direction": (1.0, "rad"), "gust": (-1.0, "1")}, 6, r"wind\.gust.* >= 0"),
         ("wind", {"speed": (8.0, "m/s")}, 4, r"wind needs direction"),
         ("wind", {"direction": (90.0, "deg")}, 5, r"wind\.direction is in 'deg'"),
+        (
+            "shallows",
+            {"draught": (0.5, "m"), "depth": (0.4, "m")},
+            4,
+            r"shallows: the depth of 0.4 m at the origin must",
+        ),
+        ("shallows", {"draught": (0.5, "m"), "depth": (math.nan, "m")}, 6, r"shallows\.depth.* nan"),
+        ("bank", {"direction": (1.0, "rad"), "distance": (-2.0, "m")}, 6, r"bank\.distance.* >= 0.001"),
+        (
+            "bank",
+            {"direction": (1.0, "rad"), "distance": (0.5, "m"), "beam": (1.2, "m")},
+            4,
+            r"bank: the wall is across the craft, 0.5 m from its origin with a half beam of 0.6 m\. Set a",
+        ),
     ],
 )
 def test_a_vehicle_file_with_surroundings_that_are_wrong_is_refused_by_line(tmp_path, heading, entries, line, said):
@@ -245,3 +259,56 @@ def test_a_tilted_craft_feels_the_pull_of_a_tether_in_its_own_axes():
     text = "tether-line.stiffness=10,length=5"
     pitched = forces_of(text, State(z=8.0, theta=0.5 * math.pi, tilts=True), dofs=("surge", "sway", "heave", "yaw"))
     assert (pitched.X, pitched.Z) == pytest.approx((30.0, 0.0), abs=1e-9)  # bow up: ahead is up
+
+
+SHALLOWS = "shallow-water.draught=0.5,depth=1.5,north=0.05,drag=8,sway=0.4,yaw=0.2"
+
+
+def test_shallow_water_adds_drag_and_inertia_by_draught_over_water_under_the_keel():
+    inertia = {"sway.alpha": 15.0, "yaw.alpha": 2.0}
+    state, effect, wrench = State(u=-2.0, x=-10.0), parse_effect(SHALLOWS), Wrench()
+    effect.begin(Setting(state, Water(), inertia, ("surge", "sway", "yaw"), {}, {}, {}, ()))
+    effect.alter_force(0.0, wrench)
+    effect.alter_parameters(0.0, inertia)  # 0.5 m of draught over 1 m - 10 m x 0.05 under the keel
+    assert (wrench.X, wrench.Y, wrench.N) == pytest.approx((8.0 * 1.0 * 4.0, 0.0, 0.0))
+    assert inertia == pytest.approx({"sway.alpha": 15.0 * 1.4, "yaw.alpha": 2.0 * 1.2})
+
+
+def test_a_hull_is_slower_towards_the_shore():
+    ahead = {"X": np.full(400, 5.0)}
+    ran = {}
+    for course in (0.0, math.pi):  # the water becomes deeper towards north
+        start = {"psi": course}
+        run = open_loop(
+            PLANE, ahead, duration=40.0, interval=0.1, measured=("u",), effects=[parse_effect(SHALLOWS)], initial=start
+        )
+        ran[course] = run["u"][-1]
+    assert ran[math.pi] < 0.5 * ran[0.0]
+
+
+def test_a_wall_pulls_with_the_square_of_the_speed_over_the_gap_and_turns_the_bow_away():
+    text = "bank-suction.direction=1.5707963,distance=5,Y=6,N=3"  # the wall is to the east
+    beside = forces_of(text, State(u=2.0, y=3.0))
+    assert (beside.X, beside.Y, beside.N) == pytest.approx((0.0, 6.0 * 4.0 / 2.0, -3.0 * 4.0 / 2.0))
+    astern = forces_of(text, State(u=-2.0, y=3.0))
+    assert (astern.Y, astern.N) == pytest.approx((12.0, 6.0))  # the stern is ahead, and turns away
+    assert forces_of(text, State(u=2.0, y=3.0, psi=math.pi)).Y == pytest.approx(-12.0)
+    towards = forces_of(text, State(u=2.0, psi=0.5 * math.pi))
+    assert (towards.Y, towards.N) == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("shallow-water.draught=1,depth=1", "the depth of 1 m at the origin must exceed the draught of 1 m"),
+        ("shallow-water.draught=nan,depth=2", "'nan' is not a finite number"),
+        ("bank-suction.direction=0,distance=-3", "distance: -3 is too small"),
+        (
+            "bank-suction.direction=0,distance=0.2,beam=0.6",
+            r"across the craft, 0.2 m from .* Set a distance above 0.3 m",
+        ),
+    ],
+)
+def test_shallows_or_a_bank_that_cannot_be_are_refused(text, said):
+    with pytest.raises(BadEffect, match=said):
+        Craft(load_vehicle("charlie"), effects=[parse_effect(text)]).begin("1")

@@ -39,6 +39,14 @@ def test_a_manual_stick_rolls_to_starboard_and_pitches_up(channel, angle):
     assert abs(getattr(ground.vehicle.state, other)) < 0.1 * getattr(ground.vehicle.state, angle)
 
 
+def test_a_craft_that_stays_level_still_passes_the_roll_stick_to_its_motors():
+    ground = rov("falcon", mode=SUB_MANUAL)
+    ground.sticks = {**NEUTRAL, 2: 1600}
+    ground.run(0.5)
+    assert list(ground.vehicle.autopilot.pwm[4:6]) == [1600, 1400]
+    assert ground.vehicle.state.phi == 0.0
+
+
 def test_stabilize_rights_a_tilted_craft():
     ground = sub()
     at = ground.vehicle.state

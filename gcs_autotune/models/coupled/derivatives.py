@@ -31,8 +31,9 @@ These parameters are not forces:
 - ``bottom`` [m]: depth of the bottom. ``reach`` [m]: height above it over which the bottom has an effect.
 - ``wall_X`` ... ``wall_N``: relative increase of the drag at the bottom in that equation.
 
-Some inputs do not drive the craft. ``payload`` multiplies the inertia over time. ``depth`` [m] replaces ``z`` if heave
-is not simulated. ``surge``, ``sway`` and ``yaw`` replace ``u``, ``v`` and ``r`` if these were only measured.
+Some inputs do not drive the craft. ``payload`` multiplies the inertia over time, ``payload_X`` to ``payload_N`` that of
+one equation. ``depth`` [m] replaces ``z`` if heave is not simulated. ``surge``, ``sway`` and ``yaw`` replace ``u``,
+``v`` and ``r`` if these were only measured.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ __all__ = [
     "DEPTH",
     "FORCES",
     "PAYLOAD",
+    "PAYLOADS",
     "RIGID_BODY",
     "SEEN",
     "SPECIAL",
@@ -95,6 +97,9 @@ SPECIAL: Mapping[str, str] = {
 
 PAYLOAD, DEPTH = "payload", "depth"
 """Names of the input that multiplies the inertia, and of the input that replaces ``z``."""
+
+PAYLOADS = tuple(f"payload_{force}" for force in FORCES)
+"""Names of the inputs that multiply the inertia of one row, in place of ``payload``."""
 
 SEEN: Mapping[str, str] = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
 """Velocity -> name of the input that replaces it if it is measured and not simulated."""

@@ -83,7 +83,7 @@ class Program(NamedTuple):
       parameter, no factor).
     - ``inertia`` (E, 3): row, column and parameter of each element of M.
     - ``inertia_coefs`` (E,): coefficients of these elements.
-    - ``payload``: index of the input that multiplies the inertia, -1 if absent.
+    - ``payload`` (6,): index of the input that multiplies the inertia in each row, -1 if absent.
     - ``depth``: index of the input that replaces z, -1 if absent.
     - ``m``: number of inputs.
 
@@ -108,7 +108,7 @@ class Program(NamedTuple):
     drift_y: int
     reach: int
     bottom: int
-    payload: int
+    payload: Index
     depth: int
     coriolis: int
     spatial: int
@@ -453,12 +453,16 @@ def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deri
                     by_p[row, free[P.bottom]] -= slope
                 if P.reach >= 0 and free[P.reach] >= 0:
                     by_p[row, free[P.reach]] -= slope * (full[8] - bottom) / reach
-    if P.payload >= 0:  # the same forces on u times the inertia, as shares of it: M stays constant and inverted once
-        share = 1.0 / u[P.payload]
-        force *= share
-        if deriv:
-            by_x *= share
-            by_p *= share
+    payload = P.payload
+    for row in range(6):  # the same forces on u times the inertia, as shares of it: M stays constant and inverted once
+        if payload[row] >= 0:
+            share = 1.0 / u[payload[row]]
+            force[row] *= share
+            if deriv:
+                for o in range(by_x.shape[1]):
+                    by_x[row, o] *= share
+                for o in range(by_p.shape[1]):
+                    by_p[row, o] *= share
 
 
 @pasted

@@ -61,7 +61,7 @@ def linear_program_of(P: Program) -> LinearProgram | None:
     """Return the linear form of *P*, or None if *P* has more than one velocity or is not linear in that velocity
     alone.
     """
-    others = (P.lag, P.current_x, P.current_y, P.drift_x, P.drift_y, P.reach, P.bottom, P.payload, P.depth)
+    others = (P.lag, P.current_x, P.current_y, P.drift_x, P.drift_y, P.reach, P.bottom, P.payload.max(), P.depth)
     if len(P.active) != 1 or max(others) >= 0 or P.coriolis or P.spatial:
         return None
     own = int(P.active[0])

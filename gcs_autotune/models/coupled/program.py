@@ -14,6 +14,7 @@ from gcs_autotune.models.coupled.derivatives import (
     DEPTH,
     FORCES,
     PAYLOAD,
+    PAYLOADS,
     RIGID_BODY,
     SPECIAL,
     WALLS,
@@ -82,12 +83,17 @@ def _program(key: tuple[Any, ...]) -> Program:
         drift_y=where("drift_y"),
         reach=where("reach"),
         bottom=where("bottom"),
-        payload=list(form.inputs).index(PAYLOAD) if PAYLOAD in form.inputs else -1,
+        payload=np.array([_payload(list(form.inputs), row) for row in PAYLOADS], dtype=np.int64),
         depth=list(form.inputs).index(DEPTH) if DEPTH in form.inputs else -1,
         coriolis=int(form.coriolis),
         spatial=int(spatial),
         m=len(form.inputs),
     )
+
+
+def _payload(inputs: list[str], own: str) -> int:
+    """Return the index of the input that multiplies the inertia of a row, -1 if absent. *own* acts on this row only."""
+    return next((inputs.index(name) for name in (own, PAYLOAD) if name in inputs), -1)
 
 
 class _Key:

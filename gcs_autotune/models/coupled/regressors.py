@@ -43,8 +43,9 @@ def balance_of(program: kernel.Program, theta: Array, X: Array, nu_dot: Array, i
     acceleration[:, program.active] = nu_dot
     acting = X[:, 2 * len(program.active) :] if program.lag >= 0 else inputs
     drives = _products(program, acting)
-    if program.payload >= 0:  # the same forces on so many times the inertia
-        drives = drives / inputs[:, program.payload, None]
+    for term, row in enumerate(program.rows):
+        if program.payload[row] >= 0:  # the same forces on so many times the inertia
+            drives[:, term] /= inputs[:, program.payload[row]]
     E = _forces(program, theta, full[:, :6], full[:, 6:], drives) + _inertia(program, len(theta), acceleration)
     return Balance(-(E[:, :, :-1] @ theta + E[:, :, -1]), -E[:, :, :-1])
 

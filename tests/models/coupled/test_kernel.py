@@ -33,7 +33,13 @@ Array = NDArray[np.float64]
 LONGEST, FAR = 0.4, 1e6
 
 
-def program(active: list[int], terms: list[tuple[Any, ...]], inertia: list[tuple[Any, ...]], **places: int) -> Program:
+def program(
+    active: list[int],
+    terms: list[tuple[Any, ...]],
+    inertia: list[tuple[Any, ...]],
+    payload: tuple[int, ...] = 6 * (-1,),
+    **places: int,
+) -> Program:
     """Return a program of terms (row, parameter, second, coefficient, factors), inertia (row, column, par, coef)."""
     k = len(active)
     column = np.full(12, -1, dtype=np.int64)
@@ -43,7 +49,7 @@ def program(active: list[int], terms: list[tuple[Any, ...]], inertia: list[tuple
     for t, term in enumerate(terms):
         factors[t, : len(term[4])] = term[4]
     absent = dict.fromkeys(
-        ("delay", "lag", "current_x", "current_y", "drift_x", "drift_y", "reach", "bottom", "payload", "depth"), -1
+        ("delay", "lag", "current_x", "current_y", "drift_x", "drift_y", "reach", "bottom", "depth"), -1
     )
     return Program(
         np.array(active, dtype=np.int64),
@@ -55,6 +61,7 @@ def program(active: list[int], terms: list[tuple[Any, ...]], inertia: list[tuple
         factors,
         np.array([e[:3] for e in inertia], dtype=np.int64),
         np.array([e[3] for e in inertia], dtype=np.float64),
+        payload=np.array(payload, dtype=np.int64),
         **{"coriolis": 0, "spatial": 0, "m": 1, **absent, **places},
     )
 
@@ -104,7 +111,7 @@ SPATIAL = Case(
         drift_y=14,
         reach=15,
         bottom=16,
-        payload=0,
+        payload=(0, 1, 0, 0, -1, 1),
         coriolis=1,
         spatial=1,
         m=2,
@@ -194,7 +201,7 @@ def force(P: Program, theta: Array, nu: Array, eta: Array, u: Array, acting: Arr
         for par in (P.pars[t], P.scales[t]):
             product *= theta[par] if par >= 0 else 1.0
         F[P.rows[t]] += product
-    return F / (u[P.payload] if P.payload >= 0 else 1.0)
+    return F / np.array([u[i] if i >= 0 else 1.0 for i in P.payload])
 
 
 def rates(P: Program, theta: Array, x: Array, u: Array) -> Array:

@@ -111,8 +111,9 @@ class Craft:
         if "depth" in u and 2 not in self.rows:
             eta[2] = u["depth"]
         force = self._forces(eta, nu, u)
-        if "payload" in u:
-            force = force / held[self.channels.index("payload")]
+        for row, letter in enumerate("XYZKMN"):
+            name = next((n for n in (f"payload_{letter}", "payload") if n in u), "")
+            force[row] = force[row] / (held[self.channels.index(name)] if name else 1.0)
         if self.form.coriolis:
             momentum = np.einsum("kij,jk->ik", self.M, nu)
             a, b = momentum[:3], momentum[3:]
@@ -244,7 +245,7 @@ def heavy(coriolis: bool = True) -> Form:
     free = ["x_G", "y_G", "z_G", "X_udot", "Y_rdot", "X_u", "Y_vv", "Z_w", "Z_ww", "K_p", "M_q", "N_r", "N_rrr",
             "K_sinphi", "M_theta", "N_sinpsi", "X_xcospsi", "Y_|v|r", "N_uv", "N_uudelta", "N_|delta|delta", "wall_Z",
             "reach", "bottom", "drift_x", "drift_y"]  # fmt: skip
-    inputs = {"X": (("X", 1.0),), "delta": (("N", 0.5),), "payload": ()}
+    inputs = {"X": (("X", 1.0),), "delta": (("N", 0.5),), "payload": (), "payload_N": ()}
     return Form("heavy", "heavy", tuple(LETTERS), tuple(free), body, inputs, coriolis=coriolis)
 
 
@@ -272,7 +273,7 @@ def test_motion_and_sensitivities_agree_with_a_second_derivation_on_complex_numb
     start = dict(zip(simulator.states, rng.uniform(-0.3, 0.3, len(simulator.states)).tolist(), strict=True))
     inputs = rng.uniform(-1.0, 1.0, (len(T_IN), len(form.inputs)))
     for i, channel in enumerate(form.inputs):
-        if channel == "payload":
+        if channel.startswith("payload"):
             inputs[:, i] = rng.uniform(0.7, 1.5, len(T_IN))
         if channel == "depth":
             inputs[:, i] = rng.uniform(4.0, 5.0, len(T_IN))
