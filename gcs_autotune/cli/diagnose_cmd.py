@@ -109,9 +109,9 @@ def _run(args: argparse.Namespace) -> int:
             typed = [
                 a.option_strings[0] for a in own._actions if a.option_strings and getattr(args, a.dest) != a.default
             ]
-            if others := [name for name in typed if name not in OF_A_TABLE]:
+            if wrong := [name for name in typed if name not in OF_A_TABLE]:
                 raise UsageError(
-                    f"{args.runs[0]} is a table of parameters, not a run, so {' and '.join(others)} cannot apply. Its "
+                    f"{args.runs[0]} is a table of parameters, not a run, so {' and '.join(wrong)} cannot apply. Its "
                     f"only options are {' and '.join(OF_A_TABLE)}"
                 )
             table = read_parameter_table(args.runs[0])
