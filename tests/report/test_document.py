@@ -36,6 +36,8 @@ from gcs_autotune.report.study import document as study
 from gcs_autotune.report.toolkit.document import IN_RESULT, Figure, Note, Remark, Section, Table, Verdict
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.tune import document as tune
+from gcs_autotune.seatrials import Reading, Sheet
+from gcs_autotune.seatrials.criteria import judged
 
 GOOD = LoopCheck("heading", "good", "The heading loop is good.", "good", (), LoopNumbers(overshoot=0.05))
 FLOWN = FlightStory("zig-zag", "", (("zig-zag", report_stories.step_trial()),))
@@ -149,3 +151,13 @@ def test_facts_of_a_section_replace_its_text_in_json() -> None:
     one = Section("one", "First", (Note("3 Wh"),), facts={"energy": 10800.0})
     two = Section("two", "Second", (Note("words"),), facts=IN_RESULT)
     assert to_json(Document("", (one, two), facts={"schema": 1})) == {"schema": 1, "energy": 10800.0}
+
+
+def test_a_flight_ends_with_its_figures_and_what_can_be_undone() -> None:
+    first = judged("first", "first overshoot", Reading(0.1, 0.0, "rad"))
+    figures = (judged("helm", "helm", Reading(0.67, 0.0, "1")), first)
+    sheet = Sheet("zig-zag", "zig-zag", "67 %/20° zig-zag", figures, "", ())
+    text = render_text(flight_document(replace(FLOWN, sheets=(sheet,))))
+    assert " 67 " in text
+    boxed = " ".join(text[text.index("╭") :].replace("│", " ").split())
+    assert "67 %/20° zig-zag. First overshoot: 5.73°. No parameter was written, so there is nothing to undo." in boxed

@@ -151,9 +151,9 @@ def _found(story: FlightStory, doubtful: bool) -> Iterator[str]:
     """Yield sentences on what the flight gave: the first figures, the models, and what can be undone."""
     for sheet in story.sheets:
         rows = [row for row in sheet_table(sheet).rows if row[0] not in SET][:MOST_FIGURES]
-        told = "; ".join(f"{name} {value.partition(' ±')[0]}{_apart(unit)}" for name, value, unit, *_ in rows)
+        told = "; ".join(f"{name}: {value.partition(' ±')[0]}{_apart(unit)}" for name, value, unit, *_ in rows)
         said = f" {sheet.verdict[:1].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
-        yield f"{sheet.title[:1].upper()}{sheet.title[1:]}: {told}.{said}"
+        yield f"{sheet.title[:1].upper()}{sheet.title[1:]}. {told[:1].upper()}{told[1:]}.{said}"
     for model in story.models:
         yield f"Model of {model.fit.dof}: {format_percent(model.fit.fit_percent)} of the motion explained."
     if doubtful:
