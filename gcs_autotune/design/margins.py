@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.open_loop import OpenLoop, Rational, pade
+from gcs_autotune.design.open_loop import OpenLoop, Rational, differentiated, pade
 from gcs_autotune.design.result import Margins
 from gcs_autotune.jit import entry
 
@@ -38,12 +38,15 @@ _S: Complex = (1j * GRID).astype(np.complex128)
 
 
 class Plant(NamedTuple):
-    """Plant of a velocity controller, ``gain / (alpha s + drag) * exp(-delay s)``, with ``delay`` in s."""
+    """Plant of a velocity controller, ``gain / (alpha s + drag + restoring / s) * exp(-delay s)``, with ``delay`` in
+    s. ``restoring`` is the moment per angle that pulls the craft back, or 0.
+    """
 
     gain: float
     alpha: float
     drag: float
     delay: float
+    restoring: float = 0.0
 
 
 def margins_of(loop: OpenLoop) -> Margins:
@@ -70,11 +73,13 @@ def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margi
         return []
     found = np.empty((len(plants), 4))
     response = controller.at(_S)
-    for row, (gain, alpha, drag, delay) in zip(found, plants, strict=True):
-        top, bottom = _delayed(alpha, drag, delay)
-        closed = np.zeros(max(len(top) + len(controller.num), len(bottom) + len(controller.den)) - 1)
-        rational = (controller.num, controller.den, top, bottom, float(gain), closed)
-        _read_off(*rational, response, _response(alpha, drag, delay), GRID, row)
+    without_zero = differentiated(controller)
+    for row, plant in zip(found, plants, strict=True):
+        path = without_zero if plant.restoring else controller
+        top, bottom = _delayed(*plant[1:])
+        closed = np.zeros(max(len(top) + len(path.num), len(bottom) + len(path.den)) - 1)
+        rational = (path.num, path.den, top, bottom, float(plant.gain), closed)
+        _read_off(*rational, response, _response(*plant[1:]), GRID, row)
     return [Margins(g, p, d, stable=True) if stable else _NONE for g, p, d, stable in found.tolist()]
 
 
@@ -207,14 +212,17 @@ def _zero_between(before: Array, after: Array) -> Array:
 
 
 @lru_cache(maxsize=2048)
-def _response(alpha: float, drag: float, delay: float) -> Complex:
+def _response(alpha: float, drag: float, delay: float, restoring: float) -> Complex:
     """Return the frequency response (n,) of a plant of gain one."""
-    response: Complex = np.exp(-delay * _S) / (alpha * _S + drag)
+    response: Complex = np.exp(-delay * _S) / (alpha * _S + drag + restoring / _S)
     return response
 
 
 @lru_cache(maxsize=2048)
-def _delayed(alpha: float, drag: float, delay: float) -> tuple[Array, Array]:
-    """Return numerator and denominator of a plant of gain one, including its delay."""
+def _delayed(alpha: float, drag: float, delay: float, restoring: float) -> tuple[Array, Array]:
+    """Return numerator and denominator of a plant of gain one, including its delay, from output to velocity.
+
+    With a restoring moment it is the plant from output to angle, so that the zero at s = 0 is in the controller.
+    """
     top, bottom = pade(delay)
-    return top, np.convolve(np.array([alpha, drag]), bottom)
+    return top, np.convolve(np.array([alpha, drag, restoring] if restoring else [alpha, drag]), bottom)

@@ -317,7 +317,6 @@ def remarks_on(craft: MavlinkCraft) -> list[str]:
 
 
 _CHECKS_PATIENCE = 30.0
-_POSITION_PATIENCE = 90.0
 _SILENT = 2.5
 """Longest time to wait for the estimator's status [s], requested at 2 Hz.
 
@@ -381,17 +380,17 @@ def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
         craft.observe()
 
 
-def await_position(craft: MavlinkCraft, observer: Observer, mode: str) -> None:
+def await_position(craft: MavlinkCraft, observer: Observer, mode: str, patience: float = 90.0) -> None:
     """Wait until the vehicle's estimator has the horizontal position that *mode* needs.
 
     Raises
     ------
     PreconditionFailed
-        It has none after a minute and a half.
+        It has none after *patience* [s].
     """
     estimator, said = _Estimator(craft), False
     source = "Check GPS (sky view, fix type)" if craft.firmware.floats else "Check the DVL or other position source"
-    deadline = Deadline.after(craft.clock, _POSITION_PATIENCE)
+    deadline = Deadline.after(craft.clock, patience)
     try:
         while not estimator.has_position:
             if estimator.flags is not None and not said:
@@ -399,7 +398,7 @@ def await_position(craft: MavlinkCraft, observer: Observer, mode: str) -> None:
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
-                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, which {mode} needs. "
+                    f"the vehicle has had no position estimate for {patience:g} s, which {mode} needs. "
                     f"{source} and compass, then try again"
                 )
             craft.observe()

@@ -186,6 +186,8 @@ class _Job:
         missions: dict[str, Mission] = {}
         parameters: dict[str, float] = {}
         for row in rows:
+            if row.kind and row.kind != craft.firmware.kind:
+                continue
             log = TuneLog(settings, self._when, SilentObserver(), row.name)
             if row.name in done:
                 steps.append(done[row.name])

@@ -7,6 +7,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.autopilot.autopilot import StateEstimate
+from sitl.sensors import SensorReading
 from tests.sitl.ground import SUB_ALT_HOLD, SUB_MANUAL, SUB_STABILIZE, Ground, rov
 
 NEUTRAL = {1: 1500, 2: 1500, 3: 1500, 4: 1500, 5: 1500, 6: 1500}
@@ -27,6 +29,16 @@ def test_attitude_tells_the_true_roll_and_pitch():
     assert at.phi > 0.1 and told.rollspeed > 0.0
     assert told.roll == pytest.approx(at.phi, abs=0.1)
     assert told.pitch == pytest.approx(at.theta, abs=0.02)
+
+
+def test_the_gyro_filter_delays_roll_and_pitch_rates_like_the_yaw_rate():
+    estimate, reading = StateEstimate(sub().vehicle.parameters), SensorReading()
+    estimate.update(reading, 0.0025)
+    reading.p = reading.q = reading.r = 1.0
+    for _ in range(4):
+        estimate.update(reading, 0.0025)
+    assert 0.1 < estimate.yaw_rate < 0.9
+    assert estimate.roll_rate == estimate.pitch_rate == estimate.yaw_rate
 
 
 @pytest.mark.parametrize(("channel", "angle"), [(2, "phi"), (1, "theta")])

@@ -105,7 +105,7 @@ def test_all_numbers_of_a_roll_model_are_found_and_survive_a_file(tmp_path: Path
     save_model(found, tmp_path / "roll.json")
     again = load_model(tmp_path / "roll.json")
     assert again.axis == found.model
-    assert "K_phi" in again.names
+    assert "K_sinphi" in again.names
     assert validate(found.model, run).fit_percent > 98.0
 
 
