@@ -1,6 +1,6 @@
 """Hidden biases, lever arms and delays found by ``navigate``, and its consistency.
 
-    python -m benchmarks.navigation_accuracy [--seeds 50] [--seconds 100]
+    python -m benchmarks.navigation_accuracy [--first 301] [--seeds 50] [--seconds 100]
 
 The logs come from the tests' own generator on the simulator's six-degree bodies (``tests/plants/navigation_logs.py``):
 a tugboat with GPS and compass, an ROV with DVL, compass and depth. One log of each per seed.
@@ -29,6 +29,7 @@ HERE = Path("log.csv")
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--first", type=int, default=301, help="first seed")
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=100.0)
     args = parser.parse_args()
@@ -36,7 +37,7 @@ def main() -> None:
     nees, nis, seconds, misses = [], [], [], []
     missed: dict[str, dict[str, list[float]]] = {craft: {n: [] for n in JUDGED} for craft in CRAFT}
     for craft, devices in CRAFT.items():
-        for seed in range(1, args.seeds + 1):
+        for seed in range(args.first, args.first + args.seeds):
             run, told, true = log(craft, seed, args.seconds, devices)
             begin = time.perf_counter()
             own = navigate(readings_of(store_of(run, HERE), HERE), Mounting(tuple(told["centre"])))[0]

@@ -1,18 +1,21 @@
-"""Whole tunes beside the best gains that a search of the simulator finds.
+"""Whole tunes of every simulated vehicle, compared with the best gains that a search of the simulator finds.
 
-Every craft is tuned over several seeds of its sensors' noise. The best gains come from a Nelder-Mead search that may
-fly the simulator itself. Each trial of gains is a step and a step back under the vehicle's own autopilot, within the
-margins and the integral action that a design requires, computed from the true hull and thrust curve. Compared is the
-ITAE as flown, measured as in a tune.
+Every vehicle is tuned on every axis of its firmware, over several seeds of its sensors' noise. A craft that does not
+have an axis must refuse it. These tunes are counted by themselves.
+
+The best gains come from a Nelder-Mead search that may fly the simulator itself. Each trial of gains is a step and a
+step back under the vehicle's own autopilot, within the margins and the integral action that a design requires, computed
+from the true hull and thrust curve. Compared is the ITAE as flown, measured as in a tune.
 
 A search takes minutes and depends only on the simulator: its result is in ``BEST`` below and flown again on each seed.
-``--search N`` repeats it. The tunes are the study ``benchmarks/studies/reach.toml``; a stopped run continues.
+``--search N`` repeats it. Cases that are not in ``BEST`` are tuned and predicted only. The tunes are the study
+``benchmarks/studies/reach.toml``; a stopped run continues.
 
 ``--styles`` tunes each craft in every style of ``tune --style`` instead. It prints the step flown by the simulator with
 the new gains, and the margins that they have on the true craft.
 
-Goals: at most 1.3 times the best in 95 % of tunes (if nothing was kept: the present gains within 1.3), and predicted
-within 25 % of flown in 90 %.
+Goals: every tune kept; every axis that a craft lacks refused; at most 1.3 times the best in 95 % of tunes (if nothing
+was kept: the present gains within 1.3); and predicted within 25 % of flown in 90 %.
 """
 
 from __future__ import annotations
@@ -53,8 +56,9 @@ from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
-from sitl.actuators import TwinThrusterBoat
+from sitl.actuators import FRAMES, TwinThrusterBoat
 from sitl.autopilot import GuidedTarget
+from sitl.catalogue import VEHICLES, load_vehicle
 from sitl.plants import Wrench
 from sitl.vehicle import Vehicle
 
@@ -62,20 +66,12 @@ __all__ = ["CASES", "main"]
 
 Array = NDArray[np.float64]
 
+PROFILES = {"sub": "ardusub", "rover": "ardurover"}
+"""Firmware of a vehicle file -> the tuner's profile of it."""
 CASES: Sequence[tuple[str, str]] = tuple(
-    (vehicle, axis)
-    for vehicle, axes in (
-        ("bluerov2", ("heading", "yaw", "depth")),
-        ("bluerov2-loaded", ("heading", "yaw", "depth")),
-        ("falcon", ("heading", "depth")),
-        ("videoray", ("heading", "depth")),
-        ("charlie", ("heading",)),
-        ("blueboat", ("heading",)),
-        ("automarine", ("heading",)),
-    )
-    for axis in axes
+    (vehicle, axis) for vehicle in VEHICLES for axis in FIRMWARE[PROFILES[load_vehicle(vehicle).firmware]].axes
 )
-"""(vehicle, axis)."""
+"""(vehicle, axis): every vehicle of the simulator's catalogue, and every axis of its firmware."""
 BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
     ("bluerov2", "heading"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.05, "ATC_ANG_YAW_P": 5.695},
     ("bluerov2", "yaw"): {"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.0442, "ATC_ANG_YAW_P": 2.46},
@@ -160,7 +156,11 @@ class Aboard(Connection):
 
 @dataclass(frozen=True)
 class Tuned:
-    """How one tune ended: ITAE before, predicted and flown, NaN where there is none; ``beside``: of the best gains."""
+    """How one tune ended: ITAE before, predicted and flown, NaN where there is none; ``beside``: of the best gains.
+
+    ``ending`` is that of the story, "aborted" for a tune that ended with an error, or "refused" if the craft does not
+    have the axis. ``reason`` is the error, or the verdict of a tune whose gains were not kept.
+    """
 
     vehicle: str
     axis: str
@@ -171,27 +171,41 @@ class Tuned:
     flown: float
     beside: float
     seconds: float
+    reason: str = ""
 
 
 def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
     """Tune, fly the best gains beside it, and return how it went."""
     began = time.monotonic()
     server = open_vehicle(vehicle, seed=seed)
-    ending, before, predicted, after = "aborted", math.nan, math.nan, math.nan
+    ending, before, predicted, after = "aborted" if has_axis(vehicle, axis) else "refused", math.nan, math.nan, math.nan
     windows: tuple[float, ...] = ()
+    reason = ""
     with tempfile.TemporaryDirectory() as folder:
         settings = TuneSettings(Aboard(server=server), Path(folder) / "run", axis=axis)
         try:
             story: TuneStory = tune(settings, Unattended(), SilentObserver(), "2026-11-20T12:00:00")
         except AutotuneError as error:
-            print(f"   {vehicle} {axis} {seed}: {error}")
+            reason = str(error)
         else:
-            ending = story.ending
+            ending, reason = story.ending, "" if story.ending == "kept" else story.reason
             predicted = math.nan if story.proposal is None else story.proposal.after.metrics.itae
             before, after = (math.nan if m is None else m.itae for m in (story.metrics_before, story.metrics_after))
             windows = _windows(settings.directory)
-    beside = Bench(vehicle, _axis_of(vehicle, axis), seed).fly(BEST[vehicle, axis], windows).itae
-    return Tuned(vehicle, axis, seed, ending, before, predicted, after, beside, time.monotonic() - began)
+    best, beside = BEST.get((vehicle, axis)), math.nan
+    if best is not None:
+        beside = Bench(vehicle, _axis_of(vehicle, axis), seed).fly(best, windows).itae
+    return Tuned(vehicle, axis, seed, ending, before, predicted, after, beside, time.monotonic() - began, reason)
+
+
+def has_axis(vehicle: str, axis: str) -> bool:
+    """Return whether *vehicle* moves in the degree of freedom of *axis*, and its thrusters drive it."""
+    data, dof = load_vehicle(vehicle), AXES[axis].dof
+    letter = {"roll": "K", "pitch": "M"}.get(dof)
+    if letter is None:
+        return True
+    motors = FRAMES.get(data.tables["actuators"], ())
+    return dof in data.make_plant().dofs and any(getattr(motor, letter) for motor in motors)
 
 
 def show_styles(vehicle: str, axis: str, seed: int) -> None:
@@ -221,8 +235,7 @@ def _windows(run: Path) -> tuple[float, ...]:
 
 
 def _axis_of(vehicle: str, axis: str) -> Axis:
-    firmware = "ardusub" if open_vehicle(vehicle).vehicle.data.firmware == "sub" else "ardurover"
-    return FIRMWARE[firmware].axes[axis]
+    return FIRMWARE[PROFILES[load_vehicle(vehicle).firmware]].axes[axis]
 
 
 class Bench:
@@ -437,20 +450,30 @@ def tuned_case(seed: int, case: str) -> dict[str, Any]:
 
 
 def _show_table(tuned: Sequence[Tuned], cases: Iterator[tuple[str, str]]) -> None:
-    print(f"{'case':<24}{'beside':>7}{'kept':>7}{'<=1.3':>7}{'ITAE before -> flown (median)':>32}{'predicted':>11}")
+    print(f"{'case':<26}{'beside':>7}{'kept':>7}{'<=1.3':>7}{'ITAE before -> flown (median)':>32}{'predicted':>11}")
     for case in cases:
-        own = [t for t in tuned if (t.vehicle, t.axis) == case]
+        every = [t for t in tuned if (t.vehicle, t.axis) == case]
+        own = [t for t in every if t.ending != "refused"]
         if not own:
+            if every:
+                print(f"{' '.join(case):<26}{'refused':>14} {_share(every, lambda t: t.ending == 'refused')}")
             continue
         near = [t for t in own if math.isfinite(t.flown)]
+        searched = [t for t in own if math.isfinite(t.beside)]
         print(
-            f"{' '.join(case):<24}{np.median([t.beside for t in own]):>7.3f}"
+            f"{' '.join(case):<26}{_median([t.beside for t in own])}"
             f"{_share(own, lambda t: t.ending == 'kept'):>7}"
-            f"{_share(own, lambda t: _has(t) <= WITHIN * t.beside):>7}"
-            f"{np.nanmedian([t.before for t in own]):>21.3f} -> {np.nanmedian([_has(t) for t in own]):.3f}"
+            f"{_share(searched, lambda t: _has(t) <= WITHIN * t.beside) if searched else '-':>7}"
+            f"{_median([t.before for t in own]):>21} -> {_median([_has(t) for t in own]).strip()}"
             f"{_share(near, lambda t: abs(t.predicted - t.flown) <= NEAR * t.flown):>11}   "
             f"{sum(t.seconds for t in own):.0f} s"
         )
+
+
+def _median(values: Sequence[float]) -> str:
+    """Return the median of the finite *values* to three places, ``-`` if there are none."""
+    known = [value for value in values if math.isfinite(value)]
+    return f"{np.median(known):>7.3f}" if known else f"{'-':>7}"
 
 
 def _has(tuned: Tuned) -> float:
@@ -461,7 +484,9 @@ def _has(tuned: Tuned) -> float:
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cases", nargs="*", help="vehicle or vehicle/axis; default: all")
+    parser.add_argument(
+        "cases", nargs="*", help="vehicle or vehicle/axis; default: all, for a search or styles those in BEST"
+    )
     parser.add_argument("--seeds", type=int, default=20, help="of each case; default 20")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1, help="processes; default 1")
@@ -470,11 +495,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = parser.parse_args(argv)
     if args.styles:
         for seed in range(args.first_seed, args.first_seed + args.seeds):
-            for vehicle, name in _cases(args.cases):
+            for vehicle, name in _cases(args.cases or ["/".join(case) for case in BEST]):
                 show_styles(vehicle, name, seed)
         return
     if args.search:
-        for vehicle, name in _cases(args.cases):
+        for vehicle, name in _cases(args.cases or ["/".join(case) for case in BEST]):
             best, gains = search(Bench(vehicle, _axis_of(vehicle, name), args.first_seed), args.search)
             print(f"   {vehicle} {name}: best by search {best:.3f} s^2 at {_shown(gains)}", flush=True)
         return
@@ -484,18 +509,26 @@ def main(argv: Sequence[str] | None = None) -> None:
     for one in tuned:
         print(
             f"   {one.vehicle} {one.axis} seed {one.seed}: {one.ending}, {one.before:.3f} -> {one.flown:.3f}, "
-            f"predicted {one.predicted:.3f}; best {one.beside:.3f}"
+            f"predicted {one.predicted:.3f}; best {one.beside:.3f}{one.reason and f'; {one.reason}'}"
         )
     _show_table(tuned, _cases(args.cases))
     headline("reach", "whole tunes compared with the best gains of a search", _figures(tuned))
 
 
 def _figures(tuned: Sequence[Tuned]) -> list[Figure]:
-    near = [t for t in tuned if math.isfinite(t.flown)]
-    return [
-        count("tunes kept", sum(t.ending == "kept" for t in tuned), len(tuned), least=1.0),
+    """Return the headline figures, without those of which there was no case."""
+    own = [t for t in tuned if t.ending != "refused"]
+    near = [t for t in own if math.isfinite(t.flown)]
+    searched = [t for t in own if math.isfinite(t.beside)]
+    lacking = [t for t in tuned if not has_axis(t.vehicle, t.axis)]
+    figures = [
+        count("tunes kept", sum(t.ending == "kept" for t in own), len(own), least=1.0),
+        count("refused without the axis", sum(t.ending == "refused" for t in lacking), len(lacking), least=1.0),
         count(
-            f"within {WITHIN:g} times the best", sum(_has(t) <= WITHIN * t.beside for t in tuned), len(tuned), least=0.9
+            f"within {WITHIN:g} times the best",
+            sum(_has(t) <= WITHIN * t.beside for t in searched),
+            len(searched),
+            least=0.9,
         ),
         count(
             f"predicted within {NEAR:.0%}",
@@ -504,6 +537,7 @@ def _figures(tuned: Sequence[Tuned]) -> list[Figure]:
             least=0.9,
         ),
     ]
+    return [figure for figure in figures if figure.of]
 
 
 def _shown(gains: Mapping[str, float]) -> str:

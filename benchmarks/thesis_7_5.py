@@ -8,7 +8,10 @@ The figures are those of the section, with its numbers as goals:
 
 * valid experiments of each day: five periods that satisfy (7.12). Thesis: 60 and 48 of 60.
 * pairs of valid experiments of one day with different relay outputs, whose decision (7.1)-(7.2) is the linear model,
-  without margin (criterion 1). Thesis: about 90 %.
+  without margin (criterion 1). Thesis: about 90 %. The drag of table 7.12, which the simulated boat has, depends on the
+  speed. For this boat the exact limit cycles, without wind, waves, noise and sampling, decide 83 % of all pairs and
+  94 % of the pairs of one speed for the linear model (:func:`exact_cycle`). So the pairs of one speed are a figure of
+  their own, and the goal of all pairs is out of reach of this boat.
 * error of the drag of IS-O against least squares, mean of the day and speed (7.15). Thesis: at most 22 %.
 * the same error of the time constant alpha/beta (7.11), at most two sampling times. Thesis: more than 90 %.
 
@@ -20,11 +23,12 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from benchmarks.results import Figure, count, headline
 from benchmarks.studies import FOLDER, rows_of
@@ -36,9 +40,10 @@ from gcs_autotune.identify.result import IsoEstimate, LimitCycle
 from gcs_autotune.link import Session, open_craft, open_link
 from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
 from gcs_autotune.observer import SilentObserver
-from gcs_autotune.study import load_plan
+from gcs_autotune.study import Plan, load_plan
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.connection import telemetry_rates
+from sitl import load_vehicle
 
 T_S = 0.5
 """Sampling time [s] of the identification on Charlie: Miskovic2010, section 3.3."""
@@ -59,15 +64,21 @@ def flown(seed: int, uri: str, n2: float, C: float, x_a: float) -> dict[str, Any
     cycles = find_cycles(trial, "yaw")
     found: dict[str, Any] = {"valid": not why and bool(cycles) and cycles[-1].valid, "ending": why or "completed"}
     if cycles:
-        own = estimate(cycles[-1])
-        names = ("C", "x_a", "x_a_star", "X_m", "x_0", "omega", "T_H", "T_L", "periods", "scatter")
-        found |= {f"cycle.{name}": getattr(own.cycle, name) for name in names}
-        found |= {f"iso.{name}": getattr(own, name) for name in ("alpha", "beta", "beta_quadratic", "delta")}
+        found |= _readings(estimate(cycles[-1]))
     for structure in STRUCTURES:
         by = fit_axis(trial, dof="yaw", structure=structure, delay=0.0, method="least-squares")
         drag = by.model.beta if structure == "linear" else by.model.beta_quadratic
         found |= {f"{structure}.alpha": by.model.alpha, f"{structure}.beta": drag, f"{structure}.fit": by.fit_percent}
     return found
+
+
+CYCLE = ("C", "x_a", "x_a_star", "X_m", "x_0", "omega", "T_H", "T_L", "periods", "scatter")
+"""Readings of a limit cycle that are stored."""
+
+
+def _readings(own: IsoEstimate) -> dict[str, Any]:
+    found = {f"cycle.{name}": getattr(own.cycle, name) for name in CYCLE}
+    return found | {f"iso.{name}": getattr(own, name) for name in ("alpha", "beta", "beta_quadratic", "delta")}
 
 
 def _relay(seed: int, uri: str, n2: float, C: float, x_a: float) -> tuple[Trial, str]:
@@ -94,14 +105,58 @@ def _relay(seed: int, uri: str, n2: float, C: float, x_a: float) -> tuple[Trial,
 
 def estimate_of(row: Mapping[str, Any]) -> IsoEstimate:
     """Return the result of IS-O in a *row* of the study."""
-    names = ("C", "x_a", "x_a_star", "X_m", "x_0", "omega", "T_H", "T_L", "periods", "scatter")
-    cycle = LimitCycle(**{name: row[f"cycle.{name}"] for name in names}, valid=bool(row["valid"]))
+    cycle = LimitCycle(**{name: row[f"cycle.{name}"] for name in CYCLE}, valid=bool(row["valid"]))
     return IsoEstimate(cycle, row["iso.alpha"], row["iso.beta"], row["iso.beta_quadratic"], row["iso.delta"], 0.0)
 
 
-def decisions(valid: Sequence[Mapping[str, Any]], margin: str) -> tuple[int, int, int]:
-    """Return how many pairs with different outputs decide for linear drag, for quadratic drag, and for neither."""
-    pairs = [(a, b) for a, b in combinations(valid, 2) if a["argument.C"] != b["argument.C"]]
+def exact_cycle(alpha: float, beta: float, C: float, x_a: float) -> LimitCycle:
+    """Return the limit cycle of ``alpha rdot + beta r = +/- C`` with a relay that switches at ``+/- x_a`` [rad]."""
+    u, constant = C / beta, alpha / beta
+
+    def turned(T: float) -> float:
+        r_0 = -u * math.tanh(0.5 * T / constant)
+        return u * T + (r_0 - u) * constant * (1.0 - math.exp(-T / constant)) - 2.0 * x_a
+
+    T = float(brentq(turned, 1e-3, 1e3))
+    r_0 = -u * math.tanh(0.5 * T / constant)
+    still = constant * math.log((u - r_0) / u)  # the heading is at its extreme
+    X_m = x_a - u * still - (r_0 - u) * constant * (1.0 - math.exp(-still / constant))
+    return LimitCycle(
+        C=C,
+        x_a=x_a,
+        x_a_star=x_a,
+        X_m=X_m,
+        x_0=0.0,
+        omega=math.pi / T,
+        T_H=T,
+        T_L=T,
+        periods=5,
+        scatter=0.0,
+        valid=True,
+    )
+
+
+def exact_rows(plan: Plan) -> list[dict[str, Any]]:
+    """Return the rows of one day without wind, waves, noise and sampling, as :func:`decisions` reads them."""
+    yaw = load_vehicle("charlie").tables["yaw"]
+    drags = {n2: (a, b) for n2, a, b in zip(*(yaw[name]["value"] for name in ("n2", "alpha", "beta")), strict=True)}
+    rows = []
+    for n2, C, x_a in product(*(plan.vary[f"argument.{name}"].values for name in ("n2", "C", "x_a"))):
+        own = estimate(exact_cycle(*drags[float(n2)], math.radians(float(C)), math.radians(float(x_a))))
+        rows.append({"argument.n2": n2, "argument.C": C, "argument.x_a": x_a, **_readings(own), "valid": True})
+    return rows
+
+
+def decisions(valid: Sequence[Mapping[str, Any]], margin: str, *, one_speed: bool = False) -> tuple[int, int, int]:
+    """Return how many pairs with different outputs decide for linear drag, for quadratic drag, and for neither.
+
+    one_speed : only pairs of one speed.
+    """
+    pairs = [
+        (a, b)
+        for a, b in combinations(valid, 2)
+        if a["argument.C"] != b["argument.C"] and (not one_speed or a["argument.n2"] == b["argument.n2"])
+    ]
     found = [decide(estimate_of(a), estimate_of(b), margin).verdict for a, b in pairs]
     return found.count("linear"), found.count("nonlinear"), found.count("undecided")
 
@@ -128,19 +183,21 @@ def figures_of(day: str, rows: Sequence[Mapping[str, Any]], valid: float) -> lis
         print(f"  C = {C:2.0f}: {sum(bool(row['valid']) for row in rows if row['argument.C'] == C)}")
     for row in (r for r in rows if not r["valid"]):
         print(f"  not valid: {_named(row)}: {row['ending']}")
-    print(f"  decisions of {day} (correct, false, undecided) by margin")
+    print(f"  decisions of {day} (correct, false, undecided) by margin: all pairs, and pairs of one speed")
     for margin in MARGINS:
-        print(f"  {margin:9s} {decisions(good, margin)}")
+        print(f"  {margin:9s} {decisions(good, margin)}   {decisions(good, margin, one_speed=True)}")
     errors = compared(rows)
     for row, (drag, constant) in zip(good, errors, strict=True):
         if drag > MOST_DRAG or constant > 2.0 * T_S:
             print(f"  apart: {_named(row)}: drag by {drag:.1f} %, time constant by {constant:.2f} s")
     right, wrong, neither = decisions(good, "none")
+    alike = decisions(good, "none", one_speed=True)
     drags, constants = (np.array(column) for column in zip(*errors, strict=True))
     linear, nonlinear = (float(np.mean([row[f"{name}.fit"] for row in rows])) for name in STRUCTURES)
     return [
         count(f"{day}: valid experiments", len(good), len(rows), least=valid),
         count(f"{day}: pairs decided for the linear model, no margin", right, right + wrong + neither, least=0.9),
+        count(f"{day}: the same, pairs of one speed", alike[0], sum(alike), least=0.9),
         Figure(f"{day}: error of beta against least squares, largest", float(drags.max()), "%", most=MOST_DRAG),
         count(f"{day}: error of beta below 15 %", int((drags < 15.0).sum()), len(drags), least=0.9),
         count(f"{day}: time constant within two samples", int((constants <= 2 * T_S).sum()), len(good), least=0.9),
@@ -161,11 +218,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.thesis_7_5", description=__doc__.splitlines()[0])
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
-    days = load_plan(FOLDER / "thesis_7_5.toml", Path.cwd()).vary["effect"].values
+    plan = load_plan(FOLDER / "thesis_7_5.toml", Path.cwd())
+    days = plan.vary["effect"].values
     rows = rows_of("thesis_7_5", args.workers)
+    exact, alike = (decisions(exact_rows(plan), "none", one_speed=one) for one in (False, True))
     figures = list[Figure]()
     for number, (day, valid) in enumerate(zip(days, (1.0, 0.8), strict=True), 1):
         figures += figures_of(f"day {number}", [row for row in rows if row["effect"] == day], valid)
+    figures += [
+        count("exact limit cycles: pairs decided for the linear model", exact[0], sum(exact)),
+        count("exact limit cycles: the same, pairs of one speed", alike[0], sum(alike)),
+    ]
     headline("thesis_7_5", "Miskovic2010, section 7.5: 120 relays of Charlie by IS-O and least squares", figures)
 
 

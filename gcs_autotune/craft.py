@@ -36,9 +36,10 @@ class Observation:
 
     ``t`` is the vehicle's timestamp [s] of the attitude in this observation; ``psi`` is unwrapped
     (continuous from the first one); ``d`` is the distance to a wall ahead [m]; ``d_starboard`` that of a second
-    rangefinder. ``waypoint`` is the number of the mission item under way. ``output`` holds the *measured* actuator
-    demand per force name (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
-    ``output_t`` [s] is its time stamp. ``age`` is seconds of link-clock time since the last message.
+    rangefinder; ``wall_angle`` the heading minus that at a right angle to the wall. ``waypoint`` is the number of the
+    mission item under way. ``output`` holds the *measured* actuator demand per force name
+    (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW); ``output_t`` [s] is its time
+    stamp. ``age`` is seconds of link-clock time since the last message.
     """
 
     t: float
@@ -57,6 +58,7 @@ class Observation:
     speed: float = math.nan
     d: float = math.nan
     d_starboard: float = math.nan
+    wall_angle: float = math.nan
     waypoint: float = math.nan
     output: Mapping[str, float] = field(default_factory=dict)
     output_t: float = math.nan

@@ -109,13 +109,18 @@ _AHEAD = 2
 """Tasks submitted to Dask per thread of its workers, so that no worker waits for the next one. Project choice."""
 _LOOK = 1.0
 """Time [s] between two looks at the workers and the connection. Project choice."""
+_SHORT = 0.25
+"""Time [s] after which a worker returns a group of short tasks. Dask needs 10 to 20 ms for a task. Project choice."""
+_MOST_TOGETHER = 256
+"""Largest number of tasks that are submitted as one. Project choice."""
 
 
 class DaskExecutor:
     """Runs tasks on a Dask cluster. The client was connected by the caller.
 
-    A task whose worker is killed is repeated. After its last but one try it runs alone, because until then another
-    task on that worker may have been the cause.
+    Short tasks are submitted in groups. A worker returns the tasks of a group that it has not begun after a while.
+    A task whose worker is killed is repeated by itself. After its last but one try it runs alone, because until then
+    another task on that worker may have been the cause.
 
     Parameters
     ----------
@@ -142,7 +147,7 @@ class DaskExecutor:
         self._lost, self._unsuited, self._reports = lost, unsuited, reports
         self._refused: dict[str, str] = {}
         self._threads: dict[str, int] = {}
-        self._looked, self._waits = -_LOOK, False
+        self._looked, self._waits, self._together = -_LOOK, False, 1
 
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
@@ -170,48 +175,59 @@ class DaskExecutor:
         """Yield (number of the task, outcome) as they become known."""
         ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         fresh, again, alone = deque(range(len(tasks))), deque[int](), deque[int]()
-        busy: dict[Any, int] = {}
+        busy: dict[Any, list[int]] = {}
         killed: dict[int, int] = {}
+
+        def submit(group: list[int]) -> None:
+            busy[self._submitted(order, tuple(tasks[i] for i in group), ended)] = group
+
         try:
             while fresh or again or alone or busy:
                 room = self._room()
                 while len(busy) < room and (again or fresh):
-                    i = (again or fresh).popleft()
-                    busy[self._submitted(order, tasks[i], ended)] = i
+                    most = min(self._together, len(fresh))
+                    submit([again.popleft()] if again else [fresh.popleft() for _ in range(most)])
                 if room and alone and not busy:
-                    i = alone.popleft()
-                    busy[self._submitted(order, tasks[i], ended)] = i
+                    submit([alone.popleft()])
                 if not room:
                     self._await_workers()
                     continue
                 futures = [future for future in self._next(ended) if future in busy]
                 for future, answer in zip(futures, self._answers_of(futures), strict=True):
-                    i = busy.pop(future)
+                    group = busy.pop(future)
                     if isinstance(answer, BaseException):
                         raise answer
                     if isinstance(answer, _Unsuited):
                         self._refuse(answer)
-                        again.append(i)
+                        fresh.extendleft(reversed(group))
                     elif not isinstance(answer, _Killed):
-                        yield i, answer
+                        fresh.extendleft(reversed(group[len(answer.outcomes) :]))
+                        self._together = answer.next_size
+                        for i, outcome in zip(group, answer.outcomes, strict=False):
+                            if isinstance(outcome, BaseException):
+                                raise outcome
+                            yield i, outcome
                     else:
-                        killed[i] = killed.get(i, 0) + answer.times
-                        if killed[i] < self._tries:
-                            (alone if killed[i] == self._tries - 1 else again).append(i)
-                        elif self._lost is None:
-                            raise ChildProcessError(f"task {i} was given up: {killed[i]} workers ended while it ran")
-                        else:
-                            yield i, _Outcome(self._lost(tasks[i], killed[i]))
+                        for i in group:
+                            killed[i] = killed.get(i, 0) + answer.times
+                            if killed[i] < self._tries or len(group) > 1:
+                                (alone if killed[i] >= self._tries - 1 else again).append(i)
+                            elif self._lost is None:
+                                raise ChildProcessError(
+                                    f"task {i} was given up: {killed[i]} workers ended while it ran"
+                                )
+                            else:
+                                yield i, _Outcome(self._lost(tasks[i], killed[i]))
         finally:
             with suppress(Exception):
                 self._client.cancel(list(busy))
 
-    def _submitted(self, order: _Order, task: Any, ended: queue.SimpleQueue[Any]) -> Any:
-        """Submit a task, to suited workers only if there are others. Its future is put into *ended*."""
+    def _submitted(self, order: _Order, group: tuple[Any, ...], ended: queue.SimpleQueue[Any]) -> Any:
+        """Submit tasks as one, to suited workers only if there are others. The future is put into *ended*."""
         only = [w for w in self._threads if w not in self._refused] if self._refused else None
         try:
             future = self._client.submit(
-                _on_worker, order, self._unsuited, task, pure=False, workers=only, allow_other_workers=bool(only)
+                _on_worker, order, self._unsuited, group, pure=False, workers=only, allow_other_workers=bool(only)
             )
         except Exception:  # Dask has a class of its own for a client whose scheduler has closed
             self._verify_connected()
@@ -277,13 +293,13 @@ class DaskExecutor:
             return [self._answer_of(future) for future in futures]
         return found
 
-    def _answer_of(self, future: Any) -> _Outcome | _Unsuited | _Killed | BaseException:
+    def _answer_of(self, future: Any) -> _Answers | _Unsuited | _Killed | BaseException:
         if future.status == "cancelled":
             raise ConnectionError("the scheduler has gone away, or another client cancelled the tasks")
         if future.status == "error":
             error = future.exception()
             return _Killed(int(error.allowed_failures) + 1) if type(error).__name__ == "KilledWorker" else error
-        answer: _Outcome | _Unsuited | BaseException = future.result()
+        answer: _Answers | _Unsuited = future.result()
         return answer
 
 
@@ -302,13 +318,30 @@ class _Killed:
     times: int
 
 
-def _on_worker(order: _Order, unsuited: Callable[[], str] | None, task: Any) -> _Outcome | _Unsuited | BaseException:
-    """Run a task on a worker of Dask, unless the worker is unsuited."""
+@dataclass(frozen=True, slots=True)
+class _Answers:
+    """Outcomes of the first tasks of a group, and the time [s] that they took."""
+
+    outcomes: tuple[_Outcome | BaseException, ...]
+    seconds: float
+
+    @property
+    def next_size(self) -> int:
+        """Number of such tasks that take :data:`_SHORT`; at most twice as many as these."""
+        done = len(self.outcomes)
+        return max(1, min(int(_SHORT * done / max(self.seconds, 1e-6)), 2 * done, _MOST_TOGETHER))
+
+
+def _on_worker(order: _Order, unsuited: Callable[[], str] | None, group: tuple[Any, ...]) -> _Answers | _Unsuited:
+    """Run tasks on a worker of Dask until :data:`_SHORT` has passed, unless the worker is unsuited."""
     if unsuited is not None and (why := unsuited()):
         from distributed import get_worker
 
         return _Unsuited(get_worker().address, why)
-    return _outcome(order, task)
+    began, found = WallClock().now(), list[_Outcome | BaseException]()
+    while len(found) < len(group) and (not found or WallClock().now() - began < _SHORT):
+        found.append(_outcome(order, group[len(found)]))
+    return _Answers(tuple(found), WallClock().now() - began)
 
 
 _POLITE = 5

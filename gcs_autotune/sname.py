@@ -86,6 +86,7 @@ SIGNALS: dict[str, Signal] = {
     "n": Signal("rad/s", "propeller speed"),
     "d": Signal("m", "distance to a flat surface ahead"),
     "d_starboard": Signal("m", "distance to a flat surface ahead, second rangefinder"),
+    "wall_angle": Signal("rad", "angle to a flat surface ahead, 0 at a right angle to it"),
     "psi_ref": Signal("rad", "commanded heading"),
     "z_ref": Signal("m", "commanded depth"),
     "u_ref": Signal("m/s", "commanded speed ahead"),
@@ -221,13 +222,15 @@ class Dof:
 
     @property
     def restoring_name(self) -> str:
-        """Name of the restoring moment per angle in results, positive if it pulls the craft back: ``gamma_phi``."""
+        """Name of the restoring moment per angle near level in results, positive if it pulls the craft back:
+        ``gamma_phi``.
+        """
         return f"gamma_{self.position}"
 
     @property
     def restoring_derivative(self) -> str:
-        """Name of the derivative that corresponds to :attr:`restoring_name`: ``K_phi = -gamma_phi``."""
-        return f"{self.force}_{self.position}"
+        """Name of the derivative that corresponds to :attr:`restoring_name`: ``K_sinphi = -gamma_phi``."""
+        return f"{self.force}_sin{self.position}"
 
     def restoring_unit(self, force_unit: str) -> str:
         """Return the unit of :attr:`restoring_name` for the unit of the input (``N m``, ``1``)."""

@@ -38,6 +38,7 @@ class Tunable:
     axis : the axis whose settings it uses.
     job : module and attribute of its ``workflow.tune.TuneJob``.
     after : what it stands on: ``tune all`` tunes that before it and checks it again after it; None: not part of that.
+    kind : the kind of vehicle (``Firmware.kind``) for which it is part of ``tune all``; empty: every kind.
     useless : options that it has no use for.
     example : the simulated vehicle used by default; empty: that of the axis.
     """
@@ -46,6 +47,7 @@ class Tunable:
     axis: str
     job: str = "gcs_autotune.workflow.tune:JOB"
     after: tuple[str, ...] | None = None
+    kind: str = ""
     useless: tuple[str, ...] = ("leg_length", "untuned", "pull_test")
     example: str = ""
 
@@ -56,6 +58,8 @@ TUNABLES: Mapping[str, Tunable] = {
         Tunable("speed", "speed", after=(), useless=("leg_length", "untuned")),
         Tunable("heading", "heading", after=()),
         Tunable("depth", "depth", after=()),
+        Tunable("roll", "roll", after=()),
+        Tunable("pitch", "pitch", after=()),
         Tunable(
             "line",
             "heading",
@@ -82,6 +86,8 @@ TUNABLES: Mapping[str, Tunable] = {
             "position",
             "depth",
             "gcs_autotune.workflow.position:JOB",
+            after=("heading", "depth"),
+            kind="rov",
             useless=(*TWO_AXES, "leg_length", "resume", "settling_time", "untuned", "pull_test"),
             example="sitl:bluerov2-sway",
         ),

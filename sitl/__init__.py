@@ -2,8 +2,8 @@
 
 ``catalogue`` and ``vehicles/`` define the available craft. ``vehicle`` is one craft, with ``plants/``, ``actuators``,
 ``sensors``, ``battery`` and ``autopilot/``. ``mavlink/`` is its MAVLink interface. ``lockstep`` and ``listen`` connect
-it to a pipe or a link. ``camera`` renders pictures. ``python -m sitl --help`` shows how to run it as a separate
-process.
+it to a pipe or a link. ``camera`` renders pictures. ``many`` flies thousands of craft at once.
+``python -m sitl --help`` shows how to run it as a separate process.
 """
 
 from __future__ import annotations

@@ -328,15 +328,13 @@ class ThrusterFrame(Actuators):
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
         """Return *pwm* [us] with the motor outputs changed so that each axis has its output in *shares* (-1 to 1).
 
-        Each axis' contributions are orthogonal to those of the others, so the changes do not affect each other.
+        The change is the smallest one that does so.
         """
         outputs, now = [_fraction(pulse, _MOTOR_SPAN) for pulse in pwm], self.read(pwm)
-        for name in now:
-            pattern = [getattr(motor, name) for motor in self.motors]
-            step = (shares[name] - now[name]) / sum(part * part for part in pattern)
-            for i, part in enumerate(pattern):
-                outputs[i] += part * step
+        patterns = np.array([[getattr(motor, name) for motor in self.motors] for name in now])
+        change = _mixer(patterns) @ [shares[name] - now[name] for name in now]
         count = len(self.motors)
+        outputs[:count] = [output + more for output, more in zip(outputs, change.tolist(), strict=False)]
         return [*(_pulse(output, _MOTOR_SPAN) for output in outputs[:count]), *pwm[count:]]
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
@@ -351,6 +349,15 @@ class ThrusterFrame(Actuators):
         wrench.Y = self.full_Y * Y
         wrench.Z = self.full_Z * Z + self.bias_Z
         wrench.M = self.full_M * M
+
+
+def _mixer(patterns: Array) -> Array:
+    """Return the matrix (p, a) from the outputs of a axes to the smallest commands of p thrusters that give them.
+
+    patterns : (a, p), contribution of each thruster to each axis.
+    """
+    mixer: Array = patterns.T @ np.linalg.inv(patterns @ patterns.T)
+    return mixer
 
 
 class ThrusterSet(Actuators):
@@ -386,6 +393,7 @@ class ThrusterSet(Actuators):
         self._biases = tuple(biases.get(name, 0.0) for name in "XYZKMN")
         used = [name for name in Motor._fields if any(getattr(motor, name) for motor in motors)]
         self._patterns = {name: np.array([getattr(motor, name) for motor in motors]) for name in used}
+        self._inverse = _mixer(np.array(list(self._patterns.values())))
         self._commands = np.zeros(len(motors) + (rudder[2] if rudder else 0))
         self._full = {dof: self._authority(name, propellers) for name, dof in _DRIVEN.items() if name in used}
         if rudder:
@@ -401,10 +409,8 @@ class ThrusterSet(Actuators):
 
     def _mixed(self, shares: Mapping[str, float]) -> Array:
         """Return the smallest commands (p,) that give each axis its output in *shares*."""
-        total = np.zeros(len(next(iter(self._patterns.values()))))
-        for name, pattern in self._patterns.items():
-            total += shares.get(name, 0.0) / float(pattern @ pattern) * pattern
-        return total
+        mixed: Array = self._inverse @ [shares.get(name, 0.0) for name in self._patterns]
+        return mixed
 
     def _shaped(self, command: float) -> float:
         """Return the shaft's command. With a curve the thrust follows it, as thrust is proportional to n|n|."""
@@ -507,8 +513,8 @@ FRAMES: Mapping[str, Sequence[Motor]] = {
         *(_lift(-1, 1), Motor(N=-0.5, X=0.5), _lift(-1, -1)),
     ),
     "bluerov1": (
-        *(*_PAIR, Motor(Z=-1.0 / 1.9, K=-0.5), Motor(Z=-1.0 / 1.9, K=0.5), Motor(Z=-1.0 / 1.9)),
-        _ASIDE,
+        *(*_PAIR, Motor(Z=-1.0 / 1.9, K=-1.0, M=1.0 / 1.9), Motor(Z=-1.0 / 1.9, K=1.0, M=1.0 / 1.9)),
+        *(Motor(Z=-1.0 / 1.9, M=-0.9 / 1.9), _ASIDE),
     ),
     "simple-rov-5": (*_PAIR, Motor(Z=0.5, K=0.5), Motor(Z=0.5, K=-0.5), _ASIDE),
     "ies-rov": (*_PAIR, Motor(Z=1.0), _ASIDE),
@@ -521,5 +527,6 @@ Miskovic2010, table 2.2, lists these frames as (a) simple-rov-3, (b) simple-rov-
 full N is the moment of these two, and a difference between the two lateral thrusters turns the craft. ArduSub does not
 support (e). It is driven as SimpleROV-4: its two vertical thrusters get the same command, and a difference between them
 pitches the craft. ArduSub drives the front two of BlueROV1's three vertical thrusters with 0.45 of the command of the
-rear one, so full Z is 1.9 thrusters.
+rear one. So full Z is 1.9 thrusters, and the rear one has 0.9 of the arm of each front one, because upward thrust alone
+does not pitch the craft.
 """

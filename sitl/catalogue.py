@@ -73,6 +73,7 @@ VEHICLES: Mapping[str, str] = {
     "launch": "launch.toml",
     "vectored-boat": "vectored_boat.toml",
     "charlie-sensors": "charlie_sensors.toml",
+    "videoray-beams": "videoray_beams.toml",
 }
 """Vehicle name -> name of its data file in ``vehicles/``."""
 
@@ -136,7 +137,9 @@ class VehicleData:
             return None
         at = values_of(self.tables["rangefinder"])
         heading = values_of(self.tables["start"])["heading"]
-        return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed, at.get("apart", 0.0))
+        return Rangefinder(
+            at["wall"], heading, at["noise"], at["period"], seed, at.get("apart", 0.0), at.get("aside", 0.0)
+        )
 
     @property
     def filter_model(self) -> Mapping[str, float]:

@@ -58,28 +58,44 @@ class Rangefinder:
     """Measures the distance ahead to a flat wall, perpendicular to *heading* [rad] and *wall* [m] from the origin.
 
     A new distance comes every *period* [s], with *noise* [m], and is held in between; NaN while the wall is not ahead.
-    With *apart* [m] it is two, so far apart on either side of the craft; else one in the middle.
+    With *apart* [m] or *aside* [rad] it is two: so far apart on either side of the craft, and each turned outwards by
+    so much. Otherwise it is one in the middle.
     """
 
-    def __init__(self, wall: float, heading: float, noise: float, period: float, seed: int, apart: float = 0.0) -> None:
-        self._wall, self._heading, self._period, self.apart = wall, heading, period, apart
+    def __init__(
+        self,
+        wall: float,
+        heading: float,
+        noise: float,
+        period: float,
+        seed: int,
+        apart: float = 0.0,
+        aside: float = 0.0,
+    ) -> None:
+        self._wall, self._heading, self._period, self.apart, self.aside = wall, heading, period, apart, aside
         self._noise = functools.partial(random.Random(f"{seed}/distance").gauss, 0.0, noise)
         self._next = 0.0
-        self._held = [math.nan] * (2 if apart > 0.0 else 1)
+        self._sides = (-1.0, 1.0) if apart > 0.0 or aside > 0.0 else (0.0,)
+        self._held = [math.nan] * len(self._sides)
 
     def measure(self, t: float, state: State) -> Sequence[float]:
         """Return the measured distances [m] at *t* [s], that of port first."""
         if t >= self._next:
             self._next = t + self._period
             turned = state.psi - self._heading
-            towards = math.cos(turned)
             gone = state.x * math.cos(self._heading) + state.y * math.sin(self._heading)
-            sides = (-0.5 * self.apart, 0.5 * self.apart) if self.apart > 0.0 else (0.0,)
-            self._held = [
-                (self._wall - gone + side * math.sin(turned)) / towards + self._noise() if towards > 0.1 else math.nan
-                for side in sides
-            ]
+            self._held = [self._beam(side, turned, gone) for side in self._sides]
         return self._held
+
+    @property
+    def yaws(self) -> Sequence[float]:
+        """Where each of them looks, from the bow to starboard [rad]."""
+        return [side * self.aside for side in self._sides]
+
+    def _beam(self, side: float, turned: float, gone: float) -> float:
+        towards = math.cos(turned + side * self.aside)
+        left = self._wall - gone + 0.5 * side * self.apart * math.sin(turned)
+        return left / towards + self._noise() if towards > 0.1 else math.nan
 
 
 class Sensors:

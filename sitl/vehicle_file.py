@@ -205,6 +205,7 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "noise": _noise("m"),
         "period": Range(("s",), 0.0, 60.0, above=True),
         "apart": Range(("m",), 0.0, 10.0),
+        "aside": Range(("rad",), 0.0, math.pi / 3.0),
     },
     **{
         heading: {p.name: Range((p.unit,), max(p.least, -1e9), min(p.most, 1e9)) for p in EFFECTS[slug].parameters}

@@ -9,6 +9,7 @@ from benchmarks.published.coupled_horizontal import videoray_horizontal
 from benchmarks.published.examples import delay_and_sampling, falcon, nonlinear_yaw
 from benchmarks.published.filters import ekf_vs_least_squares
 from benchmarks.published.laser_and_surge import laser, surge
+from benchmarks.published.model_comparison import beside_least_squares, beside_steps
 from benchmarks.published.relay_tables import automarine, videoray
 from benchmarks.published.section import Compute
 from benchmarks.published.step_table import automarine_steps
@@ -27,6 +28,8 @@ SECTIONS: Mapping[str, Compute] = {
     "surge_iso_videoray_7_6": surge,
     "charlie_ls_table_7_12": charlie,
     "videoray_coupled_seed_000": videoray_horizontal,
+    "model_comparison_7_3_3": beside_least_squares,
+    "model_comparison_7_4_3": beside_steps,
     "tugboat_seed_004_table_1": tugboat,
     "ekf_vs_ls_seed_001_table_3_percent": ekf_vs_least_squares,
 }

@@ -1,43 +1,40 @@
 """Heading and depth steps under the gains of every rival: ``python3 -m benchmarks.rivals``.
 
-Needs ArduPilot's own SITL: ``ARDUPILOT_ROVER`` and ``ARDUPILOT_SUB`` name the binaries. The hulls are ours, served as
-external physics; step and ruler are the same for all; gains come from
+Needs ArduPilot's own SITL: ``ARDUPILOT_ROVER`` and ``ARDUPILOT_SUB`` name the binaries. It is the study
+``benchmarks/studies/rivals.toml``; a stopped run continues. The hulls are ours, served as external physics. Step and
+measurement are the same for all. The gains come from
 
 * the firmware's defaults,
 * QuikTune's published rule, computed from the ratio measured in a steady circle (boats; there is none for ROVs),
 * Ziegler-Nichols from our own first relay,
 * ``gcs-autotune tune``, from start to what it left on the vehicle,
-* an oracle, free and held to the overshoot a tune's proof allows: Nelder-Mead on the steps themselves, with the
+* an oracle, free and held to the overshoot that a tune's proof allows: Nelder-Mead on the steps themselves, with the
   firmware's loop, inside the documented ranges, from all the others' gains and from the best of a global search on a
   simulation of the true hull.
 
-Printed: error over time (ITAE per unit step, mean of step and step back; errors below 0.1 deg or 1 cm count as none),
-overshoot (the worse), settling to 5 %, actuator travel, vehicle time spent. Goal: ours best of all but the oracle, or
-within 10 % of it, on every vessel, never worse than the defaults. Exit status 1 when it is missed, 2 without ArduPilot.
+It prints the error over time (ITAE per unit step, mean of step and step back; errors below 0.1 deg or 1 cm count as
+none), overshoot (the worse), settling to 5 %, actuator travel, and vehicle time spent. Goal: ours best of all but the
+oracle, or within 10 % of it, on every vessel, and not worse than the defaults. Exit status 1 when it is missed, 2
+without ArduPilot.
 
-The steps begin with the integral that calm gains have worked off, so that gains without integral action look as good as
-any; ``--again FILE`` flies what ``--save FILE`` saved once more from an empty integral, as when a vehicle is sent off.
+The steps begin with the integral that calm gains have left, so gains without integral action look as good as any.
+``--again`` flies the stored gains once more from an empty integral.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
-from pathlib import Path
-from typing import Any
 
 from benchmarks.results import count, headline
-from benchmarks.rivals.contest import Entry, compete, fly_again
+from benchmarks.rivals.contest import Entry, best_of_others, entries_of, flown_again, has_goal
 from benchmarks.rivals.fleet import FLEET
-from benchmarks.rivals.sea import BINARIES, Sea
+from benchmarks.rivals.sea import BINARIES
+from benchmarks.studies import rows_of
 
 _ROW = "{:16} {:8} {:16} {:>9} {:>7} {:>6} {:>8} {:>8} {:>8}  {}"
-_WITHIN = 1.10
-_SAME = 1.10
-"""Two flights of the same gains differ by as much."""
 
 
 def _number(value: float, form: str = ".3g") -> str:
@@ -58,22 +55,14 @@ def _show(vessel: str, axis: str, entries: list[Entry]) -> bool:
             ).rstrip()
         )  # fmt: skip
     by_name = {entry.rival: entry.metrics for entry in entries}
-    ours, defaults, held = (by_name[name] for name in ("ours", "defaults", "oracle, held"))
+    ours, held = (by_name[name] for name in ("ours", "oracle, held"))
     assert ours is not None
-    assert defaults is not None
     assert held is not None
-    best = min(m.itae for name, m in by_name.items() if m is not None and not name.startswith(("ours", "oracle")))
-    close, first = ours.itae <= _WITHIN * oracle.itae, ours.itae <= best
-    good = (close or first) and ours.itae <= _SAME * defaults.itae
+    good, first = has_goal(entries), ours.itae <= best_of_others(entries)
     words = [f"{ours.itae / oracle.itae - 1.0:+.0%} of the oracle, {ours.itae / held.itae - 1.0:+.0%} of the held one"]
     words += ["best of the others" if first else "not the best"]
     print(f"{'':26}goal {'met' if good else 'missed'}: ours {', '.join(words)}\n", flush=True)
     return good
-
-
-def _told(file: Path, vessel: str, axis: str) -> list[dict[str, Any]]:
-    lines = map(json.loads, file.read_text().splitlines())
-    return [line for line in lines if (line["vessel"], line["axis"]) == (vessel, axis)]
 
 
 def main() -> int:
@@ -82,36 +71,25 @@ def main() -> int:
     parser.add_argument("--only", default=",".join(FLEET), help=f"of {', '.join(FLEET)}, joined by commas")
     parser.add_argument("--axis", choices=("heading", "depth"), help="only this axis")
     parser.add_argument("--budget", type=int, default=120, help="steps the oracles may fly together; default 120")
-    parser.add_argument("--instance", type=int, default=20, help="ArduPilot's instance number; default 20")
-    parser.add_argument("--port", type=int, default=14700, help="first of three UDP ports; default 14700")
-    parser.add_argument("--save", type=Path, help="write everything as JSON lines")
-    parser.add_argument("--again", type=Path, help="fly the gains of this file once more, from an empty integral")
+    parser.add_argument("--workers", type=int, default=1, help="contests at a time; default 1")
+    parser.add_argument("--again", action="store_true", help="fly the stored gains once more, from an empty integral")
     args = parser.parse_args()
     wanted = [name for name in args.only.split(",") if name in FLEET]
     lacking = {BINARIES[FLEET[name].data.firmware] for name in wanted} - {n for n in os.environ if os.environ[n]}
     if lacking:
         print(f"benchmarks.rivals flies ArduPilot's own firmware: set {' and '.join(sorted(lacking))} to its binaries")
         return 2
+    jobs = tuple(f"{n} {j.axis}" for n in wanted for j in FLEET[n].jobs if args.axis in (None, j.axis))
+    fixed = {"argument.budget": args.budget}
+    rows = rows_of("rivals", args.workers, only={"argument.job": jobs}, fixed=fixed)
     header = ("vessel", "axis", "rival", "ITAE s^2", "/oracle", "over %", "settle s", "travel/s", "flown s", "")
     print(_ROW.format(*header).rstrip(), flush=True)
     ahead: list[bool] = []
-    for name in wanted:
-        vessel = FLEET[name]
-        for job in vessel.jobs:
-            if args.axis in (None, job.axis) and (not args.again or _told(args.again, name, job.axis)):
-                sea = Sea(vessel.data, instance=args.instance, ports=range(args.port, args.port + 3))
-                try:
-                    if args.again:
-                        entries = fly_again(sea, job, _told(args.again, name, job.axis))
-                    else:
-                        entries = compete(sea, vessel, job, budget=args.budget)
-                finally:
-                    sea.close()
-                if args.save:
-                    with args.save.open("a") as file:
-                        lines = (json.dumps({"vessel": name, "axis": job.axis, **e.to_dict()}) for e in entries)
-                        file.write("\n".join(lines) + "\n")
-                ahead.append(_show(name, job.axis, entries))
+    for row in rows:
+        entries = entries_of(row["entries"])
+        if args.again:
+            entries = flown_again(row["argument.job"], entries)
+        ahead.append(_show(*row["argument.job"].split(), entries))
     met = count("vessels and axes on which the goal is met", sum(ahead), len(ahead), least=1.0)
     headline("rivals", "heading and depth steps on ArduPilot's firmware with the gains of each rule", [met])
     return 0 if all(ahead) else 1

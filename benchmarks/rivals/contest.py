@@ -1,16 +1,17 @@
-"""One axis of one vessel: every rival gets its gains, all fly the same step on the truth."""
+"""One axis of one vessel: every rival gets its gains, and all fly the same step on the true hull."""
 
 from __future__ import annotations
 
 import json
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.rivals.fleet import Job, Vessel
+from benchmarks.rivals.fleet import FLEET, Job, Vessel
 from benchmarks.rivals.flights import circle_ratio, fly_step, get_ready
 from benchmarks.rivals.oracle import search
 from benchmarks.rivals.rehearsal import REHEARSED, rehearse
@@ -19,7 +20,16 @@ from benchmarks.rivals.sea import Sea
 from gcs_autotune.design import StepMetrics
 from gcs_autotune.firmware import FIRMWARE
 
-__all__ = ["HELD", "Entry", "compete", "fly_again"]
+__all__ = [
+    "HELD",
+    "Entry",
+    "best_of_others",
+    "compete",
+    "competed",
+    "entries_of",
+    "flown_again",
+    "has_goal",
+]
 
 _FILTERS = ("ATC_STR_RAT_FLTT", "ATC_STR_RAT_FLTD")
 _WORKING_DEPTH = 3.0
@@ -40,6 +50,86 @@ class Entry:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return {**asdict(self), "metrics": None if self.metrics is None else asdict(self.metrics)}
+
+
+_WITHIN = 1.10
+"""Largest ITAE, relative to the best gains of the search, that meets the goal."""
+_SAME = 1.10
+"""Ratio of the ITAE of two flights of the same gains, at most."""
+_INSTANCES = range(20, 60)
+"""Instance numbers of ArduPilot that are tried, so that several contests run at a time."""
+
+
+def job_of(name: str) -> tuple[Vessel, Job]:
+    """Return vessel and axis of a *name* such as ``boat-2s heading``."""
+    vessel, axis = name.split()
+    return FLEET[vessel], next(job for job in FLEET[vessel].jobs if job.axis == axis)
+
+
+@contextmanager
+def _sea(vessel: Vessel) -> Iterator[Sea]:
+    """Yield the firmware on the hull of *vessel*, on the first instance number whose ports are free."""
+    for instance in _INSTANCES:
+        first = 14700 + 3 * (instance - _INSTANCES.start)
+        try:
+            sea = Sea(vessel.data, instance=instance, ports=range(first, first + 3))
+        except OSError:
+            if instance == _INSTANCES[-1]:
+                raise
+            continue
+        break
+    try:
+        yield sea
+    finally:
+        sea.close()
+
+
+def competed(seed: int, job: str, budget: int) -> dict[str, Any]:
+    """Return the results of a case of the study: all entries as JSON, the ITAE of each rival, and whether the goal is
+    met. The firmware draws its own noise, so *seed* has no effect.
+    """
+    vessel, axis = job_of(job)
+    with _sea(vessel) as sea:
+        entries = compete(sea, vessel, axis, budget=budget)
+    itae = {entry.rival: entry.metrics.itae for entry in entries if entry.metrics is not None}
+    return {
+        "goal": has_goal(entries),
+        "over_best": itae["ours"] / itae["oracle"],
+        "itae": itae,
+        "entries": json.dumps([entry.to_dict() for entry in entries]),
+    }
+
+
+def entries_of(text: str) -> list[Entry]:
+    """Return the entries in a result ``entries`` of :func:`competed`."""
+    plain = json.loads(text)
+    return [Entry(**{**one, "metrics": one["metrics"] and StepMetrics(**one["metrics"])}) for one in plain]
+
+
+def flown_again(job: str, entries: Sequence[Entry]) -> list[Entry]:
+    """Return *entries* with their steps flown once more on a new firmware, from an empty integral."""
+    vessel, axis = job_of(job)
+    with _sea(vessel) as sea:
+        sea.run_while(lambda: sea.t < 50.0)
+        get_ready(sea, axis)
+        base = sea.psi if axis.axis == "heading" else _WORKING_DEPTH
+        return [replace(one, metrics=fly_step(sea, axis, one.gains, base, fresh=True)) for one in entries]
+
+
+def best_of_others(entries: Sequence[Entry]) -> float:
+    """Return the least ITAE [s^2] of the rivals that are neither ours nor searched."""
+    others = (e for e in entries if not e.rival.startswith(("ours", "oracle")))
+    return min(e.metrics.itae for e in others if e.metrics is not None)
+
+
+def has_goal(entries: Sequence[Entry]) -> bool:
+    """Return whether our gains are within 10 % of the search, or best of the others, and not worse than the defaults.
+
+    *entries* end with the result of the search.
+    """
+    itae = {entry.rival: entry.metrics.itae for entry in entries if entry.metrics is not None}
+    close, first = itae["ours"] <= _WITHIN * itae["oracle"], itae["ours"] <= best_of_others(entries)
+    return (close or first) and itae["ours"] <= _SAME * itae["defaults"]
 
 
 def law_of(vessel: Vessel, job: Job) -> str:
@@ -71,17 +161,6 @@ def compete(sea: Sea, vessel: Vessel, job: Job, *, budget: int) -> list[Entry]:
     for entry in entries:
         entry.metrics = fly_step(sea, job, entry.gains, base)
     return [*entries, *_oracles(sea, vessel, job, entries, base, budget)]
-
-
-def fly_again(sea: Sea, job: Job, told: Sequence[Mapping[str, Any]]) -> list[Entry]:
-    """Return saved entries (``Entry.to_dict``) with their steps flown once more, from an empty integral."""
-    sea.run_while(lambda: sea.t < 50.0)
-    get_ready(sea, job)
-    base = sea.psi if job.axis == "heading" else _WORKING_DEPTH
-    entries = [Entry(one["rival"], one["gains"], one["seconds"], note=one["note"]) for one in told]
-    for entry in entries:
-        entry.metrics = fly_step(sea, job, entry.gains, base, fresh=True)
-    return entries
 
 
 def _tune(

@@ -60,10 +60,20 @@ def _study(args: argparse.Namespace) -> int:
     with waiting(args, "starting"):
         from gcs_autotune.cli import make_parser
         from gcs_autotune.executor import DaskExecutor, Executor
-        from gcs_autotune.study import Started, check_plan, cluster_of, given_up, load_plan, run_study, unsuited
+        from gcs_autotune.link import open_link
+        from gcs_autotune.study import (
+            Started,
+            check_plan,
+            cluster_of,
+            given_up,
+            load_plan,
+            progress_of,
+            run_study,
+            unsuited,
+        )
 
         plan = load_plan(args.study)
-        check_plan(plan, lambda line: make_parser(only=line[0]).parse_args(line))
+        check_plan(plan, lambda line: make_parser(only=line[0]).parse_args(line), lambda link: open_link(link).close())
     folder = args.out or args.study.with_suffix("")
 
     def report(text: str) -> None:
@@ -91,7 +101,9 @@ def _study(args: argparse.Namespace) -> int:
             reports=report,
             progress=lambda done, total: bar("cases", done, total),
         )
-    sys.stdout.write(f"{visible(plan.title)}: {len(plan)} cases in {folder}\n")
+    found = progress_of(folder)
+    lost = f"; {found.failed} failed, {found.given_up} given up. `study report {folder}` shows why"
+    sys.stdout.write(f"{visible(plan.title)}: {len(plan)} cases in {folder}{lost if found.done < len(plan) else ''}\n")
     return 0
 
 

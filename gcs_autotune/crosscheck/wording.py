@@ -112,6 +112,8 @@ def _cure(position: str, rate: str, suspect: str, kind: str) -> str:
     check = f"check {' and '.join(checks)}"
     if kind == "shift":
         check = f"check the stamps of {position} and {rate}, and the filters of both"
+        if position == "psi":
+            check = f"check the stamps and filters of psi and {rate}, and whether motor currents deflect the compass"
     kept = rate if suspect == position else position
     wrong = suspect or "the wrong column"
     use = f"--use {kept}" if suspect and "," not in kept else "--use with the names of the other columns"

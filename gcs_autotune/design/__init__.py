@@ -27,7 +27,7 @@ from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, pivots_wide, too_short
-from gcs_autotune.design.margins import crossings
+from gcs_autotune.design.margins import Plant, crossings, margins_of_each
 from gcs_autotune.design.motor_law import (
     SPEED_GAINS,
     STEERING_GAINS,
@@ -97,6 +97,7 @@ __all__ = [
     "OnLeg",
     "OpenLoop",
     "ParameterLimit",
+    "Plant",
     "PositionDesign",
     "PositionMetrics",
     "Prediction",
@@ -134,6 +135,7 @@ __all__ = [
     "line_changes",
     "linearity",
     "loiter_change",
+    "margins_of_each",
     "motor_changes",
     "over_windows",
     "pivots_wide",

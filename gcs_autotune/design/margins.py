@@ -1,7 +1,7 @@
 """Gain, phase and delay margin of one loop, or of many plants with one controller.
 
 A design calculates the margins of a few dozen plants thousands of times. Responses that depend on the plants alone are
-cached.
+cached, and a compiled function reads off the margins.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.open_loop import OpenLoop, Rational, pade
+from gcs_autotune.design.open_loop import OpenLoop, Rational, differentiated, pade
 from gcs_autotune.design.result import Margins
+from gcs_autotune.jit import entry
 
 __all__ = ["NO_CROSSING", "Crossings", "Plant", "crossings", "margins_of", "margins_of_each", "worst"]
 
@@ -32,16 +33,20 @@ Project choice: it is finite, so that files can contain it.
 GRID = np.logspace(-3.0, 2.7, 700)
 """Frequencies [rad/s] at which margins are searched. Project choice: boats and ROVs are in the middle of the range."""
 
+_NONE = Margins(0.0, 0.0, 0.0, stable=False)
 _S: Complex = (1j * GRID).astype(np.complex128)
 
 
 class Plant(NamedTuple):
-    """Plant of a velocity controller, ``gain / (alpha s + drag) * exp(-delay s)``, with ``delay`` in s."""
+    """Plant of a velocity controller, ``gain / (alpha s + drag + restoring / s) * exp(-delay s)``, with ``delay`` in
+    s. ``restoring`` is the moment per angle that pulls the craft back, or 0.
+    """
 
     gain: float
     alpha: float
     drag: float
     delay: float
+    restoring: float = 0.0
 
 
 def margins_of(loop: OpenLoop) -> Margins:
@@ -49,17 +54,33 @@ def margins_of(loop: OpenLoop) -> Margins:
 
     The gain margin covers both directions: the increase *or decrease* of gain that the loop tolerates.
     """
-    stable = bool(np.all(loop.closed_loop_poles().real < 0.0))
-    return _read_off(loop.response(GRID)[None, :], [stable])[0]
+    if not np.all(loop.closed_loop_poles().real < 0.0):
+        return _NONE
+    gain, phase, delay = NO_CROSSING, math.pi, NO_CROSSING
+    turned, unity = crossings(loop.response(GRID)[None, :], GRID)
+    gain = min([gain, *np.exp(np.abs(turned.value)).tolist()])
+    phase = min([phase, *np.abs(unity.value).tolist()])
+    delay = min([delay, *((unity.value % math.tau) / unity.at).tolist()])
+    return Margins(gain, phase, delay, stable=True)
 
 
 def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margins]:
-    """Return the result of :func:`margins_of` for *controller* (velocity to output) with each of *plants*."""
+    """Return the result of :func:`margins_of` for *controller* (velocity to output) with each of *plants*.
+
+    Stability is that of Routh's array, with the delay approximation of :meth:`OpenLoop.closed_loop_poles`.
+    """
     if not plants:
         return []
-    stable = _are_stable(controller, plants)
+    found = np.empty((len(plants), 4))
     response = controller.at(_S)
-    return _read_off(np.array([p.gain * response * _response(p.alpha, p.drag, p.delay) for p in plants]), stable)
+    without_zero = differentiated(controller)
+    for row, plant in zip(found, plants, strict=True):
+        path = without_zero if plant.restoring else controller
+        top, bottom = _delayed(*plant[1:])
+        closed = np.zeros(max(len(top) + len(path.num), len(bottom) + len(path.den)) - 1)
+        rational = (path.num, path.den, top, bottom, float(plant.gain), closed)
+        _read_off(*rational, response, _response(*plant[1:]), GRID, row)
+    return [Margins(g, p, d, stable=True) if stable else _NONE for g, p, d, stable in found.tolist()]
 
 
 def worst(margins: list[Margins]) -> Margins:
@@ -104,16 +125,69 @@ def crossings(value: Complex, omega: Array) -> tuple[Crossings, Crossings]:
     return turned, Crossings(row, _between(omega, i, share), np.arctan2(-there.imag, -there.real))
 
 
-def _read_off(value: Complex, stable: Sequence[bool]) -> list[Margins]:
-    """Return the margins of open loops whose responses over the grid are the rows of *value* (k, n)."""
-    gain, phase, delay = (np.full(len(value), most) for most in (NO_CROSSING, math.pi, NO_CROSSING))
-    turned, unity = crossings(value, GRID)
-    np.minimum.at(gain, turned.row, np.exp(np.abs(turned.value)))
-    np.minimum.at(phase, unity.row, np.abs(unity.value))
-    np.minimum.at(delay, unity.row, (unity.value % math.tau) / unity.at)
-    none = Margins(0.0, 0.0, 0.0, stable=False)
-    found = zip(gain.tolist(), phase.tolist(), delay.tolist(), stable, strict=True)
-    return [Margins(g, p, d, stable=True) if good else none for g, p, d, good in found]
+@entry
+def _read_off(
+    num: Array,
+    den: Array,
+    top: Array,
+    bottom: Array,
+    gain: float,
+    closed: Array,
+    controller: Complex,
+    plant: Complex,
+    omega: Array,
+    found: Array,
+) -> None:
+    """Fill *found* (4,) with the margins of one loop, and with 1 if it is stable.
+
+    num, den : controller as a rational function. top, bottom : plant of gain one, likewise. gain : gain of the plant.
+    closed : (m,) zeros, which receive the characteristic polynomial.
+    controller, plant : (n,) their frequency responses at *omega* (n,) [rad/s].
+    """
+    found[0], found[1], found[2], found[3] = NO_CROSSING, math.pi, NO_CROSSING, 0.0
+    # Whether it is stable.
+    last = len(closed) - 1
+    for i in range(len(num)):
+        for j in range(len(top)):
+            closed[last - len(num) - len(top) + 2 + i + j] += gain * num[i] * top[j]
+    for i in range(len(den)):
+        for j in range(len(bottom)):
+            closed[last - len(den) - len(bottom) + 2 + i + j] += den[i] * bottom[j]
+    first = 0
+    while first < last and closed[first] == 0.0:
+        first += 1
+    sign = 1.0 if closed[first] > 0.0 else -1.0
+    for k in range(first, last):  # the first column of Routh's array, in place
+        if not sign * closed[k + 1] > 0.0:
+            return
+        ratio = closed[k] / closed[k + 1]
+        for j in range(k + 2, last, 2):
+            closed[j] -= ratio * closed[j + 1]
+    if first == last:
+        return
+    found[3] = 1.0
+    # Its crossings, as in :func:`crossings`.
+    before = gain * controller[0] * plant[0]
+    power_before = before.real * before.real + before.imag * before.imag
+    for i in range(1, len(omega)):
+        value = gain * controller[i] * plant[i]
+        power = value.real * value.real + value.imag * value.imag
+        if before.imag * value.imag <= 0.0 and before.real < 0.0:
+            rise = value.imag - before.imag
+            share = -before.imag / rise if rise != 0.0 else 0.0
+            size = 0.5 * math.log(power_before)
+            size = math.exp(abs(size + share * (0.5 * math.log(power) - size)))
+            found[0] = size if size < found[0] else found[0]
+        if (power_before - 1.0) * (power - 1.0) <= 0.0:
+            size = 0.5 * math.log(power_before)
+            rise = 0.5 * math.log(power) - size
+            share = -size / rise if rise != 0.0 else 0.0
+            there = before + share * (value - before)
+            angle = math.atan2(-there.imag, -there.real)
+            found[1] = abs(angle) if abs(angle) < found[1] else found[1]
+            late = (angle % math.tau) / (omega[i - 1] + share * (omega[i] - omega[i - 1]))
+            found[2] = late if late < found[2] else found[2]
+        before, power_before = value, power
 
 
 def _between(omega: Array, i: Index, share: Array) -> Array:
@@ -138,62 +212,17 @@ def _zero_between(before: Array, after: Array) -> Array:
 
 
 @lru_cache(maxsize=2048)
-def _response(alpha: float, drag: float, delay: float) -> Complex:
+def _response(alpha: float, drag: float, delay: float, restoring: float) -> Complex:
     """Return the frequency response (n,) of a plant of gain one."""
-    response: Complex = np.exp(-delay * _S) / (alpha * _S + drag)
+    response: Complex = np.exp(-delay * _S) / (alpha * _S + drag + restoring / _S)
     return response
 
 
-def _are_stable(controller: Rational, plants: Sequence[Plant]) -> list[bool]:
-    """Return which closed loops are stable, with the delay approximation of :meth:`OpenLoop.closed_loop_poles`."""
-    stable = [False] * len(plants)
-    alike: dict[int, list[int]] = {}
-    for k, plant in enumerate(plants):
-        alike.setdefault(len(_delayed(plant.alpha, plant.drag, plant.delay)[1]), []).append(k)
-    for own in alike.values():
-        parts = [_delayed(plants[k].alpha, plants[k].drag, plants[k].delay) for k in own]
-        gains = np.array([[plants[k].gain] for k in own])
-        forward = gains * _times(controller.num, np.array([top for top, _ in parts]))
-        closed = _times(controller.den, np.array([bottom for _, bottom in parts]))
-        if forward.shape[1] > closed.shape[1]:
-            forward, closed = closed, forward
-        closed[:, closed.shape[1] - forward.shape[1] :] += forward
-        whole = (closed[:, 0] != 0.0) & (closed[:, -1] != 0.0)
-        poles = _roots(closed[whole])
-        good = iter(np.all(poles.real < 0.0, axis=1).tolist())
-        for k, polynomial, is_whole in zip(own, closed, whole.tolist(), strict=True):
-            stable[k] = next(good) if is_whole else _is_stable(polynomial)
-    return stable
-
-
-def _times(factor: Array, polynomials: Array) -> Array:
-    """Return the products of the polynomial *factor* (m,) with each of *polynomials* (k, n): (k, m + n - 1)."""
-    product = np.zeros((len(polynomials), len(factor) + polynomials.shape[1] - 1))
-    for power, coefficient in enumerate(factor.tolist()):
-        product[:, power : power + polynomials.shape[1]] += coefficient * polynomials
-    return product
-
-
-def _roots(polynomials: Array) -> Complex:
-    """Return the roots (k, n) of polynomials (k, n + 1) whose first and last coefficients are not zero."""
-    length = polynomials.shape[1]
-    companion = np.zeros((len(polynomials), length - 1, length - 1))
-    companion[:, np.arange(1, length - 1), np.arange(length - 2)] = 1.0
-    companion[:, 0, :] = -polynomials[:, 1:] / polynomials[:, :1]
-    return np.linalg.eigvals(companion).astype(np.complex128)
-
-
-def _is_stable(polynomial: Array) -> bool:
-    """Return whether all roots of a polynomial are in the left half-plane.
-
-    It may have leading zeros, or a root at zero.
-    """
-    trimmed = np.trim_zeros(polynomial, "f")
-    return len(trimmed) > 1 and trimmed[-1] != 0.0 and bool(np.all(_roots(trimmed[None, :]).real < 0.0))
-
-
 @lru_cache(maxsize=2048)
-def _delayed(alpha: float, drag: float, delay: float) -> tuple[Array, Array]:
-    """Return numerator and denominator of a plant of gain one, including its delay."""
+def _delayed(alpha: float, drag: float, delay: float, restoring: float) -> tuple[Array, Array]:
+    """Return numerator and denominator of a plant of gain one, including its delay, from output to velocity.
+
+    With a restoring moment it is the plant from output to angle, so that the zero at s = 0 is in the controller.
+    """
     top, bottom = pade(delay)
-    return top, np.convolve(np.array([alpha, drag]), bottom)
+    return top, np.convolve(np.array([alpha, drag, restoring] if restoring else [alpha, drag]), bottom)

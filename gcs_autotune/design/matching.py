@@ -140,13 +140,14 @@ class DesignProblem:
         """Return the open loops that :meth:`margins` evaluates, opened at the actuator (*model* None: identified)."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants = self._plants(model or self.model, settings, wanted)
-        return tuple(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay) for p in plants)
+        return tuple(open_loop(constant(p.gain) * controller, *p[1:]) for p in plants)
 
     def _plants(self, model: SingleDof, settings: Settings, wanted: ReferenceModel) -> list[Plant]:
         """Return the plants of the controller: *model* at rest and in motion, for small and for large outputs."""
         drags = self.law.drags(model, wanted, self.step, self.speed)
         gains = self.law.slopes(self.actuator, model, self.step, settings, self.speed)
-        return [Plant(g, model.alpha, d, model.delay + self.delay) for d in drags for g in gains]
+        late = model.delay + self.delay
+        return [Plant(g, model.alpha, d, late, model.restoring) for d in drags for g in gains]
 
     def demand(self, model: SingleDof, wanted: ReferenceModel) -> tuple[float, float]:
         """Return the actuator use [fraction] and the largest velocity or acceleration, for following *wanted*

@@ -16,6 +16,7 @@ __all__ = [
     "OpenLoop",
     "Rational",
     "constant",
+    "differentiated",
     "first_order",
     "integral_over_proportional",
     "integrator",
@@ -90,12 +91,20 @@ class OpenLoop:
         return TransferFunction(np.convolve(self.rational.num, top), np.convolve(self.rational.den, bottom))
 
 
-def open_loop(controller: Rational, alpha: float, drag: float, delay: float) -> OpenLoop:
-    """Return the open loop of *controller* (velocity to output) with the plant ``1/(alpha s + drag)`` and *delay*
-    [s].
+def open_loop(controller: Rational, alpha: float, drag: float, delay: float, restoring: float = 0.0) -> OpenLoop:
+    """Return the open loop of *controller* (velocity to output) with the plant ``s/(alpha s^2 + drag s + restoring)``
+    and *delay* [s]. Without a restoring moment the plant is ``1/(alpha s + drag)``.
     """
-    plant = Rational(np.array([1.0]), np.array([alpha, drag]))
-    return OpenLoop(plant * controller, delay)
+    if not restoring:
+        return OpenLoop(Rational(np.array([1.0]), np.array([alpha, drag])) * controller, delay)
+    return OpenLoop(Rational(np.array([1.0]), np.array([alpha, drag, restoring])) * differentiated(controller), delay)
+
+
+def differentiated(rational: Rational) -> Rational:
+    """Return *rational* times s. A pole at zero is cancelled, so that no false pole of a closed loop appears."""
+    if rational.den[-1] == 0.0:
+        return Rational(rational.num, rational.den[:-1])
+    return Rational(np.append(rational.num, 0.0), rational.den)
 
 
 def constant(gain: float) -> Rational:

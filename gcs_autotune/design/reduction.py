@@ -88,7 +88,8 @@ def reduce(
     n, gain = draft.numbers, draft.gain
     usual = "1" if form.normalised else "rad" if channel == "delta" else "N m" if axis.angular else "N"
     unit = inputs.get(channel, usual)
-    restoring = -model.base[axis.restoring_derivative] if axis.restored else 0.0
+    linear = f"{force}_{axis.position}"  # of a form with the angle instead of its sine
+    restoring = -model.base[axis.restoring_derivative] - model.base[linear] if axis.restored else 0.0
     single = SingleDof(
         dof,
         unit,

@@ -40,6 +40,22 @@ LAST_PART = 1.0 / 3.0
 """Fraction of the record, at its end, from which the steady state is calculated. Project choice."""
 
 
+def _parabola(half: int) -> tuple[float, float, float, float]:
+    """Return sums and errors of the polynomials 1, p and p p - s2 / w over 2 *half* + 1 samples.
+
+    They are the sum s2 of p p, the sum of the square of the third polynomial, s2 / w, and the standard error of the
+    parabola at its middle for noise of 1.
+    """
+    w = 2.0 * half + 1.0
+    s2 = half * (half + 1.0) * w / 3.0
+    q2 = s2 * (3.0 * half * (half + 1.0) - 1.0) / 5.0 - s2 * s2 / w
+    q = s2 / w
+    return s2, q2, q, math.sqrt(1.0 / w + q * q / q2)
+
+
+_PARABOLAS = np.array([_parabola(half) for half in HALVES])
+
+
 class StepError(NamedTuple):
     """Metrics of a step for a search for gains, as in ``StepMetrics``: ``itae`` [s^2], ``overshoot``, ``rise`` [s]."""
 
@@ -177,12 +193,14 @@ def error_behind(error: Array, std: float) -> Array:
     error = np.ascontiguousarray(error)  # one kind of array: the kernel is compiled for each kind
     found = error.copy()
     if std > 0.0:
-        _read_behind(error, np.zeros((3, len(error) + 1)), _HALVES, INTERVAL * std, found)
+        _read_behind(error, np.zeros((3, len(error) + 1)), _HALVES, _PARABOLAS, INTERVAL * std, found)
     return found
 
 
 @entry
-def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval: float, found: Array) -> None:
+def _read_behind(
+    error: Array, sums: Array, halves: NDArray[np.int64], parabolas: Array, interval: float, found: Array
+) -> None:
     """Fill *found* (n,) with the smoothed error, and *sums* (3, n + 1) with cumulative sums.
 
     *sums* are those of *error* before each sample, times its index to the power 0, 1, 2; they must start with zeros.
@@ -197,7 +215,8 @@ def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval:
         sums[2, i + 1] = sums[2, i] + error[i] * place * place
     for i in range(n):
         low, high, least = error[i] - interval, error[i] + interval, 1.0
-        for half in halves:
+        for k in range(len(halves)):
+            half = halves[k]
             width = 2 * half + 1
             if width > n:
                 break
@@ -209,13 +228,16 @@ def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval:
             sum_2 = sums[2, first + width] - sums[2, first]
             # About the window's middle: sums of p p and of the square of the third polynomial.
             sum_2 += middle * (middle * sum_0 - 2.0 * sum_1)
-            sum_1 -= middle * sum_0
-            s2 = half * (half + 1.0) * w / 3.0
-            q2 = s2 * (3.0 * half * (half + 1.0) - 1.0) / 5.0 - s2 * s2 / w
+            s2, q2, mean_square, middle_error = parabolas[k]
             p = i - first - float(half)
-            q = p * p - s2 / w
-            value = sum_0 / w + p * sum_1 / s2 + q * (sum_2 - sum_0 * s2 / w) / q2
-            error_of_it = math.sqrt(1.0 / w + p * p / s2 + q * q / q2)
+            if p == 0.0:  # as nearly everywhere: a few divisions and a root less
+                value = sum_0 / w - mean_square * (sum_2 - sum_0 * s2 / w) / q2
+                error_of_it = middle_error
+            else:
+                sum_1 -= middle * sum_0
+                q = p * p - mean_square
+                value = sum_0 / w + p * sum_1 / s2 + q * (sum_2 - sum_0 * s2 / w) / q2
+                error_of_it = math.sqrt(1.0 / w + p * p / s2 + q * q / q2)
             reach = interval * error_of_it
             low = value - reach if value - reach > low else low
             high = value + reach if value + reach < high else high

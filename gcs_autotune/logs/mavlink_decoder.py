@@ -38,7 +38,7 @@ BOOT_MS = frozenset(
     }
 )
 """Names of the messages whose ``time_boot_ms`` is the autopilot's own time."""
-BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT", "ESC_STATUS"})
+BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT", "ESC_STATUS", "RAW_IMU"})
 """Names of the messages whose ``time_usec`` ArduPilot also counts from its boot (in SERVO_OUTPUT_RAW only 32
 bits of it).
 """
@@ -49,6 +49,8 @@ NO_PULSE = 0.0
 """Value of outputs 9 to 16 [us] in a message of MAVLink 1, which does not contain these outputs."""
 FIX_3D = 3
 UNKNOWN = 65535
+MILLI_G = 9.80665e-3
+"""Unit of acceleration [m/s^2] in ArduPilot's RAW_IMU. Turn rates are in mrad/s, the magnetic field in mgauss."""
 
 
 def _attitude(m: Message) -> dict[str, float]:
@@ -98,6 +100,14 @@ def _servos(m: Message) -> dict[str, float]:
     return found | {f"servo.{n}": float(getattr(m, f"servo{n}_raw", NO_PULSE)) for n in range(9, 17)}
 
 
+def _imu(m: Message) -> dict[str, float]:
+    found = {"imu.p": m.xgyro * 1e-3, "imu.q": m.ygyro * 1e-3, "imu.r": m.zgyro * 1e-3}
+    found |= {"imu.ax": m.xacc * MILLI_G, "imu.ay": m.yacc * MILLI_G, "imu.az": m.zacc * MILLI_G}
+    if (m.xmag, m.ymag, m.zmag) != (0, 0, 0):
+        found |= {"compass.mx": float(m.xmag), "compass.my": float(m.ymag), "compass.mz": float(m.zmag)}
+    return found
+
+
 def _rc(m: Message) -> dict[str, float]:
     values = {n: float(getattr(m, f"chan{n}_raw")) for n in range(1, 9)}
     return {f"rc.{n}": v for n, v in values.items() if 0.0 < v < UNKNOWN}
@@ -126,6 +136,7 @@ SIGNALS: Mapping[str, Callable[[Message], dict[str, float]]] = {
     "GLOBAL_POSITION_INT": _global,
     "GPS_RAW_INT": _gps,
     "SERVO_OUTPUT_RAW": _servos,
+    "RAW_IMU": _imu,
     "RC_CHANNELS": _rc,
     "VFR_HUD": lambda m: {"hud.U": m.groundspeed},
     "AHRS2": _ahrs2,

@@ -22,7 +22,7 @@ from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, STOPPING, 
 from gcs_autotune.manoeuvres.fly_mission import FlyMission, ProofCourse
 from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
-from gcs_autotune.manoeuvres.keep_distance import KeepDistance
+from gcs_autotune.manoeuvres.keep_distance import FaceWall, KeepDistance
 from gcs_autotune.manoeuvres.keep_position import KeepPosition
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.layered import FollowWall, Layered, OwnLoops, Trajectory, read_points, seen_from
@@ -72,6 +72,7 @@ __all__ = [
     "DiveSettings",
     "Ending",
     "Envelope",
+    "FaceWall",
     "FlyMission",
     "FollowLine",
     "FollowWall",

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.craft import Actuate, Observation
-from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 
 if TYPE_CHECKING:
     from gcs_autotune.control import DistanceLaw, WallReading
 
-__all__ = ["KeepDistance"]
+__all__ = ["FaceWall", "KeepDistance"]
 
 FACING = math.radians(5.0)
 """Angle to the wall below which the distance controller may begin, Miskovic2010, section 8.2.2: the angle first."""
@@ -27,12 +27,46 @@ PATIENCE = 60.0
 Output = Callable[[float], float]
 
 
+class FaceWall(Manoeuvre):
+    """Turn to *heading* [rad] and hold it, until the craft faces the wall and measures the distance to it.
+
+    Relays on the heading leave a craft that does not face the wall. Two laser dots, or beams that look aside, are then
+    out of sight.
+    """
+
+    kind, purpose = "face-wall", "transit"
+
+    def __init__(self, heading: float) -> None:
+        super().__init__()
+        self._heading = self.target = heading
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Heading."""
+        return {"signal": "psi", "heading": self._heading}
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield the outputs that turn the craft and hold heading and depth."""
+        holds = [HoldController(g, self._heading if g.signal == "psi" else math.nan) for g in HELD_DURING["d"]]
+        start = faced = now.t
+        while True:
+            if not abs(now.psi - self._heading) <= FACING or not math.isfinite(now.d):
+                faced = now.t
+            if now.t - faced >= FACED_FOR:
+                self._end("completed", f"faces the wall, {now.d:.2f} m ahead")
+            elif now.t - start > PATIENCE:
+                seen = "" if math.isfinite(now.d) else " and the rangefinders do not see the wall"
+                off = abs(math.degrees(now.psi - self._heading))
+                self._end("aborted", f"after {PATIENCE:.0f} s the heading is {off:.0f} deg off{seen}")
+            now = yield hold(Actuate(), holds, now)
+
+
 class KeepDistance(Manoeuvre):
     """Face the wall, step the distance by *step* [m] after *settle* [s], and step back.
 
     Parameters
     ----------
-    apart : distance between the two rangefinders [m].
+    apart : distance between the two rangefinders [m]; not used if the craft reports the angle to the wall.
     outputs : the inverse of the actuators ahead and in yaw, from force to normalised output.
     """
 
@@ -107,8 +141,11 @@ class KeepDistance(Manoeuvre):
         """Return what is new: a distance that repeats the last one is no second measurement."""
         from gcs_autotune.control import WallReading  # a second to import, which the table need not take
 
-        pair = (now.d, now.d_starboard)
+        has_angle = math.isfinite(now.wall_angle)
+        pair = (now.d, now.wall_angle if has_angle else now.d_starboard)
         if not (math.isfinite(pair[0]) and math.isfinite(pair[1])) or pair == self._seen:
             return WallReading(now.psi)
         self._seen = pair
+        if has_angle:
+            return WallReading(now.psi, now.d * math.cos(now.wall_angle), now.wall_angle)
         return WallReading.of_two(now.psi, *pair, self._apart)

@@ -124,15 +124,15 @@ def pulse_response(
     command: float, rest: Sequence[Tick], forward: Sequence[Tick], back: Sequence[Tick], threshold: float
 ) -> PulseResponse:
     """Return the evaluation of a pulse of *command* [fraction of full] and one of ``-command``, from the samples before
-    and during each pulse.
+    and during each pulse. Outputs that the vehicle does not report (NaN) count as idle in the fit.
     """
     t, x, u = (np.array(column) for column in zip(*rest, *forward[1:], *back[1:], strict=True))
     idle = float(np.mean([output for _, _, output in rest]))
-    drift = _slope(rest)
-    drag, gains, errors = _fitted(t - t[0], x - x[0], u - idle)
+    u, drift = np.nan_to_num(u - idle), _slope(rest)
+    drag, gains, errors = _fitted(t - t[0], x - x[0], u)
     there = _pulse(command, forward, idle, drift, drag, float(gains[0]), float(errors[0]))
     again = _pulse(-command, back, idle, drift, drag, float(gains[1]), float(errors[1]))
-    drag, gains, errors = _fitted(t - t[0], x - x[0], u - idle, each=False)
+    drag, gains, errors = _fitted(t - t[0], x - x[0], u, each=False)
     both = _pulse(command, forward, idle, drift, drag, float(gains[0]), float(errors[0]))
     return PulseResponse(there, again, threshold, both.moved, both.error, drift)
 

@@ -1,8 +1,8 @@
 """The model of one degree of freedom.
 
 ``alpha * nu_dot + (beta + beta_quadratic*|nu|) * nu = tau(t - delay) + delta``, ``eta_dot = nu`` (Miskovic2010, eq.
-(6.33)-(6.35); signs in :mod:`gcs_autotune.sname`). In roll and pitch, ``restoring * eta`` is added on the left: weight
-and buoyancy pull a craft back to level.
+(6.33)-(6.35); signs in :mod:`gcs_autotune.sname`). In roll and pitch, ``restoring * sin(eta)`` is added on the left:
+weight and buoyancy pull a craft back to level (Fossen2011, (4.6)).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class SingleDof:
     - ``input_unit``: ``N m``, ``N``, ``rad`` (rudder) or ``1`` (fraction of full output). The units of the other fields
       follow from it, see ``Dof.parameter_units``.
     - ``delay`` [s]: delay between input and force.
-    - ``restoring``: moment per angle that pulls the craft back to level; 0 for other degrees of freedom.
+    - ``restoring``: moment per angle, near level, that pulls the craft back; 0 for other degrees of freedom.
     """
 
     dof: str
@@ -52,7 +52,7 @@ class SingleDof:
         eta : angle [rad] from level, for a model with a restoring moment.
         """
         drag = (self.beta + self.beta_quadratic * abs(nu)) * nu
-        return (tau + self.delta - drag - self.restoring * eta) / self.alpha
+        return (tau + self.delta - drag - self.restoring * math.sin(eta)) / self.alpha
 
     def steady_velocity(self, tau: float) -> float:
         """Return the velocity [rad/s or m/s] at which drag balances ``tau + delta`` (Miskovic2010, eq. (7.4),

@@ -13,8 +13,8 @@ about the heading, which they do not contain.
 
 States (:data:`X_SIZE`): quaternion 0-3 (body to NED), velocity 4-6 (body axes) and position 7-9 (NED) of the inertial
 sensor, then the constants. Errors (:data:`SIZE`): attitude 0-2, velocity 3-5, position 6-8, then the constants in the
-same order: bias of the gyro, bias of the accelerometer, lever arms of GPS, DVL and depth sensor, offset of the
-compass, delays of GPS, compass, DVL and depth sensor. SI units and radians.
+same order: bias of the gyro, bias of the accelerometer, lever arms of GPS, DVL and depth sensor, offset of the heading,
+delays of GPS, compass, DVL and depth sensor, turn of the compass in its mount. SI units and radians.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from numpy.typing import NDArray
 from gcs_autotune.jit import called, entry
 
 __all__ = [
-    "ACCELEROMETER", "ARMS", "BODY_VELOCITY", "COLUMNS", "COMPASS", "DELAYS", "DEPTH", "GYRO", "HEADING", "NODE",
-    "OFFSET", "POSITION", "SIZE", "STEP", "VELOCITY", "X_SIZE", "backward", "forward",
+    "ACCELEROMETER", "ARMS", "BODY_VELOCITY", "COLUMNS", "COMPASS", "DELAYS", "DEPTH", "GYRO", "HEADING", "MOUNT",
+    "NODE", "OFFSET", "POSITION", "SIZE", "STEP", "VELOCITY", "X_SIZE", "backward", "forward",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SIZE, X_SIZE = 29, 30
+SIZE, X_SIZE = 32, 33
 """Numbers of error states and of nominal states."""
-GYRO, ACCELEROMETER, ARMS, OFFSET, DELAYS = 9, 12, 15, 24, 25
+GYRO, ACCELEROMETER, ARMS, OFFSET, DELAYS, MOUNT = 9, 12, 15, 24, 25, 29
 """Places of the constants among the errors. In the nominal state they are one place later."""
 POSITION, VELOCITY, BODY_VELOCITY, COMPASS, HEADING, DEPTH = 0, 1, 2, 3, 4, 5
 """Kinds of measurements: position and velocity (NED), velocity (body axes), magnetic field (body axes), heading,
@@ -104,6 +104,15 @@ def _cross(a: Array, b: Array, out: Array) -> None:
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@called
+def _turned_vector(by: Array, a: Array, out: Array, work: Array) -> None:
+    """Write *a*, turned by the small rotation vector *by* to second order, into *out*."""
+    _cross(by, a, work)
+    _cross(by, work, out)
+    for i in range(3):
+        out[i] = a[i] + work[i] + 0.5 * out[i]
 
 
 @called
@@ -306,13 +315,15 @@ def _compare(
         _cross(w, x[4:7], e)
         rate = there[i] + R[2, i] * gravity - e[i]
     elif kind == COMPASS:
-        north = R[0, 0] * row[2] + R[0, 1] * row[3] + R[0, 2] * row[4]
-        east = R[1, 0] * row[2] + R[1, 1] * row[3] + R[1, 2] * row[4]
-        down = R[2, 0] * row[2] + R[2, 1] * row[3] + R[2, 2] * row[4]
+        _turned_vector(x[MOUNT + 1 : MOUNT + 4], row[2:5], e, u)
+        north = R[0, 0] * e[0] + R[0, 1] * e[1] + R[0, 2] * e[2]
+        east = R[1, 0] * e[0] + R[1, 1] * e[1] + R[1, 2] * e[2]
+        down = R[2, 0] * e[0] + R[2, 1] * e[1] + R[2, 2] * e[2]
         flat = north * north + east * east
         H[0], H[1], H[2] = -down * north / flat, -down * east / flat, 1.0
         for i in range(3):
             rate += H[i] * (R[i, 0] * w[0] + R[i, 1] * w[1] + R[i, 2] * w[2])
+            H[MOUNT + i] = H[0] * R[0, i] + H[1] * R[1, i] + R[2, i]
         H[OFFSET] = 1.0
         H[delay] = -rate
         lead = row[5] - x[delay + 1]
@@ -334,8 +345,17 @@ def _compare(
 
 
 @called
-def _correct(x: Array, P: Array, y: float, H: Array, variance: float, told: Array, W: Array) -> None:
-    """Update state and covariance by one number, and write its innovation, variance and gain into *told*."""
+def _inject(x: Array, error: Array) -> None:
+    """Correct the state *x* by an estimated error (SIZE,)."""
+    _turn_ned(x[:4], error[0], error[1], error[2])
+    for i in range(3, SIZE):
+        x[1 + i] += error[i]
+
+
+@called
+def _correct(error: Array, P: Array, y: float, H: Array, variance: float, told: Array, W: Array) -> None:
+    """Add the estimate by one number to *error*, update the covariance, and write innovation, variance and gain into
+    *told*."""
     PH, K = W[12], told[NODE : NODE + SIZE]
     S = variance
     for i in range(SIZE):
@@ -352,33 +372,41 @@ def _correct(x: Array, P: Array, y: float, H: Array, variance: float, told: Arra
         for j in range(i + 1):
             P[i, j] -= K[i] * PH[j]
             P[j, i] = P[i, j]
-    _turn_ned(x[:4], K[0] * y, K[1] * y, K[2] * y)
-    for i in range(3, SIZE):
-        x[1 + i] += K[i] * y
+    for i in range(SIZE):
+        error[i] += K[i] * y
 
 
 @entry
 def forward(
-    imu: Array, at: Index, rows: Array, numbers: Array, noise: Array, x: Array, P: Array, every: int, steps: Array,
-    told: Array, nodes: Array, spreads: Array, W: Array, R: Array,
+    imu: Array, at: Index, rows: Array, numbers: Array, noise: Array, x: Array, P: Array, every: int, held: float,
+    steps: Array, told: Array, nodes: Array, spreads: Array, W: Array, R: Array,
 ) -> int:  # fmt: skip
     """Run the filter over all samples of the inertial sensor.
 
     imu (s, 7) : time, turn rates, specific forces. at (r,) : step of each measurement, ascending. rows (r, COLUMNS).
     numbers (2,) : gravity and declination. noise : as in :func:`_spread`. x (X_SIZE,), P (SIZE, SIZE) : first state,
-    then the last. every : steps between kept states. steps (s, STEP), told (r, NODE + 2 SIZE), nodes (k, X_SIZE),
-    spreads (k, SIZE, SIZE) : results. W (14, 29), R (3, 3) : work space. Return the number of states kept.
+    then the last. every : steps between kept states. held [s] : time at the start during which the estimated error is
+    kept beside the state, which stays the trajectory for linearisation. steps (s, STEP), told (r, NODE + 2 SIZE),
+    nodes (k, X_SIZE), spreads (k, SIZE, SIZE) : results. W (15, SIZE), R (3, 3) : work space. Return the number of
+    states kept.
     """
     kept, m = 0, 0
-    skipped = W[13]
+    skipped, error = W[13], W[14]
     skipped[:] = 0.0
+    error[:] = 0.0
     for k in range(len(imu)):
         if k > 0:
             _move(x, imu[k - 1], imu[k], numbers[0], steps[k], W, R)
             _spread(P, steps[k], noise, W)
+            _through(steps[k], error, W[12])
+            for i in range(9):
+                error[i] = W[12, i]
+        is_held = imu[k, 0] - imu[0, 0] < held
         while m < len(at) and at[m] == k:
             H = told[m, NODE + SIZE :]
             y = _compare(x, imu[k], rows[m], numbers[0], numbers[1], H, W, R)
+            for i in range(SIZE):
+                y -= H[i] * error[i]
             kind, variance = int(rows[m, 0]), rows[m, 6]
             if kind == COMPASS:
                 # Tilt errors are noise of the compass. Else it would pass for an inclinometer where the field is steep.
@@ -394,12 +422,16 @@ def forward(
             told[m, 0], told[m, 1], told[m, 2] = y, S, 0.0
             if y * y <= GATE * S or skipped[kind] >= PATIENCE:
                 skipped[kind] = 0.0
-                _correct(x, P, y, H, variance, told[m], W)
+                _correct(error, P, y, H, variance, told[m], W)
+                if not is_held:
+                    _inject(x, error)
+                    error[:] = 0.0
             else:
                 skipped[kind] += 1.0
             m += 1
         if k % every == 0:
             _copy(x, nodes[kept])
+            _inject(nodes[kept], error)
             for i in range(SIZE):
                 _copy(P[i], spreads[kept, i])
             kept += 1

@@ -21,8 +21,13 @@ __all__ = ["NavigatedLog", "navigate_file"]
 
 Array = NDArray[np.float64]
 
-ESTIMATOR = "ekf"
-"""Source of the autopilot's own estimator in a store."""
+ESTIMATORS = {
+    **dict.fromkeys(("phi", "theta", "psi"), ("ekf", "attitude")),
+    **dict.fromkeys(("vn", "ve"), ("ekf", "local", "global")),
+    **dict.fromkeys("xyz", ("ekf", "local")),
+}
+"""Signal -> sources of the autopilot's own estimator in a store, preferred first."""
+NONE: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
 LATE = 0.01
 """Largest fraction of samples older than their predecessor in a usable log. Project choice."""
 
@@ -127,18 +132,24 @@ def _runs(log: Recording) -> Iterator[Trial]:
 
 
 def _beside(store: SampleStore, solution: Navigation) -> Iterator[tuple[str, Array]]:
-    """Yield signal -> difference (k,) from the autopilot's estimator, where both have it."""
-    for name in ("phi", "theta", "psi", "vn", "ve"):
-        t, values = store.series(f"{ESTIMATOR}.{name}")
+    """Yield signal -> difference (k,) from the autopilot's estimator, where both have it.
+
+    That of a position is without its mean, because the origins differ.
+    """
+    signals = {**solution.values, **solution.over_ground()}
+    if "heading" in solution.noise:
+        del signals["psi"]  # it is the autopilot's own
+    for name, sources in ESTIMATORS.items():
+        t, values = next((s for s in (store.series(f"{source}.{name}") for source in sources) if len(s[0]) > 1), NONE)
         inside = (solution.t >= t[0]) & (solution.t <= t[-1]) if len(t) > 1 else np.zeros(len(solution.t), dtype=bool)
-        own = solution.over_ground().get(name) if name in ("vn", "ve") else solution.values[name]
+        own = signals.get(name)
         if own is None or not np.any(inside):
             continue
         theirs = np.interp(solution.t[inside], t, np.unwrap(values) if name in ("phi", "theta", "psi") else values)
         error = own[inside] - theirs
         if name in ("phi", "theta", "psi"):
             error = (error + np.pi) % (2.0 * np.pi) - np.pi
-        yield name, error
+        yield name, error - np.mean(error) if name in "xyz" else error
 
 
 def _lacks(solutions: tuple[Navigation, ...] | list[Navigation]) -> tuple[str, ...]:

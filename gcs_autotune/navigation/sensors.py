@@ -189,7 +189,7 @@ def _inertial(store: SampleStore, path: Path) -> tuple[Inertial, ...]:
         what = "a gyro but no accelerometer" if missing[0].startswith("imu.a") else "no inertial sensor"
         raise BadFile(
             f"{path} contains {what} (missing: {', '.join(missing)}). Use the onboard log (.bin) with IMU in "
-            "LOG_BITMASK, or a table with these columns"
+            "LOG_BITMASK, a telemetry log with RAW_IMU, or a table with these columns"
         )
     t = columns[0][0]
     if any(len(own) != len(t) for own, _ in columns):
@@ -206,7 +206,7 @@ def _inertial(store: SampleStore, path: Path) -> tuple[Inertial, ...]:
     if not step <= 1.0 / SLOWEST:
         raise BadFile(
             f"{path}: the inertial sensor was logged at {1.0 / step:.3g} Hz, but navigation needs {SLOWEST:g} Hz or "
-            "more. Use the onboard log (.bin)"
+            "more. Use the onboard log (.bin), or set SR0_RAW_SENS (SR1_RAW_SENS ...) to 50 for a telemetry log"
         )
     trim = _trim(store.parameters).T
     samples[:, 1:4], samples[:, 4:7] = samples[:, 1:4] @ trim, samples[:, 4:7] @ trim

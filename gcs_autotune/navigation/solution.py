@@ -32,6 +32,7 @@ CONSTANTS: Mapping[str, tuple[int, float, str]] = {
     **{f"{name} arm {axis}": (at + i, 0.4, "m") for name, at in ARMED.items() for i, axis in enumerate("xyz")},
     "compass offset": (kernel.OFFSET, 0.15, "rad"),
     **{f"{name} delay": (at, 0.2, "s") for name, at in DELAYED.items()},
+    **{f"compass turn {axis}": (kernel.MOUNT + i, 0.05, "rad") for i, axis in enumerate("xyz")},
 }
 """Constant -> place among the errors, standard deviation before the log is read, unit. Project choices: cheap sensors
 on a craft of a few metres."""
@@ -42,6 +43,9 @@ PASSES = 8
 """Maximum number of passes. Noise levels and delays settle in three to six. Project choice."""
 SETTLED = (0.002, 0.03)
 """Largest change of a delay [s] and relative change of a noise level for the passes to end. Project choice."""
+HELD = 10.0
+"""Time at the start of a pass [s] during which the trajectory of the last pass is kept for linearisation. The filter's
+first estimates are too far from the truth for it. Project choice."""
 FLOOR = 0.3
 """Smallest noise level, as a fraction of the first one. Real errors are correlated in time, which less noise would take
 for motion. Project choice."""
@@ -198,12 +202,15 @@ class _Stretch:
         self.sigma = {name: sensor.sigma for name, (sensor, _, _) in self.series.items()}
         noise = [float(np.mean([noise_of(self.imu[:, i]) for i in columns])) for columns in ((1, 2, 3), (4, 5, 6))]
         self.imu_noise = np.maximum(noise, LEAST)
+        self.start: Array | None = None
+        """First state of the last pass (X_SIZE,), about which the next one is linearised."""
 
     def solve(self) -> Navigation:
         """Repeat the passes until delays and noise levels settle, and return the solution of the last one."""
         converged, count = False, 0
         for count in range(1, PASSES + 1):
             result = _Pass(self, self._rows())
+            self.start = result.x[0].copy()
             moved, changed = self._learn(result)
             if count > 2 and moved < SETTLED[0] and changed < SETTLED[1]:
                 converged = True
@@ -266,6 +273,8 @@ class _Stretch:
         for device, place in (*ARMED.items(), *DELAYED.items()):
             if device not in devices:
                 spread[place : place + (3 if device in ARMED and place == ARMED[device] else 1)] = 0.0
+        if "compass" not in self.series:
+            spread[kernel.MOUNT : kernel.MOUNT + 3] = 0.0
         for device, arm in self.arms().items():
             x[ARMED[device] + 1 : ARMED[device] + 4] = arm
             spread[ARMED[device] : ARMED[device] + 3] = KNOWN_ARM
@@ -318,9 +327,15 @@ class _Stretch:
                 "sensor (FRD axes, specific force -9.8 m/s^2 down at rest)"
             )
         spread = np.sqrt(np.diag(self.first()[1]))
+        values, covariance = self._at_centre(x, P)
+        # The filter takes tilt errors for noise of the compass, but they last. They add to the turn of the compass.
+        tilt = {f"compass turn {axis}": float(np.mean(covariance[:, i, i])) for axis, i in (("x", 3), ("y", 4))}
         constants = {
             name: Constant(
-                float(x[0, place + 1]), math.sqrt(max(float(P[0, place, place]), 0.0)), float(spread[place]), unit
+                float(x[0, place + 1]),
+                math.sqrt(max(float(P[0, place, place]), 0.0) + tilt.get(name, 0.0)),
+                float(spread[place]),
+                unit,
             )
             for name, (place, _, unit) in CONSTANTS.items()
             if spread[place] > 0.0
@@ -331,7 +346,6 @@ class _Stretch:
             used = mine[mine[:, 2] > 0.0]
             nis = float(np.mean(used[:, 0] ** 2 / used[:, 1])) if len(used) else math.nan
             noise[name] = SensorNoise(len(used), len(mine) - len(used), self.sigma[name], nis)
-        values, covariance = self._at_centre(x, P)
         stds = {n: np.sqrt(np.maximum(covariance[:, i, i], 0.0)) for i, n in enumerate(values)}
         lost = [*("xy" if not self.has_velocity else ""), *("uv" if not self.has_velocity else "")]
         values = {n: v for n, v in values.items() if n not in lost}
@@ -387,19 +401,28 @@ class _Pass:
         s, r, n = len(imu), len(rows.at), kernel.SIZE
         k = (s - 1) // every + 1
         x, P = stretch.first()
+        pull, held = np.zeros(n), 0.0
+        if stretch.start is not None:
+            known = np.diag(P)[kernel.GYRO :] > 0.0
+            away = stretch.start[kernel.GYRO + 1 :] - x[kernel.GYRO + 1 :]
+            pull[kernel.GYRO :][known] = -away[known] / np.diag(P)[kernel.GYRO :][known]
+            x, held = stretch.start.copy(), HELD
         noise = np.array([*stretch.imu_noise, *DRIFTS])
         steps, self.told = np.zeros((s, kernel.STEP)), np.zeros((r, kernel.NODE + 2 * n))
         self.x, self.P = np.zeros((k, kernel.X_SIZE)), np.zeros((k, n, n))
         shifts, self.levels = np.zeros((k, n)), np.zeros(4)
-        work, rotation = np.zeros((14, n)), np.zeros((3, 3))
+        work, rotation = np.zeros((15, n)), np.zeros((3, 3))
         kernel.forward(
-            imu, rows.at, rows.numbers, stretch.numbers, noise, x, P, every, steps, self.told, self.x, self.P, work,
-            rotation,
+            imu, rows.at, rows.numbers, stretch.numbers, noise, x, P, every, held, steps, self.told, self.x, self.P,
+            work, rotation,
         )  # fmt: skip
         kernel.backward(
             rows.at, rows.numbers, noise, every, steps, self.told, self.x, self.P, shifts, self.levels,
             np.zeros((2 * n, n)), work,
         )  # fmt: skip
+        # The pass began at the constants of the last one. This returns them to their prior means, by the change of the
+        # information vector.
+        shifts += self.P @ pull
         self.x[:, 4:] += shifts[:, 3:]
         self.x[:, :4] = _turned(self.x[:, :4], shifts[:, :3])
 

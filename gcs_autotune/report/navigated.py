@@ -86,8 +86,9 @@ def _beside(told: Told) -> Iterator[Part]:
     )
     yield Table(("signal", "rms difference", "unit"), "lrl", rows)
     yield Note(
-        "The autopilot's estimator uses past samples only and no estimated delays. The difference contains the errors "
-        "of both."
+        "The autopilot's estimator uses past samples only and no estimated delays, and its velocity is that of its "
+        "board. The difference contains the errors of both. Constant differences of x, y and z are left out, because "
+        "the origins differ."
     )
 
 

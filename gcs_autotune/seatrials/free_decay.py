@@ -40,7 +40,7 @@ def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
     signal = str(run.meta.get("signal", "phi"))
     if signal not in run or len(run[signal]) < 10:
         raise MissingChannel(f"run '{run.name}' has no {signal}. A free decay needs phi or theta")
-    begun = next((m.t for m in run.marks if m.kind == "push"), run.start)
+    begun = next((m.t for m in run.marks if m.kind in ("push", "release")), run.start)
     channel = run[signal].between(begun, run.end)
     t, a = _extremes(channel.t, channel.values - float(run.meta.get("rest", np.median(channel.values[-10:]))))
     if len(t) < FEWEST:

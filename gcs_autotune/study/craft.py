@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs_autotune.errors import UsageError
+from gcs_autotune.registry import nearest_of
 from gcs_autotune_files import Refused, read
 
 __all__ = ["NONE", "file_of_user", "link_of"]
@@ -146,7 +147,9 @@ def _tables(like: str) -> dict[str, Any]:
     try:
         own: dict[str, Any] = read(path, "toml")
     except Refused as error:
-        raise UsageError(f"vehicle.like: the file of '{like}' cannot be read: {error}") from error
+        known = [file.stem.replace("_", "-") for f in folders for file in sorted(f.glob(f"*{_FILE}"))]
+        hint = "" if like.endswith(_FILE) else nearest_of(like, known)[1]
+        raise UsageError(f"vehicle.like: the file of '{like}' cannot be read: {error}.{hint}") from error
     base = _tables(own["like"]) if isinstance(own.get("like"), str) else {}
     merged = dict(base)
     for heading, entries in own.items():

@@ -26,7 +26,18 @@ from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.plain_json import plain_data
 from gcs_autotune.study.craft import link_of
 
-__all__ = ["FUNCTION", "JOBS", "TRIES", "WORDS", "Job", "commands_of", "function_of", "results_of", "subjects_of"]
+__all__ = [
+    "FUNCTION",
+    "JOBS",
+    "TRIES",
+    "WORDS",
+    "Job",
+    "argument_names",
+    "commands_of",
+    "function_of",
+    "results_of",
+    "subjects_of",
+]
 
 TRIES = 3
 """How often a case is tried whose process, or whose worker, is killed. Project choice."""
@@ -183,11 +194,20 @@ def results_of(do: str, given: Mapping[str, Any], folder: Path, home: Path, keep
     return flat
 
 
-def _arguments(given: Mapping[str, Any], folder: Path, home: Path) -> dict[str, Any]:
-    """Return the keyword arguments of a function: its own, the seed, and the link if a vehicle or effect is given."""
-    own = {name.partition(".")[2]: value for name, value in given.items() if name.startswith("argument.")}
+def argument_names(given: Mapping[str, Any]) -> list[str]:
+    """Return the names of the keyword arguments of a function: its own, ``seed``, and ``uri`` if a vehicle or effect
+    is given.
+    """
+    own = [name.partition(".")[2] for name in given if name.startswith("argument.")]
     craft = any(name.partition(".")[0] in ("vehicle", "effect") for name in given)
-    return {**own, "seed": int(given["seed"]), **({"uri": link_of(given, folder, home)} if craft else {})}
+    return [*own, "seed", *(["uri"] if craft else [])]
+
+
+def _arguments(given: Mapping[str, Any], folder: Path, home: Path) -> dict[str, Any]:
+    """Return the keyword arguments of a function, as :func:`argument_names`."""
+    found = {name: given.get(f"argument.{name}") for name in argument_names(given)}
+    own = {"seed": int(given["seed"])}
+    return {**found, **own, **({"uri": link_of(given, folder, home)} if "uri" in found else {})}
 
 
 _CHILD = """

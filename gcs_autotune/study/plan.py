@@ -233,7 +233,7 @@ def load_plan(file: Path, home: Path | None = None) -> Plan:
     points = _points(file, data, vary)
     if points * data.repeats > MOST_CASES:
         raise BadFile(
-            f"{file}: {points * data.repeats} cases are too many (most {MOST_CASES}). Use fewer values under vary, or "
+            f"{file}: vary: {points * data.repeats} cases are too many (most {MOST_CASES}). Use fewer values, or "
             'design = "sobol" with cases = N'
         )
     home = home or file.absolute().parent
@@ -286,6 +286,8 @@ def _walk(file: Path, place: str, name: str, value: Any) -> Iterator[tuple[str, 
 
 
 def _single(file: Path, place: str, value: Any) -> Value:
+    if place.endswith(".seed") and place.count(".") == 1 and (isinstance(value, bool) or not isinstance(value, int)):
+        raise BadFile(f"{file}: {place}: expected a whole number, not {value!r}")
     if isinstance(value, bool | str | int | float):
         return value
     raise BadFile(f"{file}: {place}: expected a number, a text, true or false. Lists and ranges belong under vary")

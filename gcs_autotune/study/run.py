@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -14,9 +15,10 @@ from gcs_autotune.errors import AutotuneError, BadFile, LinkLost, UsageError
 from gcs_autotune.executor import Executor
 from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.plain_json import plain_data
+from gcs_autotune.registry import nearest_of
 from gcs_autotune.study.build import Build, build_of, difference_from
-from gcs_autotune.study.craft import file_of_user
-from gcs_autotune.study.jobs import JOBS, TRIES, Killed, commands_of, function_of, results_of
+from gcs_autotune.study.craft import file_of_user, link_of
+from gcs_autotune.study.jobs import JOBS, TRIES, Killed, argument_names, commands_of, function_of, results_of
 from gcs_autotune.study.plan import Case, Plan
 from gcs_autotune.study.store import DONE, FAILED, GIVEN_UP, Row, Store
 
@@ -110,26 +112,33 @@ class _Pending(Sequence[Case]):
         return self._plan[self._at[index]]
 
 
-def check_plan(plan: Plan, parse: Callable[[list[str]], object] = lambda line: None) -> None:
+def check_plan(
+    plan: Plan,
+    parse: Callable[[list[str]], object] = lambda line: None,
+    start: Callable[[str], object] = lambda link: None,
+) -> None:
     """Check that the first case can be begun, and one case for each value that a name takes from a list.
 
-    parse : checks a command line, without the program's name.
+    parse : checks a command line, without the program's name. start : starts the simulated vehicle of a link and ends
+    it again.
 
     Raises
     ------
     BadFile
-        The function cannot be imported, or an option or a vehicle is unknown. The message names file and entry.
+        The function cannot be imported or has other arguments, or an option, a vehicle, one of its numbers or an effect
+        is unknown. The message names file and entry.
     """
     try:
-        if plan.do not in JOBS:
-            function_of(plan.do, plan.home)
-            return
-        with tempfile.TemporaryDirectory() as folder:
-            for line in commands_of(plan.do, plan[0].given, Path(folder), plan.home):
-                parse(line)
+        if plan.do in JOBS:
+            with tempfile.TemporaryDirectory() as folder:
+                for line in commands_of(plan.do, plan[0].given, Path(folder), plan.home):
+                    parse(line)
+        else:
+            _check_arguments(plan)
     except AutotuneError as error:
-        raise BadFile(f"{plan.file}: {error}") from error
-    for name, axis in plan.vary.items():
+        wrong = [f"{_table(plan, n)}.{n}: " for n in plan[0].given if f"--{n.partition('.')[2]}=" in str(error)]
+        raise BadFile(f"{plan.file}: {''.join(wrong[:1])}{error}") from error
+    for name, axis in plan.vary.items() if plan.do in JOBS else ():
         for value in (*axis.values[1:_MOST_CHECKED], *(() if axis.values else (axis.at(1.0),))):
             try:
                 with tempfile.TemporaryDirectory() as folder:
@@ -137,10 +146,69 @@ def check_plan(plan: Plan, parse: Callable[[list[str]], object] = lambda line: N
                         parse(line)
             except AutotuneError as error:
                 raise BadFile(f"{plan.file}: vary.{name}: {value}: {error}") from error
+    _check_craft(plan, start)
+
+
+def _table(plan: Plan, name: str) -> str:
+    """Return the table of the study file that contains *name*."""
+    return "vary" if name in plan.vary else "fixed"
+
+
+def _check_arguments(plan: Plan) -> None:
+    """Check that the function of a study can be imported and takes its arguments."""
+    function = function_of(plan.do, plan.home)
+    try:
+        known = inspect.signature(function).parameters
+    except (TypeError, ValueError):  # of a function in C without a signature
+        return
+    if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known.values()):
+        return
+    given = argument_names(plan[0].given)
+    for name in given:
+        if name not in known:
+            own = f"argument.{name}"
+            place = f"{_table(plan, own)}.{own}" if own in plan[0].given else name
+            raise UsageError(f"{place}: {plan.do} has no argument '{name}'.{nearest_of(name, list(known))[1]}")
+    for name, parameter in known.items():
+        if name not in given and parameter.default is inspect.Parameter.empty:
+            raise UsageError(f"argument.{name} is missing: {plan.do} needs it. Add it under fixed or vary")
+
+
+def _check_craft(plan: Plan, start: Callable[[str], object]) -> None:
+    """Check that the simulated vehicle of the first case starts, and those with other texts and extreme numbers."""
+
+    def refusal(given: Mapping[str, Any]) -> AutotuneError | None:
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                start(link_of(given, Path(folder), plan.home))
+        except AutotuneError as error:
+            return error
+        return None
+
+    first = plan[0].given
+    names = [name for name in first if name.partition(".")[0] in ("vehicle", "effect")]
+    if not names:
+        return
+    if error := refusal(first):
+        wrong = [n for n in names if n != "vehicle.like" and not refusal({k: v for k, v in first.items() if k != n})]
+        name = wrong[0] if wrong else "vehicle.like"
+        raise BadFile(f"{plan.file}: {_table(plan, name)}.{name}: {first.get(name)}: {error}") from error
+    others = [
+        (name, value)
+        for name, axis in plan.vary.items()
+        if name in names
+        for value in (axis.values or (axis.at(0.0), axis.at(1.0)))
+        if value != first[name] and (isinstance(value, str) or value in (axis.values[-1:] or (value,)))
+    ]
+    for name, value in others[:_MOST_STARTED]:
+        if error := refusal({**first, name: value}):
+            raise BadFile(f"{plan.file}: vary.{name}: {value}: {error}") from error
 
 
 _MOST_CHECKED = 100
 """Largest number of values of one name that are checked before a study begins. Project choice."""
+_MOST_STARTED = 20
+"""Largest number of simulated vehicles that are started before a study begins; each takes a second. Project choice."""
 
 
 def run_study(

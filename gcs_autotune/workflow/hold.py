@@ -19,6 +19,7 @@ from gcs_autotune.control import (
     DirectLine,
     LineQuestion,
     SetPointLoop,
+    WallReading,
     design_distance,
 )
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
@@ -26,6 +27,7 @@ from gcs_autotune.identify import ModelFile
 from gcs_autotune.link import Journal
 from gcs_autotune.manoeuvres import (
     MANOEUVRES,
+    FaceWall,
     FollowLine,
     KeepDistance,
     KeepPosition,
@@ -49,7 +51,7 @@ from gcs_autotune.report import (
     figures_on,
     hold_document,
     position_figures,
-    to_html,
+    save_page,
 )
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
@@ -129,8 +131,7 @@ def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: s
     with record.summarised(f"hold {settings.what}", when):
         run_mission(visit, partial(_declare, task, flown), log)
     (held,) = flown
-    page = to_html(hold_document(held, f"Hold: {settings.what}", when))
-    (record.path / "report.html").write_text(page, encoding="utf-8")
+    save_page(record.path, hold_document(held, f"Hold {settings.what}", when))
     return held
 
 
@@ -296,10 +297,16 @@ class HoldLine(Task):
         return HeldLine(s.guidance, design, trial, figures_on(trial))
 
 
+FACING, FACING_TIME = "facing the wall", 10.0
+"""Stage that turns the craft back to the wall after the relays in heading, and its usual time [s]. Project choice."""
+
+
 class HoldDistance(Task):
     """Face a wall and keep a distance to it: Miskovic2010, algorithm 8.5."""
 
     axes = ("distance",)
+    facing = math.nan
+    """Heading at a right angle to the wall [rad], from before the relays."""
 
     def check(self, context: TuneContext) -> None:
         """Raise for a craft that has no two rangefinders ahead, or does not thrust both ways."""
@@ -307,11 +314,16 @@ class HoldDistance(Task):
         if craft.firmware.needs_way:
             raise WrongVehicle("a distance is kept at rest; a boat does not. Use heading or line")
         check_signals(MANOEUVRES["wall-relay"], craft)
-        if not math.isfinite(craft.observe().d_starboard):
+        now = craft.observe()
+        if not (math.isfinite(now.d_starboard) or math.isfinite(now.wall_angle)):
             raise PreconditionFailed(
                 "hold distance needs two rangefinders ahead, but the vehicle reports one (DISTANCE_SENSOR). The second "
-                "one needs an id of its own and orientation 0"
+                "one needs an id of its own and orientation 0. Or let one look to port (7) and one to starboard (1)"
             )
+        angle = now.wall_angle
+        if not math.isfinite(angle):
+            angle = WallReading.of_two(now.psi, now.d, now.d_starboard, self.settings.apart).phi
+        self.facing = now.psi - angle
 
     def movements(self, context: TuneContext) -> str:
         """Return the step in words."""
@@ -319,12 +331,14 @@ class HoldDistance(Task):
 
     def legs(self, context: TuneContext) -> list[Leg]:
         """Return the step."""
-        return [Leg("keeping the distance", 3.0 * DISTANCE_LEG)]
+        return [Leg(FACING, FACING_TIME), Leg("keeping the distance", 3.0 * DISTANCE_LEG)]
 
     def fly(self, context: TuneContext, found: OwnMotion) -> HeldDistance:
         """Identify surge by the distance, and keep it."""
         s = self.settings
         turn = _loop(context, found, self.step(context), s.tune.omega_0)
+        context.log.say(FACING)
+        context.runner.fly(FaceWall(self.facing), FACING)
         ahead = _loop(context, motion(context, "distance", s.models, s.tune.full_scale), s.distance_step)
         surge, yaw = ahead.design, turn.design
         law = design_distance(surge.model, yaw.model, surge.wanted, yaw.wanted)

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from gcs_autotune.clock import Deadline, ManualClock
-from gcs_autotune.design import LAWS, Scenario
+from gcs_autotune.design import LAWS, Plant, Scenario, margins_of_each, step_metrics
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import fit, fit_axis
 from gcs_autotune.identify.thrust import DEAD_ZONE, fit_with_actuator
@@ -75,7 +75,10 @@ def warm_up(dofs: Sequence[str], laws: Sequence[str]) -> None:
         _identify(dof)
         for law in (LAWS[name] for name in laws):
             gains = {**law.defaults, **law.fixed, **dict.fromkeys((*law.tuned, *law.measured), 1.0)}
-            law.simulate(SingleDof(dof, "1", *_MODEL), gains, Scenario(step=0.1, duration=1.0), 1.0, 0.0)
+            m = law.simulate(SingleDof(dof, "1", *_MODEL), gains, Scenario(step=0.1, duration=1.0), 1.0, 0.0)
+            with suppress(AutotuneError):  # as below
+                step_metrics(m.t, np.full_like(m.t, 0.1), m.position, m.output, noise_std=1e-3)
+            margins_of_each(law.controller(gains, 1.0), [Plant(1.0, *_MODEL, 0.1)])
 
 
 def _identify(dof: str) -> None:

@@ -20,16 +20,23 @@ _LEAST_SAMPLES = 6
 _TREND = 2
 """Order of the polynomial that is subtracted as motion."""
 
+_POOR = 3.0
+"""Fit's noise over that of the sample-to-sample changes, above which the model is poor. It is 1.2 for the speed of a
+simulated boat. Project choice."""
+
 
 def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> float:
     """Return the standard deviation of the measurement noise of a flown *step* (SI).
 
-    For a velocity (*moving*) it is the noise of the fit if the fit includes this signal, otherwise that of the step.
-    For a position it is the smaller of two values: the noise of the fit, and the noise while the position was held.
+    For a velocity (*moving*) it is the noise of the fit if the fit includes this signal, otherwise that of the
+    sample-to-sample changes of the step. A fit's noise beyond :data:`_POOR` times these changes is the error of a poor
+    model, and not used. For a position it is the smaller of two values: the noise of the fit, and the noise while the
+    position was held.
     """
     signal = str(step.meta["signal"])
     if moving:
-        return fit.noise[signal] if signal in fit.noise else noise_in(step, signal)
+        found, changes = fit.noise.get(signal, math.inf), noise_in(step, signal)
+        return found if found <= _POOR * changes else changes
     return min(fit.noise.get(signal, fit.noise_std), noise_while_held(step, resolution))
 
 

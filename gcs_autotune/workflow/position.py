@@ -88,6 +88,8 @@ FELT, AT_ONCE = 0.5, 0.5
 """Share of the push that the output must show, and time within which it does [s], before the hold answers."""
 WIDER = 5.0
 """Factor by which ``--beyond-ranges`` widens the documented ranges."""
+PROMPT = 5.0
+"""Time [s] within which an ROV with a position sensor reports a position, before ``tune all`` announces its steps."""
 STAGES: Mapping[str, str] = {"before": "present", "after": "new"}
 
 
@@ -118,7 +120,7 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     log.parameters_before = loop.read(craft)
     craft.parameters.watch(log.parameters_before)
     log.say(f"present parameters saved to {visit.record.save_parameters('before', log.parameters_before)}")
-    await_position(craft, log, firmware.position_mode)
+    await_position(craft, log, firmware.position_mode, *([PROMPT] if tune.untuned else []))
     drift = _drift(craft, loop.present)
     envelope = replace(tune.envelope, area=area_of_flight(craft, tune.envelope.area, log))
     envelope = replace(envelope, heading_excursion=math.inf) if boat else envelope

@@ -16,6 +16,7 @@ from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware, Output, ServoMap, read_named
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
+    DOF_OF,
     HELD_DURING,
     MANOEUVRES,
     Manoeuvre,
@@ -316,7 +317,6 @@ def remarks_on(craft: MavlinkCraft) -> list[str]:
 
 
 _CHECKS_PATIENCE = 30.0
-_POSITION_PATIENCE = 90.0
 _SILENT = 2.5
 """Longest time to wait for the estimator's status [s], requested at 2 Hz.
 
@@ -380,17 +380,17 @@ def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
         craft.observe()
 
 
-def await_position(craft: MavlinkCraft, observer: Observer, mode: str) -> None:
+def await_position(craft: MavlinkCraft, observer: Observer, mode: str, patience: float = 90.0) -> None:
     """Wait until the vehicle's estimator has the horizontal position that *mode* needs.
 
     Raises
     ------
     PreconditionFailed
-        It has none after a minute and a half.
+        It has none after *patience* [s].
     """
     estimator, said = _Estimator(craft), False
     source = "Check GPS (sky view, fix type)" if craft.firmware.floats else "Check the DVL or other position source"
-    deadline = Deadline.after(craft.clock, _POSITION_PATIENCE)
+    deadline = Deadline.after(craft.clock, patience)
     try:
         while not estimator.has_position:
             if estimator.flags is not None and not said:
@@ -398,7 +398,7 @@ def await_position(craft: MavlinkCraft, observer: Observer, mode: str) -> None:
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
-                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, which {mode} needs. "
+                    f"the vehicle has had no position estimate for {patience:g} s, which {mode} needs. "
                     f"{source} and compass, then try again"
                 )
             craft.observe()
@@ -431,6 +431,16 @@ def check_loop_has_motors(axis: Axis, craft: MavlinkCraft) -> None:
         )
 
 
+def _suits(kind: ManoeuvreKind, force: str, firmware: Firmware) -> bool:
+    """Return whether the vehicle can fly *kind* with *force*."""
+    if kind.for_force is None:
+        return False
+    try:
+        return kind.of(force).suits(firmware)
+    except UsageError:  # this manoeuvre cannot drive it
+        return False
+
+
 def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     """Check that the vehicle has the actuators that a manoeuvre needs, and a rudder if a rudder angle is set.
 
@@ -451,6 +461,12 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
             for k in MANOEUVRES.values()
             if k.make is not None and k.suits(firmware) and k.layered == kind.layered
         )
+        forces = [f for f in DOF_OF if kind.name in MANOEUVRES and _suits(MANOEUVRES[kind.name], f, firmware)]
+        if forces:  # only the chosen force is missing
+            raise WrongVehicle(
+                f"this vehicle ({firmware.name}) cannot drive {wanted}. "
+                f"Use {kind.name} with --force {' or '.join(forces)}"
+            )
         if kind.layered:
             raise WrongVehicle(
                 f"{kind.name} needs thrust {_AXES_OF[wanted[:1]]}, which this vehicle ({firmware.name}) lacks"
@@ -497,6 +513,6 @@ def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
         if now.t > until:
             raise PreconditionFailed(
                 f"{kind.name} needs a forward rangefinder, but the vehicle reports no distance within its range "
-                f"({message}, orientation 0). Check the rangefinder. Nothing was armed"
+                f"({message}, orientation 0, or 1 and 7). Check the rangefinder. Nothing was armed"
             )
         now = craft.observe()

@@ -212,4 +212,7 @@ def contradiction_in(trial: Trial) -> str:
     """Return a sentence on sensors that contradict each other in a record and are used in closed loops; empty if
     none."""
     found = next((c for c in contradictions(trial) if c.pair in GRAVE), None)
-    return "" if found is None else f"{found.cause}. {found.cure[0].upper()}{found.cure[1:]}"
+    if found is None:
+        return ""
+    check = found.cure.partition(". Until then")[0]  # a flight uses all signals: no column can be omitted
+    return f"{found.cause}. {check[0].upper()}{check[1:]}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from sitl.ardupilot_json.serve import DEFAULT_PORT
@@ -77,15 +78,18 @@ thrusters would empty it within minutes. Therefore such a frame has no simulated
 """
 
 
-_RANGEFINDER_SITL, _AHEAD = 100, 0
+_RANGEFINDER_SITL = 100
+_EIGHTH = 0.25 * math.pi
+"""Step of RNGFNDn_ORIENT [rad]; its values 0 to 7 are the yaw of a rangefinder."""
 
 
 def _rangefinders(data: VehicleData) -> dict[str, float]:
-    """Return the parameters of the rangefinders on board: simulated, and ahead."""
+    """Return the parameters of the rangefinders on board: simulated, and their orientation."""
     finder = data.make_rangefinder(0)
-    count = 0 if finder is None else 2 if finder.apart > 0.0 else 1
-    kinds = (("TYPE", _RANGEFINDER_SITL), ("ORIENT", _AHEAD))
-    return {f"RNGFND{n}_{key}": value for n in range(1, count + 1) for key, value in kinds}
+    found: dict[str, float] = {}
+    for n, yaw in enumerate(() if finder is None else finder.yaws, start=1):
+        found |= {f"RNGFND{n}_TYPE": _RANGEFINDER_SITL, f"RNGFND{n}_ORIENT": round(yaw / _EIGHTH) % 8}
+    return found
 
 
 def needed_parameters(data: VehicleData) -> dict[str, float]:

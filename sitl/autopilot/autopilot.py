@@ -34,13 +34,13 @@ __all__ = [
 class StateEstimate:
     """Attitude and position as estimated by the autopilot: sensors through its filters.
 
-    SI, radians, NED; ``yaw`` is not filtered. ``yaw_rate`` is delayed by the gyro filter (INS_GYRO_FILTER), 4 Hz on
+    SI, radians, NED; angles are not filtered. Turn rates are delayed by the gyro filter (INS_GYRO_FILTER), 4 Hz on
     Rover, which is about 55 ms. ``climb`` and ``climb_acceleration`` point up.
     """
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
-        self._gyro = TwoPoleLowPass()
+        self._gyro = tuple(TwoPoleLowPass() for _ in range(3))
         self._accelerometer = TwoPoleLowPass()
         self.roll = self.pitch = self.yaw = 0.0
         self.roll_rate = self.pitch_rate = self.yaw_rate = 0.0
@@ -54,8 +54,10 @@ class StateEstimate:
         """Update the estimate with one sample of the sensors, *dt* [s] after the last."""
         values = self._values
         self.roll, self.pitch, self.yaw = reading.phi, reading.theta, reading.psi
-        self.roll_rate, self.pitch_rate = reading.p, reading.q
-        self.yaw_rate = self._gyro.apply(reading.r, values["INS_GYRO_FILTER"], dt)
+        rates, cutoff = (reading.p, reading.q, reading.r), values["INS_GYRO_FILTER"]
+        self.roll_rate, self.pitch_rate, self.yaw_rate = (
+            gyro.apply(rate, cutoff, dt) for gyro, rate in zip(self._gyro, rates, strict=True)
+        )
         self.speed = reading.u
         self.x, self.y, self.z = reading.x, reading.y, reading.z
         self._sway, self.vz = reading.v, reading.w

@@ -161,7 +161,8 @@ _NEAREST_CM, _FURTHEST_CM = 10, 1000
 """Range of the rangefinder [cm]. Beyond the range, the reported distance is one centimetre more than the limit. Project
 choice.
 """
-_LASER, _AHEAD = 0, 0
+_LASER, _CUSTOM = 0, 100
+_EIGHTH = 0.25 * math.pi
 
 
 def _distance(vehicle: Vehicle) -> Iterable[Message]:
@@ -169,13 +170,20 @@ def _distance(vehicle: Vehicle) -> Iterable[Message]:
     if vehicle.rangefinder is None:
         return ()
     estimate = vehicle.autopilot.estimate
-    both = (estimate.distance, estimate.distance_starboard) if vehicle.rangefinder.apart > 0.0 else (estimate.distance,)
-    return [_told_distance(vehicle.ms, number, distance) for number, distance in enumerate(both)]
+    beams = zip((estimate.distance, estimate.distance_starboard), vehicle.rangefinder.yaws, strict=False)
+    return [_reported(vehicle.ms, number, distance, yaw) for number, (distance, yaw) in enumerate(beams)]
 
 
-def _told_distance(ms: int, number: int, distance: float) -> Message:
+def _reported(ms: int, number: int, distance: float, yaw: float) -> Message:
+    """Return the message of a beam at *yaw* [rad]: an orientation by eighths of a turn, or else a quaternion."""
     cm = max(0, min(_FURTHEST_CM + 1, round(100.0 * distance))) if math.isfinite(distance) else _FURTHEST_CM + 1
-    return mavlink.MAVLink_distance_sensor_message(ms, _NEAREST_CM, _FURTHEST_CM, cm, _LASER, number, _AHEAD, 0)
+    turned = math.remainder(yaw, _EIGHTH)
+    is_eighth = abs(turned) < 1e-6  # rounding
+    orientation = round(yaw / _EIGHTH) % 8 if is_eighth else _CUSTOM
+    q = (0.0,) * 4 if is_eighth else (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+    return mavlink.MAVLink_distance_sensor_message(
+        ms, _NEAREST_CM, _FURTHEST_CM, cm, _LASER, number, orientation, 0, quaternion=q
+    )
 
 
 def _estimator(vehicle: Vehicle) -> Message:

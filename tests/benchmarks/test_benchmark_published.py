@@ -16,6 +16,8 @@ QUICK = (
     "automarine_iso_table_7_11",
     "automarine_step_table_7_10",
     "laser_calibration_table_3_1",
+    "model_comparison_7_3_3",
+    "model_comparison_7_4_3",
 )
 
 

@@ -1,17 +1,24 @@
-"""The oracle of the rivals' contest, on a craft of arithmetic."""
+"""The oracle of the rivals' contest, on a craft of arithmetic, and the contest as a study."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import nullcontext
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.rivals import contest
+from benchmarks.rivals.contest import Entry
 from benchmarks.rivals.fleet import FLEET
 from benchmarks.rivals.oracle import search
 from benchmarks.rivals.rehearsal import true_hull
+from benchmarks.studies import FOLDER
 from gcs_autotune.design import StepMetrics
+from gcs_autotune.study import open_study
+from tests.study.toys import ran
 
 RANGES = {"P": (0.0, 2.0), "A": (1.0, 10.0)}
 
@@ -42,3 +49,35 @@ def test_the_rehearsals_thruster_is_as_strong_as_the_true_one():
     assert hull.alpha == pytest.approx(0.592 / 22.97)
     assert thruster.dead_zone == 0.0625
     assert thruster.static(np.array([0.6]))[0] == pytest.approx(0.70, abs=0.12)
+
+
+def step(itae: float) -> StepMetrics:
+    return StepMetrics(itae, 0.1, 1.0, 1.0, 0.0, 0.0, 0.0)
+
+
+ENTRIES = [
+    Entry(name, {"ATC_STR_RAT_P": itae}, 10.0, step(itae))
+    for name, itae in (("defaults", 3.0), ("ours", 1.05), ("oracle, held", 1.2), ("oracle", 1.0))
+]
+
+
+def test_a_contest_is_a_row_with_every_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(contest, "_sea", lambda vessel: nullcontext())
+    monkeypatch.setattr(contest, "compete", lambda sea, vessel, job, budget: ENTRIES)
+    (tmp_path / "study.toml").write_text((FOLDER / "rivals.toml").read_text())
+    ran(tmp_path / "study.toml", tmp_path / "out")
+    rows = open_study(tmp_path / "out").to_dict("records")
+    assert len(rows) == sum(len(vessel.jobs) for vessel in FLEET.values())
+    assert all(contest.entries_of(row["entries"]) == ENTRIES for row in rows)
+    assert {row["over_best"] for row in rows} == {1.05}
+    assert all(row["goal"] for row in rows)
+
+
+def test_the_goal_is_missed_far_from_the_search_or_behind_the_defaults() -> None:
+    def goal(ours: float, defaults: float) -> bool:
+        found = {"defaults": defaults, "ours": ours, "oracle": 1.0}
+        return contest.has_goal([Entry(name, {}, 0.0, step(itae)) for name, itae in found.items()])
+
+    assert goal(1.05, 3.0)
+    assert goal(2.0, 3.0)
+    assert not goal(2.0, 1.5)

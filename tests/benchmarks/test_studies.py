@@ -55,6 +55,14 @@ def test_pairs_of_relays_with_one_output_decide_nothing_and_equal_drags_are_line
     assert thesis_7_5.decisions(quadratic, "none") == (0, 4, 0)
 
 
+def test_exact_limit_cycles_of_the_published_drag_decide_most_pairs_of_one_speed() -> None:
+    rows = thesis_7_5.exact_rows(load_plan(FOLDER / "thesis_7_5.toml"))
+    assert thesis_7_5.decisions(rows, "none") == (1121, 229, 0)
+    assert thesis_7_5.decisions(rows, "none", one_speed=True) == (255, 15, 0)
+    first = next(row for row in rows if (row["argument.n2"], row["argument.C"], row["argument.x_a"]) == (25, 10, 5))
+    assert first["iso.beta"] == pytest.approx(1.008 * 2.635, rel=1e-3)
+
+
 def test_the_drag_of_a_relay_is_compared_with_least_squares_at_its_speed() -> None:
     rows = [relay_row(10.0, 5.0, 3.3), relay_row(20.0, 5.0, 3.0), relay_row(25.0, 5.0, 9.0, valid=False)]
     (drag, constant), (none, same) = thesis_7_5.compared(rows)

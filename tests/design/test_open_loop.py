@@ -8,8 +8,9 @@ import control
 import numpy as np
 import pytest
 
+from gcs_autotune.control import reference_model
 from gcs_autotune.design import LAWS, OpenLoop, Scenario
-from gcs_autotune.design.margins import NO_CROSSING, Plant, margins_of, margins_of_each
+from gcs_autotune.design.margins import NO_CROSSING, Plant, margins_of, margins_of_each, worst
 from gcs_autotune.design.open_loop import (
     Rational,
     constant,
@@ -22,8 +23,10 @@ from gcs_autotune.design.open_loop import (
     second_order,
     slow,
 )
+from gcs_autotune.design.proposal import problem_of
+from gcs_autotune.design.refinement import sobol
 
-from .crafts import CRAFTS, present
+from .crafts import CRAFTS, present, uncertain
 
 
 def rational(num: list[float], den: list[float]) -> Rational:
@@ -74,6 +77,20 @@ def test_many_loops_of_one_controller_have_the_margins_each_has_alone() -> None:
     for found, wanted in zip(each, alone, strict=True):
         assert found.stable == wanted.stable
         assert (found.gain, found.phase, found.delay) == pytest.approx((wanted.gain, wanted.phase, wanted.delay))
+
+
+def test_margins_read_off_together_are_those_of_each_loop_for_gains_all_over_the_ranges() -> None:
+    wanted, stable = reference_model("bessel", 1.0), set()
+    for model, axis, spec in CRAFTS.values():
+        problem = problem_of(model, uncertain(model), axis, present(axis), spec)
+        for x in sobol(len(problem.gains), 3):
+            settings = problem.with_gains(x)
+            (found,) = problem.margins(settings, wanted, [model])
+            alone = worst([margins_of(loop) for loop in problem.loops(settings, wanted)])
+            assert found.stable == alone.stable
+            assert (found.gain, found.phase, found.delay) == pytest.approx((alone.gain, alone.phase, alone.delay))
+            stable.add(found.stable)
+    assert stable == {True, False}
 
 
 def test_adding_loops_that_share_an_integrator_does_not_double_it() -> None:

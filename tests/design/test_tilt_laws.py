@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 
 from gcs_autotune.design import LAWS
 from gcs_autotune.design.laws import Scenario
+from gcs_autotune.design.margins import Plant, margins_of, margins_of_each
+from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, open_loop
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.models import SingleDof
 
@@ -44,3 +47,38 @@ def test_a_restoring_moment_is_held_by_the_output_at_the_end_of_the_step() -> No
     motion = LAWS["sub-roll"].simulate(righted, of("RLL"), replace(STEP, duration=20.0), None, 0.0)
     assert motion.position[-1] == pytest.approx(STEP.step, rel=0.01)
     assert motion.output[-1] == pytest.approx(0.2 * STEP.step, rel=0.02)
+
+
+@pytest.mark.parametrize("integral", [0.0, 0.1])
+def test_the_margins_include_the_restoring_moment(integral: float) -> None:
+    law, righted = LAWS["sub-roll"], replace(CRAFT, restoring=1.0)
+    controller = law.controller(of("RLL") | {"ATC_RAT_RLL_I": integral}, None)
+    plant = Plant(1.0, righted.alpha, righted.beta, 0.05, righted.restoring)
+    loop = open_loop(controller, *plant[1:])
+    s = 1j * np.geomspace(0.3, 30.0, 9).astype(np.complex128)
+    by_hand = controller.at(s) * s / (righted.alpha * s**2 + righted.beta * s + righted.restoring)
+    assert loop.rational.at(s) == pytest.approx(by_hand)
+    (found,), alone = margins_of_each(controller, [plant]), margins_of(loop)
+    assert found.stable and alone.stable
+    assert (found.gain, found.phase, found.delay) == pytest.approx((alone.gain, alone.phase, alone.delay))
+    (without,) = margins_of_each(controller, [plant._replace(restoring=0.0)])
+    assert abs(found.phase - without.phase) > math.radians(2.0)
+    late = [plant._replace(delay=d, gain=g) for d in (0.05, 1.0) for g in (1.0, 40.0)]
+    poles = [open_loop(constant(p.gain) * controller, *p[1:]).closed_loop_poles() for p in late]
+    assert [m.stable for m in margins_of_each(controller, late)] == [bool(np.all(p.real < 0.0)) for p in poles]
+    assert {m.stable for m in margins_of_each(controller, late)} == {True, False}
+
+
+def test_the_linear_loop_with_a_restoring_moment_predicts_small_steps_of_the_simulated_one() -> None:
+    law, delay, step = LAWS["sub-roll"], 0.03, 1e-4
+    level = SingleDof("roll", "1", 0.05, 0.02, delay=0.03, restoring=0.5)
+    settings = of("RLL") | {"ATC_RATE_FF_ENAB": 0.0}
+    motion = law.simulate(level, settings, Scenario(step, 8.0), None, delay)
+    loop = open_loop(law.controller(settings, None), level.alpha, level.beta, level.delay + delay, level.restoring)
+    plant = Rational(np.array([1.0]), np.array([level.alpha, level.beta, level.restoring]))
+    forward = OpenLoop(law.position_path(settings, None) * plant, loop.delay).to_control()
+    t = np.linspace(0.0, 8.0, 161)
+    closed = control.minreal(forward / (1 + loop.to_control()), tol=1e-6, verbose=False)
+    assert np.interp(t, motion.t, motion.position) / step == pytest.approx(
+        control.step_response(closed, t).outputs, abs=0.03
+    )

@@ -8,7 +8,9 @@ import re
 import socket
 import subprocess
 import sys
+import time
 import types
+from pathlib import Path
 
 import pytest
 import serial
@@ -131,6 +133,36 @@ def test_a_child_that_hangs_is_a_lost_link(monkeypatch: pytest.MonkeyPatch) -> N
     link.write(b"hang")
     with link, pytest.raises(LinkLost, match="has not responded"):
         link.read(0.1)
+
+
+@pytest.mark.parametrize(
+    "looks",
+    [
+        [(True, 0.0)] * 5 + [(False, 0.0)] * 2,  # waits for the processor, then sleeps
+        [(False, 0.01 * k) for k in range(5)] + [(False, 0.04)],  # works now and then, then sleeps
+        [(True, 0.01 * k) for k in range(7)],  # works without end
+    ],
+)
+def test_a_child_hangs_only_once_it_sleeps_or_has_worked_too_long(
+    monkeypatch: pytest.MonkeyPatch, looks: list[tuple[bool, float]]
+) -> None:
+    link = SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo")
+    left = list(looks)
+    monkeypatch.setattr(child_module, "_activity_of", lambda pid: left.pop(0))
+    monkeypatch.setattr(child_module, "_PATIENCE", 0.05)
+    monkeypatch.setattr(child_module, "_GRACE", 0.05)
+    link.write(b"hang")
+    with link, pytest.raises(LinkLost, match="has not responded"):
+        link.read(0.1)
+    assert len(left) <= 1
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_the_activity_of_a_process_is_its_processor_time() -> None:
+    waits, spent = child_module._activity_of(os.getpid())
+    assert waits
+    assert spent == pytest.approx(time.process_time(), abs=1.0)
+    assert child_module._activity_of(2**30) == (False, 0.0)
 
 
 def test_the_childs_last_words_are_in_the_error() -> None:

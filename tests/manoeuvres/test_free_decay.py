@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.errors import UsageError
+from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
 from gcs_autotune.manoeuvres.free_decay import KIND, FreeDecay
+from gcs_autotune.observer import SilentObserver
 
-from .pond import answered, at_rest
+from .pond import PondCraft, answered, at_rest
 
 LIST = 0.08
 """It lies with a list, which is the mean of the samples of its first three seconds."""
@@ -110,3 +113,14 @@ def test_its_row_is_of_roll_or_pitch_which_nothing_drives(force: str, signal: st
 def test_without_a_force_it_is_of_roll() -> None:
     assert KIND.excites == {"roll"}
     assert KIND.of("") is KIND
+
+
+@pytest.mark.parametrize(("force", "signal"), [("K", "phi"), ("M", "theta")])
+def test_the_record_of_a_release_begins_when_the_output_is_nearly_constant(force: str, signal: str) -> None:
+    kind = MANOEUVRES["free-decay"].of(force)
+    assert kind.make is not None
+    release = kind.make({"side": 1.0, "tilt": math.radians(10.0), "duration": 10.0})
+    kept = Sequencer(PondCraft(), Envelope(), SilentObserver(), lambda trial: None).fly(release)
+    (released,) = (mark.t for mark in kept.marks)
+    assert kept.start == pytest.approx(released - 1.0, abs=0.11)
+    assert np.ptp(kept[signal].between(kept.start, released).values) < 0.2 * math.radians(10.0)

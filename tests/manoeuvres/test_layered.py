@@ -15,6 +15,7 @@ from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import (
     MANOEUVRES,
     Envelope,
+    FaceWall,
     FollowWall,
     Layered,
     NominalPlant,
@@ -177,6 +178,38 @@ def test_a_wall_that_is_lost_for_too_long_ends_the_manoeuvre() -> None:
 
 
 # --- what a craft cannot do -----------------------------------------------------------------------------------------
+
+
+def test_a_craft_that_does_not_face_the_wall_turns_to_it_before_the_distance_is_used() -> None:
+    commands, t, psi, r, pushed = None, 0.0, 1.1, 0.0, 0.0
+    face = FaceWall(0.0)
+    for _ in range(400):
+        now = Observation(t, psi, r, z=2.0, w=0.0, d=2.0 if abs(psi) < 0.7 else math.nan)
+        if commands is None:
+            commands = face.commands(now)
+            command = next(commands)
+        else:
+            command = commands.send(now)
+        assert isinstance(command, Actuate)
+        pushed = max(pushed, abs(command.X))
+        if face.outcome is not None:
+            break
+        r += 0.1 * (1.4 * command.N - 0.4 * r)
+        psi, t = psi + 0.1 * r, t + 0.1
+    assert face.outcome is not None
+    assert face.outcome.reason == "faces the wall, 2.00 m ahead"
+    assert (abs(psi) < math.radians(5.0), pushed) == (True, 0.0)
+
+
+def test_a_wall_that_is_not_ahead_ends_the_turn_to_it() -> None:
+    face = FaceWall(0.0)
+    commands = face.commands(Observation(0.0, 0.0, 0.0))
+    next(commands)
+    for k in range(1, 620):
+        if face.outcome is None:
+            commands.send(Observation(0.1 * k, 0.0, 0.0))
+    assert face.outcome is not None
+    assert face.outcome.reason == ("after 60 s the heading is 0 deg off and the rangefinders do not see the wall")
 
 
 def why(seen: Preview) -> str:

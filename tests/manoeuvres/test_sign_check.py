@@ -10,7 +10,8 @@ import pytest
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import Envelope, Outlet, Sequencer, SignCheck, SignCheckSettings
-from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse
+from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse, pulse_response
+from gcs_autotune.manoeuvres.sign_messages import not_followed
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
 
@@ -25,6 +26,14 @@ def check(craft: PondCraft, signal: str = "psi", **changes: Any) -> tuple[SignCh
     )
     flown = Sequencer(craft, Envelope(depth_excursion=100.0), SilentObserver(), lambda trial: None).fly(manoeuvre)
     return manoeuvre, flown
+
+
+def test_outputs_that_the_vehicle_does_not_report_are_not_followed() -> None:
+    rest, forward, back = ([(0.1 * k, 0.001 * (k % 2), math.nan) for k in range(n, n + 20)] for n in (0, 19, 38))
+    found = pulse_response(0.3, rest, forward, back, 0.05)
+    assert found.unheeded is found.forward
+    assert found.is_silent
+    assert "does not report its Y output" in not_followed(found.forward, "Y", STEERING)
 
 
 @pytest.mark.parametrize(("gain", "drag"), [(1.0, 0.8), (0.3, 0.1), (8.0, 10.0), (0.15, 0.0), (0.4, 0.4)])

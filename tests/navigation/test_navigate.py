@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import functools
 import json
+import math
+import struct
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from navigation_logs import log
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.cli import main
 from gcs_autotune.identify import fit
@@ -58,6 +61,7 @@ def test_hidden_biases_arms_and_delays_are_found(craft):
     known = [n for n, c in solution.constants.items() if c.is_determined]
     assert {"gyro bias r", "accelerometer bias x", "compass delay"} <= set(known)
     assert f"{craft[1][0]} delay" in known and f"{craft[1][0]} arm x" in known
+    assert {"compass turn x", "compass turn y"} <= set(known)
 
 
 def test_velocity_at_the_centre_of_gravity_has_the_stated_error():
@@ -68,6 +72,23 @@ def test_velocity_at_the_centre_of_gravity_has_the_stated_error():
         assert 0.5 < ratio < 2.0, (name, ratio)
     assert np.std(missed["u"]) < 0.02
     assert 0.8 < solution.nis < 1.2
+
+
+def test_a_turn_of_the_compass_about_z_is_not_told_from_its_offset():
+    solution, told, _ = boat()
+    turn, offset = solution.constants["compass turn z"], solution.constants["compass offset"]
+    assert turn.std > 0.4 * turn.prior
+    there = turn.value - told["compass turn"][2] + offset.value - told["compass offset"]
+    assert abs(there) < 0.25 * turn.std
+
+
+def test_the_first_seconds_have_the_stated_error():
+    """The first estimates of a pass are far from the truth, and must not be what later samples are linearised about."""
+    solution, _, there = solved(BOAT, 230, 40.0)
+    missed = errors(solution, there)
+    first = solution.t < solution.t[0] + 5.0
+    for name in ("phi", "theta"):
+        assert np.sqrt(np.mean((missed[name][first] / solution.stds[name][first]) ** 2)) < 2.0
 
 
 def test_a_dvl_adds_no_information_about_the_heading():
@@ -222,3 +243,53 @@ def test_an_onboard_log_gives_the_same_solution_as_its_table(tmp_path, capsys, m
     assert set(told["sensors"]) == {"compass", "DVL", "depth"}
     for name in ("gyro bias r", "dvl delay", "depth delay"):
         assert told["constants"][name]["value"] == pytest.approx(wanted.constants[name].value, abs=1e-3)
+
+
+def telemetry(run: Trial, path: Path, every: int = 1) -> Path:
+    """Write a simulated trip as a telemetry log. every : keep each such sample of the inertial sensor."""
+    writer, frames = mavlink.MAVLink(None, 1, 1), []
+
+    def heard(t: float, message) -> None:
+        frames.append((t, bytes(message.pack(writer))))
+
+    def rows(group: str, *names: str) -> np.ndarray:
+        return np.column_stack([run[f"{group}.{n}"].values for n in names])
+
+    for t in np.arange(0.0, 30.0, 1.0):
+        heard(t, mavlink.MAVLink_heartbeat_message(11, 3, 128, 0, 4, 3))
+    t = run["imu.p"].t[::every]
+    rates, forces = rows("imu", "p", "q", "r")[::every] * 1e3, rows("imu", "ax", "ay", "az")[::every] / 9.80665e-3
+    stamps, field = run["compass.mx"].t, rows("compass", "mx", "my", "mz") * 10.0
+    fields = np.column_stack([np.interp(t, stamps, column) for column in field.T])
+    for own, *values in zip(t, *(np.round(a).astype(int) for a in (forces, rates, fields)), strict=True):
+        heard(own, mavlink.MAVLink_raw_imu_message(round(own * 1e6), *np.concatenate(values).tolist()))
+        heard(own, mavlink.MAVLink_attitude_message(round(own * 1e3), 0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
+    for own, (x, y, vn, ve, _) in zip(run["gps.x"].t, rows("gps", "x", "y", "vn", "ve", "vd"), strict=True):
+        lat, lon = (round(value / 111319.5 * 1e7) for value in (x, y))
+        course = round(math.degrees(math.atan2(ve, vn)) * 100.0) % 36000
+        speed = round(100.0 * math.hypot(vn, ve))
+        heard(
+            own, mavlink.MAVLink_gps_raw_int_message(round(own * 1e6), 3, lat + 1, lon + 1, 0, 0, 0, speed, course, 9)
+        )
+        heard(own, mavlink.MAVLink_local_position_ned_message(round(own * 1e3), x, y, 0.0, vn, ve, 0.0))
+    frames.sort(key=lambda frame: frame[0])
+    path.write_bytes(b"".join(struct.pack(">Q", round((1.6e9 + t) * 1e6)) + frame for t, frame in frames))
+    return path
+
+
+def test_a_telemetry_log_with_a_fast_inertial_sensor_is_navigated(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run, told, _ = log("tugboat", 3, 30.0, BOAT[1])
+    assert main(["navigate", str(telemetry(run, tmp_path / "trip.tlog", 2)), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (solution,) = found["solutions"]
+    assert solution["constants"]["gyro bias r"]["value"] == pytest.approx(told["gyro bias"][2], abs=2e-3)
+    assert solution["constants"]["gps delay"]["value"] == pytest.approx(told["gps delay"], abs=0.1)
+    assert set(found["autopilot_rms_difference"]) == {"phi", "theta", "psi", "vn", "ve", "x", "y", "z"}
+    assert 0.1 < found["autopilot_rms_difference"]["x"] < 1.5
+
+
+def test_a_telemetry_log_at_the_usual_rate_is_refused_with_the_parameter_to_set(tmp_path, capsys):
+    run, _, _ = log("tugboat", 3, 30.0, BOAT[1])
+    told = refused(capsys, telemetry(run, tmp_path / "trip.tlog", 25))
+    assert "2 Hz" in told and "SR0_RAW_SENS" in told

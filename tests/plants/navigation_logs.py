@@ -19,7 +19,8 @@ NOISE = {"gyro": 0.002, "accelerometer": 0.03, "gps": 0.5, "gps_v": 0.08, "compa
 
 @dataclass(frozen=True)
 class Motion:
-    """True motion of the centre of gravity: t (n,), position, Euler angles, body velocity, rates (n, 3), rotation."""
+    """True motion of the centre of gravity: t (n,), position, Euler angles, body velocity, rates (n, 3), rotation;
+    specific force, and force applied by letter (n,), each until the next sample."""
 
     t: np.ndarray
     at: np.ndarray
@@ -28,10 +29,11 @@ class Motion:
     rates: np.ndarray
     R: np.ndarray
     force: np.ndarray
+    applied: dict[str, np.ndarray]
 
 
 @functools.lru_cache(maxsize=16)
-def motion(vehicle: str, seed: int, seconds: float) -> Motion:
+def motion(vehicle: str, seed: int, seconds: float, letters: str = "XYZKMN", waves: float = 0.5) -> Motion:
     """Return the motion of a vehicle of the simulator under forces that change every few seconds, with waves."""
     rng = np.random.default_rng(seed)
     plant = load_vehicle(vehicle).make_plant()
@@ -42,9 +44,9 @@ def motion(vehicle: str, seed: int, seconds: float) -> Motion:
     force = {letter: np.zeros(n) for letter in "XYZKMN"}
     t = np.arange(n) * FINE
     for dof, letter in names.items():
-        if dof in own:
+        if dof in own and letter in letters:
             levels = rng.uniform(-1.0, 1.0, int(seconds / 3.0) + 2) + (0.6 if dof == "surge" else 0.0)
-            wave = 0.5 * np.sin(2.0 * np.pi * rng.uniform(0.25, 0.6) * t + rng.uniform(0.0, 6.0))
+            wave = waves * np.sin(2.0 * np.pi * rng.uniform(0.25, 0.6) * t + rng.uniform(0.0, 6.0))
             force[letter] = own[dof] * size[dof] * (levels[(t / 3.0).astype(int)] + wave)
     rows = np.zeros((n, 15))
     s = plant.state
@@ -54,11 +56,11 @@ def motion(vehicle: str, seed: int, seconds: float) -> Motion:
     R = Rotation.from_euler("ZYX", rows[:, [5, 4, 3]]).as_matrix()
     force_mid = rows[:, 12:15].copy()
     force_mid[:-1] = 0.5 * (rows[:-1, 12:15] + rows[1:, 12:15])  # means over the steps before and after
-    return Motion(t + FINE, rows[:, 0:3], rows[:, 3:6], rows[:, 6:9], rows[:, 9:12], R, force_mid)
+    return Motion(t + FINE, rows[:, 0:3], rows[:, 3:6], rows[:, 6:9], rows[:, 9:12], R, force_mid, force)
 
 
 def hidden(seed: int, devices: tuple[str, ...]) -> dict[str, np.ndarray | float]:
-    """Return biases, lever arms from the inertial sensor and delays, drawn at random."""
+    """Return biases, lever arms from the inertial sensor, delays, declination and the compass's turn in its mount."""
     rng = np.random.default_rng([seed, 7])
     found = {
         "gyro bias": rng.normal(0.0, 0.01, 3),
@@ -70,12 +72,23 @@ def hidden(seed: int, devices: tuple[str, ...]) -> dict[str, np.ndarray | float]
         found[f"{device} delay"] = float(rng.uniform(0.02, 0.3))
         if device != "compass":
             found[f"{device} arm"] = rng.normal(0.0, 0.25, 3)
+    found["compass turn"] = rng.normal(0.0, 0.035, 3)  # a mount about 2 degrees off on each axis
     return found
 
 
-def log(vehicle: str, seed: int, seconds: float = 100.0, devices: tuple[str, ...] = ("gps", "compass")):
-    """Return (run, hidden constants, true motion) of a log with sensors at different rates."""
-    true, told = motion(vehicle, seed, seconds), hidden(seed, devices)
+def log(
+    vehicle: str,
+    seed: int,
+    seconds: float = 100.0,
+    devices: tuple[str, ...] = ("gps", "compass"),
+    driven: str = "",
+):
+    """Return (run, hidden constants, true motion) of a log with sensors at different rates.
+
+    driven : letters of the only forces, without waves, which the run then contains too.
+    """
+    true = motion(vehicle, seed, seconds, driven, 0.0) if driven else motion(vehicle, seed, seconds)
+    told = hidden(seed, devices)
     rng = np.random.default_rng([seed, 8])
     imu = -np.asarray(told["centre"])  # where the inertial sensor is, from the centre of gravity
     turning = np.gradient(true.rates, FINE, axis=0)
@@ -114,7 +127,8 @@ def log(vehicle: str, seed: int, seconds: float = 100.0, devices: tuple[str, ...
         elif device == "compass":
             offset = float(told["compass offset"])
             field = np.array([20.0 * np.cos(offset), -20.0 * np.sin(offset), 40.0])  # an unknown declination
-            body = seen(np.einsum("nji,j->ni", true.R, field))
+            mount = Rotation.from_rotvec(told["compass turn"]).as_matrix()
+            body = seen(np.einsum("nji,j->ni", true.R, field)) @ mount  # from the craft's axes to the compass's
             columns["compass"] = (
                 stamps,
                 ("mx", "my", "mz"),
@@ -131,4 +145,7 @@ def log(vehicle: str, seed: int, seconds: float = 100.0, devices: tuple[str, ...
         for group, (t, names, values) in columns.items()
         for i, name in enumerate(names)
     }
+    for letter in driven:
+        unit = "N" if letter in "XYZ" else "N m"
+        channels[letter] = Channel(letter, unit, (true.t - FINE)[::20], true.applied[letter][::20])
     return Trial(f"{vehicle}-{seed}", channels), told, true

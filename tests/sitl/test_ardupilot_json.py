@@ -98,7 +98,7 @@ def test_every_vehicle_rests_level_at_home_under_its_own_weight(name):
     first = fly(Physics(load_vehicle(name)), NEUTRAL, 0.005)[0]
     assert first.position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
     assert first.force == pytest.approx((0.0, 0.0, -9.80665), abs=0.2)
-    assert first.attitude[:2] == (0.0, 0.0)
+    assert first.attitude[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -63,28 +64,103 @@ FRAME_CONFIGS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("frame", "config"), FRAME_CONFIGS.items(), ids=FRAME_CONFIGS)
-def test_each_force_is_wired_the_same_way_in_firmware_frame_and_tuner(frame, config):
+ARDUSUB: dict[int, tuple[tuple[float, ...], ...]] = {
+    0: ((0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 1, 0), (-0.5, 0.5, 0, 0.45, 0, 0), (0.5, 0.5, 0, 0.45, 0, 0),
+        (0, -1, 0, 1, 0, 0), (-0.25, 0, 0, 0, 0, 1)),
+    1: ((0, 0, 1, 0, -1, 1), (0, 0, -1, 0, -1, -1), (0, 0, -1, 0, 1, 1), (0, 0, 1, 0, 1, -1), (1, 0, 0, -1, 0, 0),
+        (-1, 0, 0, -1, 0, 0)),
+    2: ((0, 0, 1, 0, -1, 1), (0, 0, -1, 0, -1, -1), (0, 0, -1, 0, 1, 1), (0, 0, 1, 0, 1, -1), (1, -1, 0, -1, 0, 0),
+        (-1, -1, 0, -1, 0, 0), (1, 1, 0, -1, 0, 0), (-1, 1, 0, -1, 0, 0)),
+    3: ((1, 1, 0, 1, 0, 0), (0, 0, 1, 0, 1, 0), (1, -1, 0, 1, 0, 0), (0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, 1),
+        (-1, 1, 0, 1, 0, 0), (0, 0, -1, 0, 1, 0), (-1, -1, 0, 1, 0, 0)),
+    4: ((0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 1, 0), (0, 0, 0, -1, 0, 0)),
+    5: ((0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 1, 0), (1, 0, 0, -1, 0, 0), (-1, 0, 0, -1, 0, 0), (0, 0, 0, 0, 0, 1)),
+}  # fmt: skip
+"""FRAME_CONFIG -> factors (roll, pitch, yaw, throttle, forward, lateral) of each motor in ArduSub 4.1 and later
+(AP_Motors6DOF.cpp, setup_motors). 6 is as 5, 7 (custom) is as 4."""
+ARDUSUB |= {6: ARDUSUB[5], 7: ARDUSUB[4]}
+DEMANDS = ("roll", "pitch", "yaw", "throttle", "forward", "lateral")
+
+
+def motor_outputs(config: int, **demands: float) -> list[float]:
+    """Return what the simulated firmware makes of *demands* on a frame with eight motors."""
     parameters = ParameterStore(SUB_PARAMETERS)
     parameters.preset("FRAME_CONFIG", config)
     for n in range(1, 9):
         parameters.preset(f"SERVO{n}_FUNCTION", 32 + n)
     motors, rail = SubMotors(parameters, DT), ServoRail(parameters)
+    for name, value in demands.items():
+        if name == "throttle":
+            motors.set_throttle(0.5 + 0.5 * value, 0.0)
+        else:
+            setattr(motors, name, value)
+    motors.output(rail, armed=True)
+    return [(pulse - 1500) / 400 for pulse in rail.pwm[: len(ARDUSUB[config])]]
+
+
+@pytest.mark.parametrize("config", ARDUSUB)
+@pytest.mark.parametrize("column", range(6), ids=DEMANDS)
+def test_firmware_and_tuner_have_the_factors_of_ardusub(config, column):
+    printed = [row[column] for row in ARDUSUB[config]]
+    assert motor_outputs(config, **{DEMANDS[column]: 0.4}) == pytest.approx([0.4 * f for f in printed], abs=0.003)
+    sign = -1.0 if DEMANDS[column] == "throttle" else 1.0  # Z points down
+    assert [sign * factors["KMNZXY"[column]] for factors in FIRMWARE["ardusub"].mixing[config]] == printed
+
+
+MISKOVIC = {
+    "simple-rov-3": ("XZN", [[1, 1, 0], [0, 0, 1], [-1, 1, 0]]),
+    "simple-rov-5": ("XYN", [[1, 1, 0, 0, 0], [0, 0, 0, 0, 1], [-1, 1, 0, 0, 0]]),
+    "vectored": ("XYN", [[-1, -1, 1, 1, 0, 0], [1, -1, 1, -1, 0, 0], [1, -1, -1, 1, 0, 0]]),
+    "vectored-6dof-90": ("XYN", [[0, 1, 0, 0, 0, 0, 1, 0], [0, 0, 0, 1, 1, 0, 0, 0], [0, 1, 0, 1, -1, 0, -1, 0]]),
+    "rov-4-fore-aft": ("XZMN", [[1, 1, 0, 0], [0, 0, 1, 1], [0, 0, -1, 1], [-1, 1, 0, 0]]),
+}
+"""Frame -> signs of the rows of Miskovic2010, table 2.2 (a) to (e), in ArduSub's order and directions of motors.
+
+There the pair ahead is port first (N = d, -d), here starboard first; (c) has all four thrusters pushing ahead, here
+the front two push astern. (f), a thruster and a rudder, is in ``test_propulsion``."""
+
+
+@pytest.mark.parametrize("frame", MISKOVIC)
+def test_a_frame_has_the_signs_of_its_printed_allocation(frame):
+    names, rows = MISKOVIC[frame]
+    for name, row in zip(names, rows, strict=True):
+        assert [float(np.sign(getattr(motor, name))) for motor in FRAMES[frame]] == row
+    assert np.linalg.matrix_rank([[getattr(motor, name) for motor in FRAMES[frame]] for name in names]) == len(names)
+
+
+TILTING = [
+    (frame, force)
+    for frame in FRAME_CONFIGS
+    for force in "KM"
+    if frame != "rov-4-fore-aft" and any(getattr(motor, force) for motor in FRAMES[frame])
+]
+"""Frames that roll or pitch by their thrusters, without (e), whose vertical thrusters ArduSub cannot tell apart."""
+
+
+@pytest.mark.parametrize(("frame", "force"), TILTING)
+def test_a_tilting_demand_tilts_a_frame_that_way_and_pushes_it_nowhere(frame, force):
+    config, demand = FRAME_CONFIGS[frame], {"K": "roll", "M": "pitch"}[force]
+    outputs = motor_outputs(config, **{demand: 0.4})
+    wrench = {
+        name: sum(getattr(motor, name) * output for motor, output in zip(FRAMES[frame], outputs, strict=False))
+        for name in "XZKMN"
+    }
+    assert wrench.pop(force) == pytest.approx(0.4, abs=0.003)
+    assert list(wrench.values()) == pytest.approx([0.0] * 4, abs=0.003)
+
+
+@pytest.mark.parametrize(("frame", "config"), FRAME_CONFIGS.items(), ids=FRAME_CONFIGS)
+def test_each_force_is_wired_the_same_way_in_firmware_frame_and_tuner(frame, config):
     hull = load_vehicle("falcon").make_plant()
     physics = ThrusterFrame(FRAMES[frame], 1.0, 1.0, 1.0, 0.0, 0.0)
     mixing = FIRMWARE["ardusub"].mixing[config]
     for force, demand in (("N", "yaw"), ("X", "forward"), ("Z", "throttle")):
-        motors.stop()
-        if demand == "throttle":
-            motors.set_throttle(0.3, 0.0)
-        else:
-            setattr(motors, demand, 0.4)
-        motors.output(rail, armed=True)
+        wanted = -0.4 if demand == "throttle" else 0.4
+        seen = motor_outputs(config, **{demand: wanted})
         wrench = Wrench()
-        physics.drive(rail.pwm, hull, wrench)
+        physics.drive([1500 + 400 * output for output in seen], hull, wrench)
         for name in ("N", "X", "Z"):
             assert getattr(wrench, name) == pytest.approx(0.4 if name == force else 0.0, abs=0.003)
-        seen = [(pwm - 1500) / 400 for pwm in rail.pwm]
         used = [factors[force] for factors in mixing]
         believed = sum(f * s for f, s in zip(used, seen, strict=False)) / sum(f * f for f in used)
         assert believed == pytest.approx(0.4, abs=0.003)

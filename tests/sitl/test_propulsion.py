@@ -17,6 +17,7 @@ from sitl.modelfile import BadModel, FlownModel
 from sitl.plants import AxisDynamics, RigidBody, Wrench, kernel
 from sitl.plants.propulsion import propeller_rows, rudder_rows, static_thrust
 from sitl.plants.rigid_body import DOFS
+from sitl.setting import setting_of
 
 SIX = Path(sitl.__file__).parent / "vehicles" / "bluerov2_6dof.toml"
 LAW = {"a_ahead": 0.05, "b_ahead": 0.1, "advance_ahead": 0.4, "a_astern": 0.03, "b_astern": 0.05, "advance_astern": 0.2}
@@ -252,8 +253,14 @@ def test_a_body_whose_mass_contradicts_its_inertia_is_refused(tmp_path: Path):
         load_vehicle(str(mine))
 
 
+def started(name: str) -> Craft:
+    craft = Craft(load_vehicle(name))
+    craft.begin("0")
+    return craft
+
+
 def test_the_tugboat_floats_and_rights_itself():
-    craft = Craft(load_vehicle("tugboat"))
+    craft = started("tugboat")
     at = craft.plant.state
     at.phi, at.theta, at.z = 0.2, 0.05, 0.02
     for k in range(1000):
@@ -262,11 +269,35 @@ def test_the_tugboat_floats_and_rights_itself():
 
 
 def test_the_tugboat_does_two_metres_a_second():
-    """Erunsal2017, section 2."""
-    craft = Craft(load_vehicle("tugboat"))
-    for k in range(1500):
+    """Erunsal2017, section 2; before it turns by itself."""
+    craft = started("tugboat")
+    for k in range(500):
         craft.move(0.02 * k, 0.02, [2000, 1500, 2000, 1500])
     assert craft.plant.state.u == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_air_drags_the_tugboat_by_its_printed_coefficient():
+    """Erunsal2017, table 1: C_DA 0.6487, here over 0.04 m^2 ahead."""
+    (air,) = load_vehicle("tugboat").make_effects()
+    craft = started("tugboat")
+    craft.plant.state.u, pushed = 1.5, Wrench()
+    air.begin(setting_of(craft.plant, craft.actuators, is_boat=True, mass=11.0, seed="0"))
+    air.alter_force(0.0, pushed)
+    wind = 0.1 * np.array([math.cos(craft.plant.state.psi), -math.sin(craft.plant.state.psi)])
+    through = np.array([1.5, 0.0]) - wind
+    assert pushed.X == pytest.approx(-0.5 * 1.225 * 0.6487 * 0.04 * np.hypot(*through) * through[0])
+    assert pushed.N == 0.0
+
+
+@pytest.mark.parametrize("name", ["bluerov2-standard", "launch", "vectored-boat"])
+def test_a_craft_whose_munk_moment_is_cancelled_keeps_its_course(name):
+    craft = started(name)
+    at, wrench = craft.plant.state, Wrench()
+    craft.actuators.apply({"X": 0.5, "N": 0.0}, craft.plant.parameters, wrench)
+    wrench.N, at.z, at.r = 0.0, 0.0 if craft.plant.water.floats else 5.0, 0.02
+    for _ in range(1500):
+        craft.plant.step(wrench, 0.02)
+    assert at.u > 0.6 and abs(at.r) < 1e-3
 
 
 def test_more_propellers_than_the_kernel_has_room_for_are_refused():

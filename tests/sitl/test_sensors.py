@@ -96,3 +96,18 @@ def test_two_rangefinders_tell_the_angle_to_the_wall_by_their_difference() -> No
     port, starboard = finder.measure(0.0, body.state)
     assert math.degrees(math.atan2(starboard - port, finder.apart)) == pytest.approx(20.0, abs=2.0)
     assert 0.5 * (port + starboard) * math.cos(math.radians(20.0)) == pytest.approx(2.0, abs=0.02)
+
+
+def test_two_rangefinders_that_look_aside_see_the_wall_obliquely() -> None:
+    vehicle = load_vehicle("videoray-beams")
+    body, finder = vehicle.make_plant(), vehicle.make_rangefinder(1)
+    assert finder is not None
+    assert finder.yaws == pytest.approx([-math.pi / 4, math.pi / 4])
+    body.state.psi += math.radians(20.0)
+    port, starboard = finder.measure(0.0, body.state)
+    assert port == pytest.approx(2.0 / math.cos(math.radians(25.0)), abs=0.015)
+    assert starboard == pytest.approx(2.0 / math.cos(math.radians(65.0)), abs=0.015)
+    body.state.psi += math.radians(30.0)
+    port, starboard = finder.measure(1.0, body.state)
+    assert math.isfinite(port)
+    assert math.isnan(starboard)

@@ -7,6 +7,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.autopilot.autopilot import StateEstimate
+from sitl.sensors import SensorReading
 from tests.sitl.ground import SUB_ALT_HOLD, SUB_MANUAL, SUB_STABILIZE, Ground, rov
 
 NEUTRAL = {1: 1500, 2: 1500, 3: 1500, 4: 1500, 5: 1500, 6: 1500}
@@ -29,6 +31,16 @@ def test_attitude_tells_the_true_roll_and_pitch():
     assert told.pitch == pytest.approx(at.theta, abs=0.02)
 
 
+def test_the_gyro_filter_delays_roll_and_pitch_rates_like_the_yaw_rate():
+    estimate, reading = StateEstimate(sub().vehicle.parameters), SensorReading()
+    estimate.update(reading, 0.0025)
+    reading.p = reading.q = reading.r = 1.0
+    for _ in range(4):
+        estimate.update(reading, 0.0025)
+    assert 0.1 < estimate.yaw_rate < 0.9
+    assert estimate.roll_rate == estimate.pitch_rate == estimate.yaw_rate
+
+
 @pytest.mark.parametrize(("channel", "angle"), [(2, "phi"), (1, "theta")])
 def test_a_manual_stick_rolls_to_starboard_and_pitches_up(channel, angle):
     ground = sub(SUB_MANUAL)
@@ -37,6 +49,14 @@ def test_a_manual_stick_rolls_to_starboard_and_pitches_up(channel, angle):
     other = "theta" if angle == "phi" else "phi"
     assert getattr(ground.vehicle.state, angle) > 0.02
     assert abs(getattr(ground.vehicle.state, other)) < 0.1 * getattr(ground.vehicle.state, angle)
+
+
+def test_a_craft_that_stays_level_still_passes_the_roll_stick_to_its_motors():
+    ground = rov("falcon", mode=SUB_MANUAL)
+    ground.sticks = {**NEUTRAL, 2: 1600}
+    ground.run(0.5)
+    assert list(ground.vehicle.autopilot.pwm[4:6]) == [1600, 1400]
+    assert ground.vehicle.state.phi == 0.0
 
 
 def test_stabilize_rights_a_tilted_craft():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,28 @@ def test_a_case_that_kills_its_worker_is_given_up_after_three_tries(client: Any,
     assert tried(tmp_path).count("3") == 3
 
 
+def test_short_cases_are_done_together_and_each_once(client: Any, tmp_path: Path) -> None:
+    path = study_file(tmp_path, "counted", "vary.argument.x = { from = 1, to = 300, steps = 300 }")
+    submitted: list[int] = []
+
+    class Counting(DaskExecutor):
+        def _submitted(self, order: Any, group: tuple[Any, ...], ended: Any) -> Any:
+            submitted.append(len(group))
+            return super()._submitted(order, group, ended)
+
+    ran(path, tmp_path / "out", lambda started: Counting(client, in_order=False))
+    assert len(tried(tmp_path)) == len(open_study(tmp_path / "out")) == 300
+    assert len(submitted) < 100
+
+
+def test_a_case_that_kills_its_worker_is_given_up_alone_of_its_group(client: Any, tmp_path: Path) -> None:
+    path = study_file(tmp_path, "kills_at_three", f"vary.argument.x = {[*range(103, 2, -1)]}")
+    ran(path, tmp_path / "out", on(client))
+    table = open_study(tmp_path / "out")
+    assert table["status"].tolist() == ["done"] * 100 + ["given up"]
+    assert tried(tmp_path).count("3") == 3
+
+
 def _square(x: int) -> int:
     return x * x
 
@@ -61,17 +84,20 @@ def test_results_are_in_the_order_of_the_tasks(client: Any) -> None:
     assert told == [(k, 20) for k in range(1, 21)]
 
 
-def _odd_address(started: Started) -> str:
+def _first_to_ask(started: Started) -> str:
     from distributed import get_worker
 
-    return "wrong version 1, but the study needs 2" if get_worker().name == 0 else ""
+    own, asked = get_worker().address, started.home / "asked.txt"
+    with suppress(FileExistsError), asked.open("x") as file:
+        file.write(own)
+    return "wrong version 1, but the study needs 2" if asked.read_text() == own else ""
 
 
 def test_a_worker_that_does_not_fit_is_reported_and_the_others_do_its_cases(client: Any, tmp_path: Path) -> None:
     told: list[str] = []
 
     def executor(started: Started) -> Executor:
-        return on(client, unsuited=partial(_odd_address, started), reports=told.append)(started)
+        return on(client, unsuited=partial(_first_to_ask, started), reports=told.append)(started)
 
     client.wait_for_workers(2)
     ran(study_file(tmp_path, "add", TEN), tmp_path / "out", executor)
@@ -89,7 +115,8 @@ def test_a_study_without_a_fitting_worker_ends_with_both_versions(client: Any, t
         ran(study_file(tmp_path, "add", TEN), tmp_path / "out", lambda s: on(client, unsuited=partial(_wrong, s))(s))
 
 
-def test_a_scheduler_that_does_not_answer_is_named() -> None:
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs_autotune.study.cluster._PATIENCE", 0.5)
     with pytest.raises(CannotOpenLink, match="no Dask scheduler answers at nowhere"), cluster_of(1, "nowhere:1"):
         pass
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -73,19 +74,50 @@ experiment.relay-hysteresis = [5, 10]
 
 
 @pytest.mark.parametrize(
-    ("text", "why"),
+    ("own", "wrong", "why"),
     [
-        ("identify.dof = 'surge'", "identify.duf: unrecognized arguments: --duf"),
-        ("fly.duration = 4", "fly.duration = -4"),
+        ("dof =", "duf =", r"fixed\.identify\.duf: .*--duf"),
+        ("fly.duration =", "fly.durations =", r"fixed\.fly\.durations: .*--durations"),
+        ("= 4", "= -4", r".*--duration: -4 is out of range"),
     ],
 )
-def test_unknown_options_are_refused_before_anything_flies(text: str, why: str, tmp_path: Path) -> None:
-    wrong = {
-        "identify.dof = 'surge'": FLIGHT.replace("dof =", "duf ="),
-        "fly.duration = 4": FLIGHT.replace("= 4", "= -4"),
-    }
-    with pytest.raises(BadFile, match=r"study\.toml"):
-        check_plan(plan_of(tmp_path, wrong[text]), parse)
+def test_unknown_options_are_refused_before_anything_flies(own: str, wrong: str, why: str, tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match=rf"study\.toml: {why}"):
+        check_plan(plan_of(tmp_path, FLIGHT.replace(own, wrong)), parse)
+
+
+def starting(*accepted: str) -> Callable[[str], None]:
+    """Start only the *accepted* links, as the simulator does."""
+
+    def start(link: str) -> None:
+        if link not in accepted:
+            raise UsageError(f"cannot start {link}")
+
+    return start
+
+
+PLAIN = """
+title = "steps"
+do = "fly"
+fixed.vehicle.like = "videoray"
+fixed.fly.manoeuvre = "steps"
+vary.fly.duration = [4, 5]
+"""
+
+
+def test_an_effect_that_the_simulator_refuses_is_named(tmp_path: Path) -> None:
+    text = PLAIN + "vary.effect = ['none', 'dead-zone.width=0.1', 'dead-zne.width=0.1']\n"
+    links = ("sitl:videoray", "sitl:videoray?effect=dead-zone.width=0.1")
+    with pytest.raises(BadFile, match=r"study\.toml: vary\.effect: dead-zne\.width=0\.1: cannot start"):
+        check_plan(plan_of(tmp_path, text), parse, starting(*links))
+
+
+def test_a_fixed_number_that_the_simulator_refuses_is_named(tmp_path: Path) -> None:
+    text = PLAIN + "fixed.effect.dead-zone.widht = 0.1\n"
+    with pytest.raises(BadFile, match=r"study\.toml: fixed\.effect\.dead-zone\.widht: 0\.1: cannot start"):
+        check_plan(plan_of(tmp_path, text), parse, starting("sitl:videoray"))
+    with pytest.raises(BadFile, match=r"study\.toml: fixed\.vehicle\.like: videoray: cannot start"):
+        check_plan(plan_of(tmp_path, PLAIN), parse, starting())
 
 
 def test_options_that_the_study_sets_are_refused(tmp_path: Path) -> None:
@@ -164,7 +196,7 @@ def test_the_first_study_of_the_page_is_accepted(tmp_path: Path) -> None:
 def test_the_command_names_the_extra_where_dask_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plan_of(tmp_path, 'title = "t"\ndo = "math:sqrt"\n')
+    plan_of(tmp_path, 'title = "t"\ndo = "builtins:dict"\n')
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["study", "run", str(tmp_path / "study.toml")]) == 2
     assert "pip install 'gcs-autotune[study]'" in capsys.readouterr().err

@@ -79,3 +79,8 @@ def test_effects_are_written_in_the_simulator_s_notation(tmp_path: Path) -> None
 def test_a_wrong_vehicle_is_refused_with_its_key(given: dict[str, object], why: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=why):
         link_of(given, tmp_path, tmp_path)
+
+
+def test_an_unknown_vehicle_is_refused_with_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"'vidoray'.* Did you mean videoray"):
+        link_of({"vehicle.like": "vidoray", "vehicle.yaw.alpha": 1.0}, tmp_path, tmp_path)

@@ -49,6 +49,7 @@ def test_the_same_values_are_the_same_point_however_they_are_written(tmp_path: P
 
 
 BAD = {
+    'vary.seed = [1, "two"]': "vary.seed: expected a whole number, not 'two'",
     "repeat = 2": "unknown entry 'repeat'",
     'design = "sobol"\nvary.argument.x = [1]': "cases is missing",
     "cases = 3\nvary.argument.x = [1]": "cases: a grid",

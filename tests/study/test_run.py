@@ -207,6 +207,19 @@ def test_a_function_that_does_not_import_is_named_with_file_and_key(tmp_path: Pa
         ran(path, tmp_path / "out")
 
 
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("vary.argument.z = [1]\nfixed.argument.x = 1", r"vary\.argument\.z: toys_.*:add has no argument 'z'"),
+        ("vary.argument.y = [1]", r"argument\.x is missing: toys_.*:add needs it"),
+        ("vary.argument.x = [1]\nfixed.vehicle.like = 'blueboat'", r"uri: toys_.*:add has no argument 'uri'"),
+    ],
+)
+def test_arguments_that_a_function_does_not_take_are_named_before_it_runs(text: str, why: str, tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match=rf"study\.toml: {why}"):
+        check_plan(load_plan(study_file(tmp_path, "add", text)))
+
+
 def test_a_function_that_returns_no_results_fails_with_the_reason(tmp_path: Path) -> None:
     path = study_file(tmp_path, "f", "vary.argument.x = [1]", "def f(seed, x):\n    return x\n")
     ran(path, tmp_path / "out")

@@ -149,9 +149,10 @@ def test_the_report_states_gains_margins_and_what_limits_the_loop(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_an_rov_before_a_wall_is_tuned_end_to_end_and_keeps_its_distance(tmp_path: Path) -> None:
-    """Algorithm 8.5 on the VideoRay with two laser distances."""
-    harness = SitlHarness(tmp_path, "videoray-lasers")
+@pytest.mark.parametrize("vehicle", ["videoray-lasers", "videoray-beams"])
+def test_an_rov_before_a_wall_is_tuned_end_to_end_and_keeps_its_distance(vehicle: str, tmp_path: Path) -> None:
+    """Algorithm 8.5 on the VideoRay with two laser distances, or two beams that look aside."""
+    harness = SitlHarness(tmp_path, vehicle)
     settings = HoldSettings("distance", harness.settings("heading"))
     found = hold(settings, Unattended(), Ear(harness.said), WHEN)
     assert isinstance(found, HeldDistance)

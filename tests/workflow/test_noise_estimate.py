@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.workflow.noise_estimate import jitter_in, noise_while_held
+from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
 
 T = np.arange(0.0, 20.0, 0.1)
 
@@ -42,6 +43,14 @@ def test_a_slow_drift_while_holding_is_no_noise():
 
 def test_a_coarse_sensor_that_rests_on_one_step_still_rounds():
     assert noise_while_held(held(np.zeros(len(T))), 0.035) == pytest.approx(0.035 / math.sqrt(12.0))
+
+
+@pytest.mark.parametrize(("of_the_fit", "expected"), [(0.0055, 0.0055), (0.32, 0.005)])
+def test_the_residual_of_a_poor_model_is_not_the_noise_of_a_turn_rate(of_the_fit: float, expected: float) -> None:
+    turning = np.where(T > 10.0, -0.5, 0.5) + np.random.default_rng(3).normal(0.0, 0.005, len(T))
+    step = Trial("step", {"r": Channel("r", "rad/s", T, turning)}, (Mark(0.0, "target"),), meta={"signal": "r"})
+    fit = SimpleNamespace(noise={"r": of_the_fit})
+    assert noise_behind(step, fit, True, 0.0) == pytest.approx(expected, rel=0.2)
 
 
 def test_without_a_hold_nothing_is_known():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,11 @@ from gcs_autotune.workflow import (
 )
 from gcs_autotune.workflow.tune import TuneJob, job_of
 
-from .sitl_harness import WHEN, Answers, Ear, SitlHarness
+from .sitl_harness import SLOW_LOOP, WHEN, Answers, Ear, SitlHarness
 
 Ending = str | BaseException
+ROV = "videoray"
+"""A sub with heading and depth loops only: its three thrusters neither roll, pitch nor push sideways."""
 
 
 class Scripted:
@@ -94,7 +96,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Scripted]:
 
 
 def test_an_rov_is_tuned_in_the_order_of_the_table_after_one_announcement(tmp_path, scripted) -> None:
-    bench, script = Bench(tmp_path, "bluerov2"), scripted(depth="restored")
+    bench, script = Bench(tmp_path, ROV), scripted(depth="restored")
     story = bench.tune()
     assert script.flown == ["heading", "depth"]
     assert bench.endings == {"heading": "kept", "depth": "restored"}
@@ -113,8 +115,32 @@ def test_an_rov_is_tuned_in_the_order_of_the_table_after_one_announcement(tmp_pa
     assert not bench.link.stays_open
 
 
+def test_roll_pitch_and_position_are_part_of_it_where_the_frame_has_the_loops(tmp_path, scripted) -> None:
+    bench, script = (
+        Bench(tmp_path, "bluerov2-6dof", **SLOW_LOOP),
+        scripted(heading="restored", depth="restored", position="restored"),
+    )
+    bench.tune()
+    assert script.flown == ["heading", "depth", "roll", "pitch", "position"]
+    assert {bench.endings[f"recheck {name}"] for name in ("heading", "depth")} == {"skipped"}
+    assert any("for pitch, move: a small pulse in each direction" in text for text in bench.said)
+
+
+def test_position_is_left_out_in_one_sentence_without_a_position(tmp_path, scripted) -> None:
+    def lost(_: float, message: Any) -> Iterable[Any]:
+        if message.get_type() == "EKF_STATUS_REPORT":
+            message.flags = 0
+        return (message,)
+
+    bench, script = Bench(tmp_path, "bluerov2-6dof", meddling=lost, **SLOW_LOOP), scripted()
+    bench.tune()
+    assert script.flown == ["heading", "depth", "roll", "pitch"]
+    (told,) = (text for text in bench.said if text.startswith("will not tune position"))
+    assert "no position estimate for 5 s" in told
+
+
 def test_nothing_is_flown_when_the_answer_is_no(tmp_path, scripted) -> None:
-    bench, script, operator = Bench(tmp_path, "bluerov2"), scripted(), Answers(False)
+    bench, script, operator = Bench(tmp_path, ROV), scripted(), Answers(False)
     bench.link.is_simulated = False
     with pytest.raises(OperatorStopped, match="the answer was no"):
         bench.tune(operator)
@@ -139,7 +165,7 @@ def test_a_loop_that_fails_leaves_out_only_what_stands_on_it(tmp_path, scripted)
 
 
 def test_a_tripped_limit_ends_the_job_and_it_is_gone_on_from_at_the_next_step(tmp_path, scripted) -> None:
-    bench = Bench(tmp_path, "bluerov2")
+    bench = Bench(tmp_path, ROV)
     scripted(depth=GuardTripped("too deep", guard="depth"))
     with pytest.raises(GuardTripped):
         bench.tune()
@@ -153,7 +179,7 @@ def test_a_tripped_limit_ends_the_job_and_it_is_gone_on_from_at_the_next_step(tm
 
 
 def test_a_job_is_gone_on_from_only_as_it_was_begun(tmp_path, scripted) -> None:
-    bench = Bench(tmp_path, "bluerov2")
+    bench = Bench(tmp_path, ROV)
     scripted(depth=GuardTripped("too deep", guard="depth"))
     with pytest.raises(GuardTripped):
         bench.tune()
@@ -169,7 +195,7 @@ def test_a_job_is_gone_on_from_only_as_it_was_begun(tmp_path, scripted) -> None:
 
 @pytest.mark.slow
 def test_a_job_is_stopped_resumed_and_put_back_as_a_whole(tmp_path, plainly) -> None:
-    bench = Bench(tmp_path, "bluerov2")
+    bench = Bench(tmp_path, ROV)
     before = dict(bench.harness.vehicle.parameters.values)
 
     class Stops:

@@ -137,6 +137,15 @@ def test_a_clean_record_contradicts_nothing() -> None:
     assert contradiction_in(turning(1.0, 0.0, 0.5)) == ""
 
 
+def test_a_late_heading_is_blamed_on_stamps_filters_or_motor_currents_and_no_column_is_to_be_omitted() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    r = 0.4 * np.sin(0.9 * t)
+    psi = np.interp(t - 1.0, t, np.cumsum(0.1 * r))
+    why = contradiction_in(Trial("turns", {n: Channel(n, "rad", t, v) for n, v in (("psi", psi), ("r", r))}))
+    assert "psi turns 0.93 s later than r integrates to" in why
+    assert why.endswith("Check the stamps and filters of psi and r, and whether motor currents deflect the compass")
+
+
 SIMULATED = {
     "compass 180 deg off": (
         "heading",

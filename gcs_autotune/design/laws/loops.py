@@ -98,10 +98,12 @@ def _dtype(fields: tuple[str, ...]) -> np.dtype[Any]:
     return np.dtype([(name, np.float64) for name in fields])
 
 
+@lru_cache(maxsize=256, typed=True)  # one for each kind of tuple, although empty stages compare equal
 def _record(values: Any) -> Any:
     """Convert a named tuple to a record of the same fields.
 
-    For a named tuple, numba checks the type of every item at each call.
+    For a named tuple, numba checks the type of every item at each call. A search for gains flies the same stages on the
+    same craft in several steps.
     """
     return np.array(values, _dtype(values._fields))[()]
 

@@ -1,8 +1,7 @@
 """ArduSub's roll and pitch loops: those of the heading with parameters of their own.
 
 Both hold an angle by the same stages: a shaped target, the square-root angle controller and the rate PID. The target
-has no slew limit like ATC_SLEW_YAW. The restoring moment of the craft acts in the simulation. The margins are without
-it, because it is small compared with the loop.
+has no slew limit like ATC_SLEW_YAW. The simulation and the margins include the restoring moment of the craft.
 """
 
 from __future__ import annotations
@@ -96,5 +95,5 @@ class SubTilt(PositionLoop):
             return []
         return [
             f"weight and buoyancy right the craft with {abs(model.restoring) / loop:.0%} of the moment per angle of "
-            "this loop. The margins do not contain it"
+            "this loop. The margins and the predicted step include it"
         ]

@@ -55,6 +55,20 @@ def _rms(fit: Fit[Model], signal: str) -> float:
     return rms_of([t for t in fit.traces if t.signal == signal] or list(fit.traces))
 
 
+def _log_likelihood(fit: AxisFit) -> float:
+    """Return the log-likelihood of the free run in all signals, without constants.
+
+    Angle and rate both show the drag.
+    """
+    if not fit.traces:
+        return -math.log(max(fit.residual_rms, 1e-300))
+    found = 0.0
+    for signal in {t.signal for t in fit.traces}:
+        own = [t for t in fit.traces if t.signal == signal]
+        found -= sum(len(t.t) for t in own) * math.log(max(rms_of(own), 1e-300))
+    return found
+
+
 def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
     """Return *fit*, a model of one axis with actuator effects, as an ``AxisFit``.
 
@@ -128,7 +142,7 @@ def for_axis(method: Callable[[Case], Fit[Model]], *, fits_delay: bool = False) 
     fits_delay : whether *method* fits an unknown delay.
 
     Without a requested structure, all three drag structures are fitted. The one whose free run has the lowest Bayesian
-    information criterion is kept. The other structures are listed in ``candidates``.
+    information criterion over all signals is kept. The other structures are listed in ``candidates``.
     """
 
     def fit_one_axis(case: Case) -> AxisFit:
@@ -143,7 +157,7 @@ def for_axis(method: Callable[[Case], Fit[Model]], *, fits_delay: bool = False) 
                 continue
             n = sum(len(t.t) for t in fit.traces)
             spent = sum(FREE[structure])
-            log_likelihood = -n * math.log(max(fit.residual_rms, 1e-300))
+            log_likelihood = _log_likelihood(fit)
             bic = -2.0 * log_likelihood + spent * math.log(max(n, 2))
             sane = fit.model.alpha * fit.model.beta >= 0.0 and fit.model.alpha * fit.model.beta_quadratic >= 0.0
             candidates.append(StructureFit(structure, fit.model, fit.residual_rms, log_likelihood, spent, bic))

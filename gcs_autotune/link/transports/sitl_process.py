@@ -22,7 +22,9 @@ __all__ = ["SitlArguments", "SitlProcess", "open_sitl"]
 
 _HEAD = struct.Struct("<dI")
 _PATIENCE = 30.0
-"""Wall-clock time [s] after which a step of the child counts as stuck; the first import is slow. Project choice."""
+"""Time [s] after which a step of the child counts as stuck: of the clock if the child sleeps, of the processor if it
+works. On a busy computer a child may wait for the processor much longer. The first import is slow. Project choice.
+"""
 _GRACE = 2.0
 _VEHICLE_FILE = ".toml"
 _USAGE = 2
@@ -122,13 +124,25 @@ class SitlProcess(SteppedTransport):
         descriptor = self._child.stdout.fileno()
         data = bytearray()
         while len(data) < count:
-            if os.name == "posix" and not select.select([descriptor], [], [], _PATIENCE)[0]:
-                raise self.lost(f"the simulator has not responded for {_PATIENCE:g} s", "start again")
+            if os.name == "posix":
+                self._await(descriptor)
             piece = os.read(descriptor, count - len(data))
             if not piece:
                 raise self._died()
             data += piece
         return bytes(data)
+
+    def _await(self, descriptor: int) -> None:
+        """Wait for the answer of the child, as long as it works or waits for the processor."""
+        began = seen = -1.0
+        while not select.select([descriptor], [], [], 0.5 * _PATIENCE)[0]:
+            waits, spent = _activity_of(self._child.pid)
+            stuck = not waits and spent <= seen
+            if began < 0.0:
+                began, stuck = spent, False
+            if stuck or spent - began > _PATIENCE:
+                raise self.lost(f"the simulator has not responded for {_PATIENCE:g} s", "start again")
+            seen = spent
 
     def _died(self) -> LinkLost:
         try:
@@ -161,6 +175,18 @@ class SitlProcess(SteppedTransport):
             except subprocess.TimeoutExpired:
                 continue
         self._child.stdout.close()
+
+
+def _activity_of(pid: int) -> tuple[bool, float]:
+    """Return whether a process waits for processor or disk, and the processor time [s] that it has used.
+
+    False and 0 where there is no ``/proc/PID/stat``, whose fields are in proc(5).
+    """
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+        return fields[0] in ("R", "D"), (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError):
+        return False, 0.0
 
 
 def _not_started(description: str, said: str, code: int | None) -> AutotuneError:

@@ -18,6 +18,7 @@ from gcs_autotune.errors import TelemetryFault
 from gcs_autotune.firmware import LEVELLING, ServoMap
 from gcs_autotune.frames import flat, to_body
 from gcs_autotune.link.session import Session
+from gcs_autotune.link.vehicle.wall_beams import WallBeams, yaw_of
 from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog
 from gcs_autotune.mavlink import Frame, Message, message_number
 from gcs_autotune.sname import SIGNALS
@@ -137,7 +138,8 @@ class Telemetry:
         """Depth below the estimator's origin minus depth below home [m]. They differ by centimetres or more."""
         self._local_z = self._global_z = (math.nan, math.nan)
         self.output_ticks = 0
-        self.distance_t = math.nan
+        self.distance_t = self.angle_t = math.nan
+        self._beams = WallBeams()
         self._rangefinder: int | None = None
         self._companion: int | None = None
         self._session = session
@@ -311,9 +313,10 @@ class Telemetry:
     def _distance(self, m: Message) -> None:
         """Record the distance ahead; NaN beyond the sensor's range.
 
-        The rangefinder with the lowest id is ``d``; another one ahead is ``d_starboard``.
+        The rangefinder with the lowest id is ``d``; another one ahead is ``d_starboard``. Two that look to either side
+        of the bow give ``wall_angle``, and ``d`` if none looks straight ahead.
         """
-        if m.orientation == 0 and self._companion is None:
+        if self._companion is None and yaw_of(m) is not None:
             self._measured(self._clock.from_ms(m.time_boot_ms), m)
 
     def _overheard(self, frame: Frame) -> None:
@@ -324,19 +327,33 @@ class Telemetry:
         """
         vehicle = self._session.vehicle
         is_ours = frame.name == "DISTANCE_SENSOR" and vehicle is not None and frame.system == vehicle.system
-        if not is_ours or frame.message.orientation != 0 or not self._clock.is_set:
+        if not is_ours or yaw_of(frame.message) is None or not self._clock.is_set:
             return
         if self._companion is None:
-            self._companion, self._rangefinder = frame.component, None
+            self._companion, self._rangefinder, self._beams = frame.component, None, WallBeams()
         if frame.component == self._companion:
             self._measured(self._clock.now, frame.message)
 
     def _measured(self, t: float, m: Message) -> None:
         known = m.min_distance <= m.current_distance <= m.max_distance
         distance = m.current_distance * 1e-2 if known else math.nan
+        yaw = yaw_of(m)
+        if yaw:
+            self._seen_aside(t, yaw, distance)
+            return
         self._rangefinder = m.id if self._rangefinder is None else min(m.id, self._rangefinder)
         self._take(t, {"d" if m.id == self._rangefinder else "d_starboard": distance})
         self.distance_t = t
+
+    def _seen_aside(self, t: float, yaw: float, distance: float) -> None:
+        wall = self._beams.add(t, yaw, distance)
+        if wall is None:
+            return
+        if self._rangefinder is None:
+            self._take(t, {"d": wall[0]})
+            self.distance_t = t
+        self._take(t, {"wall_angle": wall[1]})
+        self.angle_t = t
 
     def _sys_status(self, m: Message) -> None:
         values = {}
@@ -417,6 +434,7 @@ def observation(session: Session, telemetry: Telemetry, mode: str) -> Observatio
         speed=value("U"),
         d=value("d") if telemetry.t - telemetry.distance_t < _OLD else math.nan,
         d_starboard=value("d_starboard") if telemetry.t - telemetry.distance_t < _OLD else math.nan,
+        wall_angle=value("wall_angle") if telemetry.t - telemetry.angle_t < _OLD else math.nan,
         waypoint=value("waypoint"),
         output=telemetry.outputs,
         output_t=telemetry.output_t,

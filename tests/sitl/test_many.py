@@ -1,0 +1,60 @@
+"""Many craft in one call of the kernel fly like one craft by itself."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.study import check_plan, open_study
+from sitl import load_vehicle
+from sitl.craft import Craft
+from sitl.many import RUN_UP, STEP, TURN, circles
+from tests.study.toys import ran
+
+
+def flown_alone(like: str) -> tuple[float, float]:
+    """Return the steady diameter [m] and rate [rad/s] of the vehicle itself, step by step."""
+    craft = Craft(load_vehicle(like))
+    at, t = craft.plant.state, 0.0
+    for steering, duration in ((0.0, RUN_UP), (0.3, TURN)):
+        shares = defaultdict(float, X=0.5, N=steering)
+        for _ in range(round(duration / STEP)):
+            t += STEP
+            craft.actuators.apply(shares, craft.plant.parameters, craft._wrench)
+            craft.plant.step(craft._wrench, STEP)
+    return 2.0 * math.hypot(at.u, at.v) / abs(at.r), abs(at.r)
+
+
+@pytest.mark.parametrize("like", ["blueboat", "charlie-rudders"])
+def test_one_craft_without_spread_is_the_vehicle_itself(like: str) -> None:
+    found = circles(1, like, craft=1, spread=1.0)
+    diameter, rate = flown_alone(like)
+    assert found["steady_diameter.q50"] == pytest.approx(diameter, rel=1e-6)
+    assert found["rate.q50"] == pytest.approx(rate, rel=1e-6)
+    assert found["turned"] == 1.0
+    assert found["advance.q50"] > 0.0
+
+
+def test_a_spread_of_numbers_is_a_spread_of_circles_and_the_seed_decides() -> None:
+    found = circles(1, "blueboat", craft=60, spread=1.5)
+    assert found == circles(1, "blueboat", craft=60, spread=1.5)
+    assert found != circles(2, "blueboat", craft=60, spread=1.5)
+    assert found["diameter.q05"] < 0.8 * found["diameter.q50"] < found["diameter.q95"]
+
+
+def test_a_study_calls_it(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(
+        'title = "circles"\ndo = "sitl.many:circles"\nfixed.argument.like = "blueboat"\nfixed.argument.craft = 5\n'
+        "vary.argument.steering = [0.2, 0.4]\n"
+    )
+    check_plan(ran(tmp_path / "study.toml", tmp_path / "out"))
+    small, large = open_study(tmp_path / "out")["diameter.q50"]
+    assert small > 1.2 * large
+
+
+def test_no_craft_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least 1"):
+        circles(1, "blueboat", craft=0)
