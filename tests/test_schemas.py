@@ -228,7 +228,7 @@ def test_what_the_program_refuses_the_schema_does(name: str, text: str, tmp_path
 def test_every_example_in_the_docs_is_taken_by_both(name: str, tmp_path: Path) -> None:
     examples = of_the_docs(name)
     if name == "plan-file":
-        examples.append(("three.toml", (DOCS / "three.toml").read_text()))
+        examples += [(own, (DOCS / own).read_text()) for own in ("three.toml", "tugboat.toml")]
     assert examples
     assert [page for page, text in examples if list(accepted(name, text, tmp_path)) != [True, True]] == []
 

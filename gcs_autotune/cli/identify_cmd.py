@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from importlib import resources
 from pathlib import Path
@@ -13,7 +14,7 @@ from gcs_autotune.cli.command import Command, add_loudness, add_number, check_fi
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
 from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
 from gcs_autotune.documents import MODEL
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.methods import METHOD_PLACES
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
@@ -21,6 +22,7 @@ from gcs_autotune_files import Refused, clipped, parse
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import ModelFile
+    from gcs_autotune.thrusters import TwinThrusters
     from gcs_autotune.trial import Trial
 
 __all__ = ["COMMAND"]
@@ -65,8 +67,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--plan",
         metavar="PLAN",
-        help="identify step by step from a sequence of experiments: usv_6dof or a TOML file (with --known, --json)",
+        help="identify step by step from a sequence of experiments: usv_6dof, usv_twin or a TOML file (with --known, "
+        "--json)",
     )
+    what.add_argument(
+        "--thrusters",
+        type=Path,
+        metavar="FILE",
+        help="with --plan usv_twin and --spacing: force map of the two thrusters, from `thrusters --json`",
+    )
+    add_number(what, "spacing", "M")
     add_number(what, "delay", "S")
     what.add_argument(
         "--effects",
@@ -131,6 +141,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     known, options = _numbers(args.known), _options("--option", args.option)  # first: a typo waits for no import
     _verify_method_known(args.method, "all", "list")
+    if args.thrusters is not None and args.plan is None:
+        raise UsageError("--thrusters needs --plan, e.g. --plan usv_twin")
+    if (args.thrusters is None) != (args.spacing is None):
+        raise UsageError("--thrusters FILE and --spacing M, the distance between the two thrusters, go together")
     if args.compare is not None and not _is_file(args.compare):
         _verify_method_known(args.compare)
     if args.method != "list":
@@ -189,8 +203,33 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
     from gcs_autotune.identify.plan import load_plan, run_plan
     from gcs_autotune.report import plan_document
 
-    put_out(plan_document(run_plan(load_plan(args.plan).knowing(known), runs)), as_json=args.json)
+    if args.thrusters is not None:
+        twin = _twin(args)
+        runs = [twin.forces_of(run) for run in runs if {"X", "N"} <= run.channels.keys()]
+    plan = load_plan(args.plan).knowing(known)
+    if any("X_port" in step.form.inputs for step in plan.steps) and not any("X_port" in run for run in runs):
+        raise UsageError(f"plan '{plan.name}' needs the forces of both thrusters. Add --thrusters MAP.json --spacing M")
+    if args.delay is not None:
+        plan = replace(plan, steps=tuple(replace(step, delay=args.delay) for step in plan.steps))
+    if args.method != "output-error":
+        plan = replace(plan, steps=tuple(replace(step, method=args.method) for step in plan.steps))
+    put_out(plan_document(run_plan(plan, runs)), as_json=args.json)
     return 0
+
+
+def _twin(args: argparse.Namespace) -> TwinThrusters:
+    """Return the two thrusters with the map in ``--thrusters``, at the distance ``--spacing``."""
+    from gcs_autotune.documents import load_json
+    from gcs_autotune.thrusters import ThrusterMap, TwinThrusters
+
+    data = load_json(args.thrusters, "a thruster map")
+    try:
+        own = ThrusterMap.from_dict(data["model"])
+    except (KeyError, TypeError) as error:
+        raise BadFile(
+            f"{args.thrusters} is not a thruster map. Write one with `gcs-autotune thrusters PULLS.csv --json`"
+        ) from error
+    return TwinThrusters(own, own, args.spacing)
 
 
 def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | None:

@@ -407,6 +407,17 @@ def test_identify_names_what_a_plan_or_a_choice_of_terms_needs(capsys, tmp_path)
     code, _, err = run(capsys, "identify", mine, "--plan", "usv_6def")
     assert code == 2
     assert "usv_6dof" in err
+    code, _, err = run(capsys, "identify", mine, "--thrusters", mine)
+    assert (code, "--plan" in err) == (2, True)
+    code, _, err = run(capsys, "identify", mine, "--plan", "usv_twin", "--thrusters", mine)
+    assert (code, "--spacing M" in err) == (2, True)
+    code, _, err = run(capsys, "identify", mine, "--plan", "usv_twin")
+    assert (code, "Add --thrusters" in err) == (2, True)
+    (tmp_path / "map.json").write_text("[]")
+    known = ("--plan", "usv_twin", "--spacing", "0.14", "--thrusters", tmp_path / "map.json")
+    code, _, err = run(capsys, "identify", mine, *known)
+    assert code != 0
+    assert "is not a thruster map" in err
     code, _, err = run(capsys, "identify", mine, "--choose")
     assert code == 2
     assert "--dof horizontal" in err

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from gcs_autotune.cli import main
-from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.thrusters import TwinTest, fit_twin, read_twin_test
+from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
+from gcs_autotune.thrusters import ThrusterMap, TwinTest, TwinThrusters, fit_twin, read_twin_test
+from gcs_autotune.trial import Channel, Trial
 
 C_N, C_V, B = 0.004, 0.03, 0.6
 
@@ -80,3 +81,22 @@ def test_a_thruster_that_never_runs_or_a_missing_column_is_rejected(tmp_path: Pa
     path.write_text("n_1[rad/s],X[N]\n1,2\n2,3\n")
     with pytest.raises(MissingChannel, match="n_1, n_2"):
         read_twin_test(path)
+
+
+def test_the_outputs_of_a_flown_run_become_the_forces_of_each_thruster() -> None:
+    one = ThrusterMap(10.0, 0.0, 6.0, 0.0, 0.0, 0.0, -1.0, 1.0)
+    t = np.array([0.0, 1.0, 2.0])
+    outputs = {
+        "X": Channel("X", "1", t, np.array([0.0, 0.5, 0.5])),
+        "N": Channel("N", "1", t, np.array([0.5, 0.0, 0.2])),
+    }
+    found = TwinThrusters(one, one, 0.4).forces_of(Trial("run", outputs)).channels
+    assert found["X_port"].values == pytest.approx([2.5, 2.5, 4.9])
+    assert found["X_starboard"].values == pytest.approx([-1.5, 2.5, 0.9])
+    assert found["N_starboard"].values == pytest.approx([0.3, -0.5, -0.18])
+    assert (found["N_port"].unit, set(found["arm_starboard"].values)) == ("N m", {-0.2})
+    with pytest.raises(UsageError, match="is over us"):
+        pulses = replace(one, unit="us")
+        TwinThrusters(pulses, pulses, 0.4).forces_of(Trial("run", outputs))
+    with pytest.raises(UsageError, match="does not contain"):
+        TwinThrusters(one, one, 0.4).forces_of(Trial("run", {"X": outputs["X"]}))

@@ -90,8 +90,9 @@ class _PlanData(Struct, forbid_unknown_fields=True, frozen=True):
 class Chosen:
     """Selection of runs by their manoeuvre (``meta["manoeuvre"]``) or by patterns of their names.
 
-    Manoeuvres have the names used by ``fly``, or any other. Case, hyphens and underscores are ignored. A run whose
-    ``meta["dof"]`` is not in ``dofs`` is not selected.
+    Manoeuvres have the names used by ``fly``, or any other, with the force if only runs of one force are meant
+    (``steps N``). Case, hyphens and underscores are ignored. A run whose ``meta["dof"]`` is not in ``dofs`` is not
+    selected.
     """
 
     manoeuvres: tuple[str, ...] = ()
@@ -108,7 +109,10 @@ class Chosen:
         manoeuvre, dof = trial.meta.get("manoeuvre"), trial.meta.get("dof")
         if dof in DOFS and dof not in self.dofs:
             return False
-        return manoeuvre is not None and any(same_name(manoeuvre, name) for name in self.manoeuvres)
+        if manoeuvre is None:
+            return False
+        own = (manoeuvre, f"{manoeuvre} {trial.meta.get('force')}")
+        return any(same_name(mine, name) for mine in own for name in self.manoeuvres)
 
     def __str__(self) -> str:
         of = " or ".join(f"'{name}'" for name in self.manoeuvres)

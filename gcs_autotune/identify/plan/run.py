@@ -18,7 +18,7 @@ from gcs_autotune.identify.api import fit
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import Validation, validate
 from gcs_autotune.identify.plan.combine import Agreement, Joint, Part, StepEstimate, agreements, combined, fit_jointly
-from gcs_autotune.identify.plan.plan import Final, Plan, PlanStep
+from gcs_autotune.identify.plan.plan import Plan, PlanStep
 from gcs_autotune.identify.result import Fit, Model, Parameter
 from gcs_autotune.identify.signals.preparation import prepare_form
 from gcs_autotune.models import CoupledModel, Form, unit_of
@@ -260,7 +260,7 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     parts = [_part(step, runs, r.fit, values, seen) for (step, runs), r in zip(used, done, strict=True)]
     joint = fit_jointly(parts, values)
     parameters, covariance = _parameters(plan, done, values, joint, estimates)
-    model, final = _finally(plan.final, parameters, trials)
+    model, final = _finally(plan, parameters, trials)
     ends = () if plan.final is None else plan.final.chosen.of(trials)
     meant = [*ends, *(run for step in plan.steps for run in step.chosen.of(trials))]
     unused = [run.name for run in trials if not any(run is other for other in meant)]
@@ -366,15 +366,18 @@ def _parameters(
 
 
 def _finally(
-    final: Final | None, parameters: Mapping[str, Parameter], trials: Sequence[Trial]
+    plan: Plan, parameters: Mapping[str, Parameter], trials: Sequence[Trial]
 ) -> tuple[CoupledModel | None, Validation | None]:
-    """Return the final model, and its free run on the final runs."""
+    """Return the final model, with the delay of the steps if all have the same, and its free run on the final runs."""
+    final = plan.final
     if final is None:
         return None, None
     missing = [n for n in final.form.free if n not in parameters]
     if missing:
         return None, None
-    model = CoupledModel(final.form, {n: parameters[n].value for n in final.form.free})
+    delays = {step.delay for step in plan.steps}
+    form = final.form if len(delays) > 1 or 0.0 in delays else final.form.fixing({"delay": max(delays)})
+    model = CoupledModel(form, {n: parameters[n].value for n in form.free})
     runs = [_only_signals(t, final.form, final.signals) for t in final.chosen.of(trials)]
     try:
         return model, validate(model, runs) if runs else None

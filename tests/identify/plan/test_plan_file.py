@@ -46,6 +46,17 @@ def test_the_shipped_plan_identifies_the_23_parameters_of_seed_004():
     assert len(plan.parameters) == 23
 
 
+def test_the_plan_of_two_thrusters_takes_the_runs_that_fly_writes():
+    plan = load_plan("usv_twin")
+    assert len(plan.parameters) == 15
+    run = Trial("run", {}, meta={"manoeuvre": "steps", "force": "N", "dof": "yaw"})
+    other = Trial("other", {}, meta={"manoeuvre": "steps", "force": "X", "dof": "surge"})
+    chosen = {step.name: [t.name for t in step.chosen.of([run, other])] for step in plan.steps}
+    assert chosen == {"turning on the spot": ["run"], "thrust steps": ["other"], "spiral": [], "zig-zag": []}
+    flown = {name.partition(" ")[0] for step in plan.steps for name in step.chosen.manoeuvres} & set(MANOEUVRES)
+    assert flown == {"steps", "throttle-steps", "spiral", "zig-zag"}
+
+
 def test_a_plan_takes_the_constants_of_another_craft():
     plan = PLANS["usv_6dof"].knowing({"m": 30.0, "K_phi": -20.0})
     heave = next(s for s in plan.steps if s.name == "heave decay")
