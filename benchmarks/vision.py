@@ -158,8 +158,10 @@ def pool(folder: Path, dives: int, level: str) -> list[Figure]:
 
 
 HIDDEN = {"input-delay@N.delay=0.3": 1, "dead-zone@N.width=0.02": 3, "": 1}
-"""Hidden effect -> dives of one diagnosis. A dead zone shows in commands of different sizes: one size per dive. Two sizes
-also fit other laws of the thruster."""
+"""Hidden effect -> dives of one diagnosis.
+
+A dead zone shows in commands of different sizes: one size per dive. Two sizes also fit other laws of the thruster.
+"""
 SECONDS = 25
 """Length of these dives [s]."""
 
