@@ -111,6 +111,11 @@ def _drifting(seen: PulseResponse, signal: str) -> str:
 def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
     """Return the message that the outputs do not follow the command."""
     who = named(outlets)
+    if not math.isfinite(stretch.output):
+        return (
+            f"the vehicle does not report its {force} output, so it is unknown whether {who} follows. Check that "
+            "SERVO_OUTPUT_RAW is sent, and that a SERVOn_FUNCTION drives this axis"
+        )
     asked = f"commanded {stretch.command:+.2f} of full {force} output, but the outputs show {stretch.output:+.2f}"
     if stretch.obeyed <= -_NOTHING:
         return f"{asked}, the opposite direction. Check RCn_REVERSED and the function of {who}"

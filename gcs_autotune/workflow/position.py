@@ -209,8 +209,9 @@ def _drift(craft: MavlinkCraft, present: Mapping[str, float]) -> float:
     most = unit * present.get(name, math.inf)
     if drift > CURRENT * most:
         raise PreconditionFailed(
-            f"the vehicle drifts at {drift:.2f} m/s, and its position loop commands {most:.2f} m/s at most "
-            f"({name}): the current is stronger than the craft. Wait for slack water"
+            f"the vehicle reports a drift of {drift:.2f} m/s, and its position loop commands {most:.2f} m/s at most "
+            f"({name}): the current is stronger than the craft, or GPS or DVL are lost. Check them, or wait for slack "
+            "water"
         )
     return drift
 
@@ -359,7 +360,7 @@ class _Position:
         if not fit.fit_percent >= EXPLAINED:
             raise NotInformative(
                 f"the {dof} model explains {fit.fit_percent:.0f} % of the motion, and {EXPLAINED:.0f} % are needed. "
-                "Wait for calmer water, or use a larger --step"
+                "Check GPS or DVL, wait for calmer water, or use a larger --step"
             )
         return fit
 

@@ -11,6 +11,7 @@ import pytest
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import Envelope, Outlet, Sequencer, SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse, pulse_response
+from gcs_autotune.manoeuvres.sign_messages import not_followed
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
 
@@ -32,6 +33,7 @@ def test_outputs_that_the_vehicle_does_not_report_are_not_followed() -> None:
     found = pulse_response(0.3, rest, forward, back, 0.05)
     assert found.unheeded is found.forward
     assert found.is_silent
+    assert "does not report its Y output" in not_followed(found.forward, "Y", STEERING)
 
 
 @pytest.mark.parametrize(("gain", "drag"), [(1.0, 0.8), (0.3, 0.1), (8.0, 10.0), (0.15, 0.0), (0.4, 0.4)])
