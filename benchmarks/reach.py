@@ -516,11 +516,12 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _figures(tuned: Sequence[Tuned]) -> list[Figure]:
+    """Return the headline figures, without those of which there was no case."""
     own = [t for t in tuned if t.ending != "refused"]
     near = [t for t in own if math.isfinite(t.flown)]
     searched = [t for t in own if math.isfinite(t.beside)]
     lacking = [t for t in tuned if not has_axis(t.vehicle, t.axis)]
-    return [
+    figures = [
         count("tunes kept", sum(t.ending == "kept" for t in own), len(own), least=1.0),
         count("refused without the axis", sum(t.ending == "refused" for t in lacking), len(lacking), least=1.0),
         count(
@@ -536,6 +537,7 @@ def _figures(tuned: Sequence[Tuned]) -> list[Figure]:
             least=0.9,
         ),
     ]
+    return [figure for figure in figures if figure.of]
 
 
 def _shown(gains: Mapping[str, float]) -> str:

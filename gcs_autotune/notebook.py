@@ -9,13 +9,20 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gcs_autotune.errors import UsageError
+from gcs_autotune.rounding import format_value
 from gcs_autotune.untrusted_text import visible
 
-__all__ = ["Display", "Displayed", "Table", "in_python", "pandas_module"]
+__all__ = ["Display", "Displayed", "Table", "in_python", "pandas_module", "parameter_tables"]
 
 WIDTH, NARROWEST = 88, 24
 """Columns of the printed text, as in most notebooks, and of its narrowest wrapped column. Project choices."""
+
+CORRELATED = 0.5
+"""Correlation of two parameters from which it is shown. Project choice."""
 
 ARGUMENTS: Mapping[str, str] = {
     "--robust": 'loss="soft_l1"',
@@ -112,6 +119,27 @@ class Display:
         ]
         parts = [textwrap.fill(visible(self.title), WIDTH), *(t.text for t in self.tables), "\n".join(remarks)]
         return "\n\n".join(part for part in parts if part)
+
+
+def parameter_tables(parameters: Mapping[str, Any], covariance: NDArray[np.float64]) -> tuple[Table, ...]:
+    """Return the table of fitted *parameters* with their relative errors, and that of large correlations.
+
+    parameters : name -> value with ``value``, ``std``, ``unit`` and ``status``. covariance : (p, p), in this order.
+    """
+    rows = []
+    for name, p in parameters.items():
+        share = f"{100.0 * p.std / abs(p.value):.1f} %" if p.std > 0.0 and p.value else ""
+        rows.append((name, format_value(p.value, p.std), share, p.unit, p.status))
+    names, std = list(parameters), np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(std > 0.0, std, np.inf)
+    correlation = covariance / np.outer(scale, scale)
+    correlated = [
+        (f"{names[i]}, {names[j]}", f"{correlation[i, j]:+.2f}")
+        for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
+        if abs(correlation[i, j]) >= CORRELATED
+    ]
+    heads = ("parameter", "value ± standard error", "relative", "unit", "status")
+    return Table(heads, tuple(rows)), Table(("parameters", "correlation"), tuple(correlated))
 
 
 class Displayed:

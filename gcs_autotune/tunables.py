@@ -86,7 +86,7 @@ TUNABLES: Mapping[str, Tunable] = {
             "position",
             "depth",
             "gcs_autotune.workflow.position:JOB",
-            after=("heading", "depth"),
+            after=(),  # its gains change neither the heading nor the depth loop, so neither is rechecked
             kind="rov",
             useless=(*TWO_AXES, "leg_length", "resume", "settling_time", "untuned", "pull_test"),
             example="sitl:bluerov2-sway",

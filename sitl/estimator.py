@@ -102,7 +102,7 @@ class Estimator:
         self._rates: Vector = (0.0, 0.0, 0.0)
         self._gyro_bias, self._lift, self._down = [0.0, 0.0, 0.0], 0.0, 0.0
         self._past: deque[_Past] = deque([_Past(0.0, self._q, self._rates, self._v, self._p)])
-        self._helped = self._placed = 0.0
+        self._helped = self._placed = -math.inf
         self._t = 0.0
         self._moves, self._tilts = bool({"gps", "dvl"} & set(instruments)), start.tilts
         self.aided = True

@@ -72,7 +72,7 @@ class Rangefinder:
         apart: float = 0.0,
         aside: float = 0.0,
     ) -> None:
-        self._wall, self._heading, self._period, self.apart, self.aside = wall, heading, period, apart, aside
+        self.wall, self.heading, self._period, self.apart, self.aside = wall, heading, period, apart, aside
         self._noise = functools.partial(random.Random(f"{seed}/distance").gauss, 0.0, noise)
         self._next = 0.0
         self._sides = (-1.0, 1.0) if apart > 0.0 or aside > 0.0 else (0.0,)
@@ -82,8 +82,8 @@ class Rangefinder:
         """Return the measured distances [m] at *t* [s], that of port first."""
         if t >= self._next:
             self._next = t + self._period
-            turned = state.psi - self._heading
-            gone = state.x * math.cos(self._heading) + state.y * math.sin(self._heading)
+            turned = state.psi - self.heading
+            gone = state.x * math.cos(self.heading) + state.y * math.sin(self.heading)
             self._held = [self._beam(side, turned, gone) for side in self._sides]
         return self._held
 
@@ -94,7 +94,7 @@ class Rangefinder:
 
     def _beam(self, side: float, turned: float, gone: float) -> float:
         towards = math.cos(turned + side * self.aside)
-        left = self._wall - gone + 0.5 * side * self.apart * math.sin(turned)
+        left = self.wall - gone + 0.5 * side * self.apart * math.sin(turned)
         return left / towards + self._noise() if towards > 0.1 else math.nan
 
 

@@ -43,6 +43,8 @@ fit([_swing(["yaw"])], "linear", "ekf", dof="yaw")
 compiled the same once more each, for half a minute of processor."""
 HULL = ("-c", "from sitl import load_vehicle; load_vehicle('charlie').make_plant()")
 """Compile the hull of the simulator, for which its processes would else time out on a busy machine."""
+OVER_REAL_LINKS = ("tests/closed_loop/test_real_links.py", "tests/closed_loop/test_mavproxy.py")
+"""Files whose tests wait for a vehicle that keeps a clock of its own."""
 REWRITE = ("-m", "pytest", "-n0", "--collect-only", "--quiet")
 """Rewrites the assertions of all tests, which takes longer than to collect them, and every process would do."""
 
@@ -86,20 +88,25 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Keep together the tests of a file that make something once for all: a fixture, a compiled function, a page kept.
 
-    So are those in a browser: they wait more than they compute, and one process that waits leaves the others the
-    processors, where all of them waiting in the end leave them idle.
+    All that keep real time, in a browser or over a real link, are one scope: they wait more than they compute, and one
+    process that waits leaves the others the processors, where two that wait leave one of them idle.
     """
     if config.getvalue("dist") != "load":
         return None
     from xdist.scheduler import LoadScopeScheduling
 
-    once = re.compile(r'scope="module"|^@(njit|cache)\b|pytest\.mark\.browser', re.MULTILINE)
-    sharing = {p.relative_to(ROOT).as_posix() for p in ROOT.glob("tests/**/*.py") if once.search(p.read_text())}
+    once = re.compile(r'scope="module"|^@(njit|cache)\b', re.MULTILINE)
+    scopes: dict[str, str] = {}
+    for path in ROOT.glob("tests/**/*.py"):
+        file, text = path.relative_to(ROOT).as_posix(), path.read_text()
+        if "pytest.mark.browser" in text or file in OVER_REAL_LINKS:
+            scopes[file] = "real time"
+        elif once.search(text):
+            scopes[file] = file
 
     class Sharing(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            file = nodeid.partition("::")[0]
-            return file if file in sharing else nodeid
+            return scopes.get(nodeid.partition("::")[0], nodeid)
 
     return Sharing(config, log)
 

@@ -18,6 +18,7 @@ from gcs_autotune.cli.command import Command, what_remains
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, craft_of, find_config, read_config, shown_value
 from gcs_autotune.cli.help import add_help
 from gcs_autotune.cli.tune_cmd import RESTORED, carry_out, tune_settings
+from gcs_autotune.cli.writing import in_plain_signs
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, OperatorStopped, UsageError, exit_code
 from gcs_autotune.registry import nearest_of
 from gcs_autotune.untrusted_text import visible
@@ -96,6 +97,7 @@ YOUNG = 20_000
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line with the arguments *argv* and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    in_plain_signs(sys.stdout, sys.stderr)
     # Before NumPy is imported. Our matrices are small: a second thread wins nothing on an idle machine, and beside
     # other programs (a ground station, a simulator) the two wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -17,6 +17,10 @@ from gcs_autotune.errors import UsageError
 __all__ = ["COMMAND"]
 
 
+OF_A_TABLE = ("--json", "--quiet")
+"""Options that apply to a table of parameters."""
+
+
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_runs(parser)
     parser.add_argument("--list-effects", action="store_true", help="list the effects and their parameters, then exit")
@@ -100,8 +104,16 @@ def _run(args: argparse.Namespace) -> int:
         if is_parameter_table(args.runs[0]):
             from gcs_autotune.report import parameter_table_document
 
-            if args.out or args.resume or args.model or args.simulation or args.validate:
-                raise UsageError(f"{args.runs[0]} is a table of parameters, not a run. Its only option is --json")
+            own = argparse.ArgumentParser(add_help=False)
+            _add_arguments(own)
+            typed = [
+                a.option_strings[0] for a in own._actions if a.option_strings and getattr(args, a.dest) != a.default
+            ]
+            if wrong := [name for name in typed if name not in OF_A_TABLE]:
+                raise UsageError(
+                    f"{args.runs[0]} is a table of parameters, not a run, so {' and '.join(wrong)} cannot apply. Its "
+                    f"only options are {' and '.join(OF_A_TABLE)}"
+                )
             table = read_parameter_table(args.runs[0])
             put_out(parameter_table_document(table.name, diagnose_table(table)), as_json=args.json)
             return 0

@@ -207,6 +207,8 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
         twin = _twin(args)
         runs = [twin.forces_of(run) for run in runs if {"X", "N"} <= run.channels.keys()]
     plan = load_plan(args.plan).knowing(known)
+    if any("X_port" in step.form.inputs for step in plan.steps) and not any("X_port" in run for run in runs):
+        raise UsageError(f"plan '{plan.name}' needs the forces of both thrusters. Add --thrusters MAP.json --spacing M")
     if args.delay is not None:
         plan = replace(plan, steps=tuple(replace(step, delay=args.delay) for step in plan.steps))
     if args.method != "output-error":

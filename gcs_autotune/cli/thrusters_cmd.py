@@ -31,7 +31,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "time to the levels of fly bollard-staircase",
     )
     add_number(parser, "neutral", "C")
-    add_number(parser, "spacing", "M")
+    twin = parser.add_argument_group("two thrusters: columns n_1, n_2 (or pwm_1, pwm_2), X and optionally N, V_A")
+    add_number(twin, "spacing", "M")
     water = parser.add_argument_group("open-water test: columns n, V_A, T and optionally Q")
     add_number(water, "diameter", "M")
     add_number(water, "density", "KG_M3")

@@ -5,10 +5,12 @@ Replacing files of an earlier run is reported.
 
 from __future__ import annotations
 
+import codecs
 import itertools
 import sys
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.plain_json import json_text
@@ -17,7 +19,24 @@ from gcs_autotune.untrusted_text import visible
 if TYPE_CHECKING:
     from gcs_autotune.report import Document
 
-__all__ = ["fresh", "on_replacing", "put_out", "write_page"]
+__all__ = ["fresh", "in_plain_signs", "on_replacing", "put_out", "write_page"]
+
+
+PLAIN = {"°": " deg", "²": "^2", "±": "+-", "·": "*", "\N{MINUS SIGN}": "-", "→": "->", "…": "...", "\u00a0": " "}
+"""Sign -> what stands for it on a terminal without UTF-8."""
+
+
+def in_plain_signs(*streams: TextIO) -> None:
+    """Let each stream without UTF-8 write :data:`PLAIN` for the signs that it lacks, and ``?`` for others."""
+    codecs.register_error("plain-signs", _plain)
+    for stream in streams:
+        if isinstance(stream, TextIOWrapper) and not stream.encoding.lower().startswith("utf"):
+            stream.reconfigure(errors="plain-signs")
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeEncodeError)
+    return "".join(PLAIN.get(sign, "?") for sign in error.object[error.start : error.end]), error.end
 
 
 def fresh(path: Path) -> Path:

@@ -731,7 +731,7 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
     if craft.steers_by_speed and not craft.coupled and len(craft.yaw) < 2:
         yield Missing(
             "The turning circle at other speeds, and how the rudder's moment depends on speed.",
-            f"gcs-autotune experiment heading --throttle {0.5 * craft.working:.2g}. Add its run directory",
+            f"gcs-autotune experiment heading --throttle {0.5 * craft.working:.2g}. Give its run directory too",
         )
     largest, reach = _reach(craft, "N")
     zigzag = "gcs-autotune fly zig-zag --steering 1. Give its run directory in place of the present yaw model"

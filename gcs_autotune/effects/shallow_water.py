@@ -64,7 +64,6 @@ class ShallowWater(Effect):
         "water looks like quadratic drag and a heavier craft, and is not identified"
     )
     grows_with = ("drag", "sway", "yaw")
-    form_of = ("quadratic-drag",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return surge, sway and yaw, as far as the craft moves there, if its positions are recorded.

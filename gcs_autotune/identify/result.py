@@ -15,9 +15,9 @@ from gcs_autotune.identify.axis.form import Structure, as_extended
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.signals.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
-from gcs_autotune.notebook import Display, Displayed, Table, pandas_module
+from gcs_autotune.notebook import Display, Displayed, Table, pandas_module, parameter_tables
 from gcs_autotune.plain_json import json_text, plain_data
-from gcs_autotune.rounding import format_number, format_value
+from gcs_autotune.rounding import format_number
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [
@@ -36,8 +36,6 @@ __all__ = [
     "plain_data",
 ]
 
-CORRELATED = 0.5
-"""Correlation of two parameters from which it is shown. Project choice."""
 
 Status = Literal["fitted", "absent", "fixed", "at_bound"]
 
@@ -308,18 +306,16 @@ class Fit(Displayed, Generic[ModelT]):
 
     def _display(self) -> Display:
         title = f"{self.dof}, {self.structure} ({self.method}), fit {self.fit_percent:.1f} %: {', '.join(self.used)}"
-        parameters = [(p.name, format_value(p.value, p.std), p.unit, p.status) for p in self.parameters.values()]
         residuals = [(s, f"{format_number(r.rms, 3)} {SIGNALS[s][0]}") for s, r in self.remainder.items()]
-        names, correlation = list(self.parameters), self.correlation
-        correlated = [
-            (f"{names[i]}, {names[j]}", f"{correlation[i, j]:+.2f}")
-            for i, j in zip(*np.triu_indices(len(names), 1), strict=True)
-            if abs(correlation[i, j]) >= CORRELATED
-        ]
+        parameters, correlations = parameter_tables(self.parameters, self.covariance)
+        fitted = sum(p.std > 0.0 for p in self.parameters.values())
+        samples = sum(len(t.t) for t in self.traces)
+        counts = (str(len(self.used)), str(samples), str(fitted)) if samples else ()
         tables = (
-            Table(("parameter", "value ± standard error", "unit", "status"), tuple(parameters)),
+            Table(("runs", "samples", "fitted parameters"), (counts,) if counts else ()),
+            parameters,
             Table(("signal", "residual (rms)"), tuple(residuals)),
-            Table(("parameters", "correlation"), tuple(correlated)),
+            correlations,
         )
         left_out = [f"{s} was not used: {why}" for s, why in self.extra.get("signals_left_out", {}).items()]
         doubts = (f"{d.cause}. Cure: {d.cure}" for d in self.doubts)

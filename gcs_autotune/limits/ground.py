@@ -225,7 +225,7 @@ DESK = (
     ),
     Limit(
         "spacing",
-        "distance between two thrusters, for columns n_1, n_2 (or pwm_1, pwm_2), X and optionally N, V_A",
+        "distance between the two thrusters",
         "m",
         0.01,
         100.0,

@@ -279,7 +279,7 @@ class Watch:
         shown = _shown(guard, value), _shown(guard, limit)
         if not math.isfinite(value):
             raise GuardTripped(
-                f"safety limit '{guard.name}' can no longer be monitored: the vehicle stopped reporting this value "
+                f"safety limit '{guard.name}' can no longer be monitored: the vehicle reports no usable value any more "
                 f"(limit {shown[1]}). The actuators were set to neutral. Check the sensor",
                 guard=guard.name,
                 value=value,

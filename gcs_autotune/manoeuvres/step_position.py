@@ -33,6 +33,9 @@ TOLD = 5
 """Number of observations for which a boat is sent a new position. Project choice: each message starts ArduRover anew,
 and several are lost less often than one."""
 
+ADRIFT = "the reported position drifts (GPS or DVL lost)"
+"""Other cause of a distance from the target: an autopilot without GPS or DVL goes on reporting for seconds."""
+
 
 class _AtPosition(Manoeuvre):
     """What both have in common: the checks of the position, and the phases."""
@@ -48,7 +51,7 @@ class _AtPosition(Manoeuvre):
         """End the manoeuvre if the position is unknown, jumps, or is far from (x, y) [m]."""
         last, self._last = self._last, now
         if not all(math.isfinite(value) for value in (now.x, now.y, now.psi)):
-            self._end("aborted", "the vehicle reports no position any more. Check its position sensor")
+            self._end("aborted", "the vehicle reports no usable position any more. Check its position sensor")
             return
         if last is not None:
             jump = math.hypot(now.x - last.x, now.y - last.y)
@@ -67,10 +70,10 @@ class _AtPosition(Manoeuvre):
                 self._end(
                     "aborted",
                     f"the craft is {away:.1f} m from its target at {used:.0%} of full output: the current is stronger "
-                    "than the craft. Wait for slack water",
+                    f"than the craft, or {ADRIFT}. Check both, or wait for slack water",
                 )
             else:
-                self._end("stopped", f"the craft is {away:.1f} m from its target: the loop is unstable")
+                self._end("stopped", f"the craft is {away:.1f} m from its target: the loop is unstable, or {ADRIFT}")
 
     def _phase_of(self, now: Observation, until: float, legs: Iterator[tuple[str, float, Any]]) -> tuple[float, Any]:
         """Return the end [s] of the phase at *now* and its content; the manoeuvre ends after the last one."""

@@ -43,6 +43,9 @@ PASSES = 8
 """Maximum number of passes. Noise levels and delays settle in three to six. Project choice."""
 SETTLED = (0.002, 0.03)
 """Largest change of a delay [s] and relative change of a noise level for the passes to end. Project choice."""
+TURNED = 1.5
+"""Range of the heading [rad] from which the turn of the compass in its mount is estimated. With less, tilt errors of
+the first seconds would pass for it, most of all in a steep field. Project choice."""
 HELD = 10.0
 """Time at the start of a pass [s] during which the trajectory of the last pass is kept for linearisation. The filter's
 first estimates are too far from the truth for it. Project choice."""
@@ -273,13 +276,21 @@ class _Stretch:
         for device, place in (*ARMED.items(), *DELAYED.items()):
             if device not in devices:
                 spread[place : place + (3 if device in ARMED and place == ARMED[device] else 1)] = 0.0
-        if "compass" not in self.series:
+        if not self._turns():
             spread[kernel.MOUNT : kernel.MOUNT + 3] = 0.0
         for device, arm in self.arms().items():
             x[ARMED[device] + 1 : ARMED[device] + 4] = arm
             spread[ARMED[device] : ARMED[device] + 3] = KNOWN_ARM
         np.fill_diagonal(P, spread**2)
         return x, P
+
+    def _turns(self) -> bool:
+        """Return whether the field turns enough in the compass's axes to show a turn of the mount."""
+        if "compass" not in self.series:
+            return False
+        field = self.series["compass"][2]
+        low, high = np.percentile(np.unwrap(np.arctan2(field[:, 1], field[:, 0])), (5.0, 95.0))
+        return bool(high - low > TURNED)
 
     def arms(self) -> dict[str, Vector]:
         """Return the known lever arms: those supplied, and those in the autopilot's parameters."""
@@ -406,6 +417,8 @@ class _Pass:
             known = np.diag(P)[kernel.GYRO :] > 0.0
             away = stretch.start[kernel.GYRO + 1 :] - x[kernel.GYRO + 1 :]
             pull[kernel.GYRO :][known] = -away[known] / np.diag(P)[kernel.GYRO :][known]
+            # The first heading counts too: without GPS nothing else separates it from the compass's constants.
+            pull[2] = -_turned_by(x[:4], stretch.start[:4]) / P[2, 2]
             x, held = stretch.start.copy(), HELD
         noise = np.array([*stretch.imu_noise, *DRIFTS])
         steps, self.told = np.zeros((s, kernel.STEP)), np.zeros((r, kernel.NODE + 2 * n))
@@ -420,8 +433,8 @@ class _Pass:
             rows.at, rows.numbers, noise, every, steps, self.told, self.x, self.P, shifts, self.levels,
             np.zeros((2 * n, n)), work,
         )  # fmt: skip
-        # The pass began at the constants of the last one. This returns them to their prior means, by the change of the
-        # information vector.
+        # The pass began at the state of the last one. This returns constants and heading to their prior means, by the
+        # change of the information vector.
         shifts += self.P @ pull
         self.x[:, 4:] += shifts[:, 3:]
         self.x[:, :4] = _turned(self.x[:, :4], shifts[:, :3])
@@ -464,6 +477,12 @@ def _turned(q: Array, by: Array) -> Array:
     )
     result: Array = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     return result
+
+
+def _turned_by(one: Array, other: Array) -> float:
+    """Return the angle [rad] between the headings of two quaternions, from the first to the second."""
+    first, second = (math.atan2(R[1, 0], R[0, 0]) for R in _matrices(np.array([one, other])))
+    return (second - first + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def _cross_matrix(a: Array) -> Array:

@@ -79,7 +79,7 @@ from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
 from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor
 from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
 from gcs_autotune.report.tune.document import tune_document
-from gcs_autotune.report.tune.run_directory import write_story
+from gcs_autotune.report.tune.run_directory import save_page, write_story
 from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.wording import proof_command
 
@@ -153,6 +153,7 @@ __all__ = [
     "propeller_document",
     "recheck_document",
     "reference_of",
+    "save_page",
     "script_digest",
     "sheets_document",
     "study_document",

@@ -251,7 +251,7 @@ def sheet_table(sheet: Sheet) -> Table:
 
 def _row(figure: Figure) -> tuple[str, ...]:
     reading = figure.reading
-    unit, factor = to_people(reading.unit)
+    unit, factor = ("%", 100.0) if figure.slug == "helm" and reading.unit == "1" else to_people(reading.unit)
     value = reading.value * factor
     shown = format_value(value, reading.std * factor) if math.isfinite(reading.std) else format_number(value)
     if reading.std == 0.0:

@@ -397,9 +397,14 @@ def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
     asked, share = run.meta.get("heading"), run.meta.get("steering")
     if isinstance(asked, float) and isinstance(share, float):
         helm = abs(share) * float(run.meta.get("full_rudder", 1.0)) if unit in ("rad", "1") else z.helm
-        return f"{helm_text(helm, unit)}/{math.degrees(asked):.0f}"
+        return f"{helm_text(helm, unit)}/{math.degrees(asked):.0f}{_sign(unit)}"
     helm = _ordered(z.helm, HELM_NEAR) if unit == "rad" else z.helm
-    return f"{helm_text(helm, unit)}/{math.degrees(_ordered(z.heading.value, HEADING_NEAR)):.0f}"
+    return f"{helm_text(helm, unit)}/{math.degrees(_ordered(z.heading.value, HEADING_NEAR)):.0f}{_sign(unit)}"
+
+
+def _sign(unit: str) -> str:
+    """Return the unit of the heading in a title. A zig-zag by rudder angle has none: 20/20 is its name at the IMO."""
+    return "" if unit == "rad" else "\N{DEGREE SIGN}"
 
 
 HELM_NEAR, HEADING_NEAR = 0.1, 1.0 / 6.0

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import Doubt, Parameter, Status
 from gcs_autotune.identify.problems import Local, descend, inverse_of
+from gcs_autotune.notebook import Display, Displayed, parameter_tables
+from gcs_autotune.rounding import format_number
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.thrusters.pull_test import PullTest, resolution
 from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap, all_structures
@@ -136,7 +138,7 @@ class MapCandidate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ThrusterFit:
+class ThrusterFit(Displayed):
     """A thruster map with its uncertainty.
 
     - ``covariance`` (7, 7): covariance of ``parameters``, in the order ``a_f b_f a_b b_b x_f x_b offset``.
@@ -153,6 +155,16 @@ class ThrusterFit:
     candidates: tuple[MapCandidate, ...]
     doubts: tuple[Doubt, ...]
     pulls: PullTest
+
+    def _display(self) -> Display:
+        title = (
+            f"thruster map of {self.pulls.name}, {self.structure.name}, fit {self.fit_percent:.1f} %; standard "
+            f"deviation of one pull {format_number(self.noise, 3)} N"
+        )
+        tables = parameter_tables(self.parameters, self.covariance)
+        return Display(
+            title, tuple(t for t in tables if t.rows), tuple(f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
+        )
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit as data for JSON."""

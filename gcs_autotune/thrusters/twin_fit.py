@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.identify import Doubt, Parameter
 from gcs_autotune.identify.problems import inverse_of
+from gcs_autotune.notebook import Display, Displayed, parameter_tables
+from gcs_autotune.rounding import format_number
 from gcs_autotune.thrusters.pull_test import COMMANDS, read_columns
 from gcs_autotune.thrusters.thruster_map import ThrusterMap
 from gcs_autotune.thrusters.twin_thrusters import TwinThrusters
@@ -66,7 +68,7 @@ class TwinTest:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TwinFit:
+class TwinFit(Displayed):
     """Coefficients that both thrusters share, with the thrusters at rest in the water.
 
     ``noise``: standard deviations of one row, ``X`` [N] and, if measured, ``N`` [N m].
@@ -77,6 +79,14 @@ class TwinFit:
     noise: Mapping[str, float]
     thrusters: TwinThrusters
     doubts: tuple[Doubt, ...] = ()
+
+    def _display(self) -> Display:
+        noise = ", ".join(f"{name} {format_number(std, 3)}" for name, std in self.noise.items())
+        title = f"two thrusters; standard deviation of one row: {noise}"
+        tables = parameter_tables(self.parameters, self.covariance)
+        return Display(
+            title, tuple(t for t in tables if t.rows), tuple(f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fit as data for JSON."""

@@ -8,10 +8,11 @@ from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from starlette.background import BackgroundTask
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
 from gcs_autotune.errors import UsageError
@@ -62,11 +63,21 @@ VERBS: Mapping[str, Callable[[Path, Path, str, Path], list[str]]] = {
     ],
 }
 """Operation on a record -> our command line for it, also with the record of another run."""
+MOST_PAGE = 16 * 1024 * 1024
+"""Size [bytes] of a page from which it is sent unchanged. Project choice."""
 REPORTS = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; "
     "sandbox allow-scripts allow-downloads; script-src "
 )
 """Content security policy of the pages in the folder of runs, except the permitted script: any style is allowed."""
+
+
+def _with_zip(page: str, request: Request) -> str:
+    """Return the text of a report with a link to its whole run as a zip, before the foot of the page."""
+    up = "../" * (2 + request.path_params["inner"].count("/"))
+    link = f'<p><a href="{up}zip/{quote(request.path_params["name"])}">Download the whole run (zip)</a></p>'
+    before, foot, after = page.rpartition("<footer>")
+    return before + link + foot + after if foot else page
 
 
 class Desk:
@@ -178,6 +189,8 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
         from gcs_autotune.report import script_digest  # imported with the first report: it takes a second
 
         headers = {"Content-Security-Policy": REPORTS + script_digest()}
+        if kind == "text/html" and path.stat().st_size < MOST_PAGE:
+            return HTMLResponse(_with_zip(path.read_text("utf-8", "replace"), request), headers=headers)
         if kind == "application/octet-stream":
             return FileResponse(path, media_type=kind, headers=headers, filename=path.name)
         return FileResponse(path, media_type=kind, headers=headers)

@@ -331,6 +331,6 @@ def _promise(proposal: Proposal) -> str:
     old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
     return (
         f"predicted: ITAE {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
-        f"{new.overshoot:.0%}; smallest margins {format_factor(low.gain, 2)} in gain, "
+        f"{new.overshoot:.0%}; smallest margins a factor of {format_factor(low.gain, 2)} in gain, "
         f"{math.degrees(low.phase):.0f} deg in phase"
     )

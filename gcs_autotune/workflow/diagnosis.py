@@ -17,7 +17,7 @@ from gcs_autotune.identify import load_model
 from gcs_autotune.kept_results import KeptResults, fingerprint, keeping
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.registry import lookup
-from gcs_autotune.report import diagnosis_document, to_html, to_json
+from gcs_autotune.report import diagnosis_document, save_page, to_json
 from gcs_autotune.trial import Trial
 
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
@@ -150,13 +150,11 @@ def write_diagnosis(told: Diagnosis, directory: Path, when: str, runs: Sequence[
     *runs*: the diagnosed runs, whose inputs and tracks the page plots. A stopped search has no model.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    page = directory / "report.html"
     title = f"Diagnosis of {', '.join(dict.fromkeys(told.used))}"
     document = diagnosis_document(told, title, when, str(directory), runs)
-    page.write_text(to_html(document), encoding="utf-8")
     (directory / "diagnosis.json").write_text(json_text(to_json(document)), encoding="utf-8")
     if told.verdict == "unfinished":
         (directory / MODEL).unlink(missing_ok=True)
     else:
         (directory / MODEL).write_text(json_text(told.extended_model.to_dict()), encoding="utf-8")
-    return page
+    return save_page(directory, document)

@@ -15,7 +15,7 @@ from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import AxisFit, save_model
 from gcs_autotune.link import Journal
 from gcs_autotune.observer import Observer
-from gcs_autotune.report import study_document, to_html
+from gcs_autotune.report import save_page, study_document
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext, tune_runner
@@ -65,7 +65,7 @@ def leave_experiment(record: RunDirectory, fit: AxisFit, runs: Sequence[Trial], 
     record.save_json("fit.json", fit.to_dict())
     save_model(fit, record.path / MODEL)
     study = study_of(fit, [run.proper for run in runs], title, when)
-    (record.path / "report.html").write_text(to_html(study_document(study)), encoding="utf-8")
+    save_page(record.path, study_document(study))
 
 
 def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneLog]) -> Mission:

@@ -18,6 +18,7 @@ from gcs_autotune.report import (
     TrialSummary,
     flight_document,
     preview_document,
+    save_page,
     to_html,
 )
 from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
@@ -129,13 +130,15 @@ def read_flight(
         save_model(model.fit, record.path / f"model{stem}.json")
     if sheets:
         record.save_json("figures.json", {"schema": 1, "sheets": [sheet.to_dict() for sheet in sheets]})
-    page = record.path / "report.html"
     tracks = [(settings.name, trial) for settings, trial in flown]
     predicted = runs[0].preview.trial if len(runs) == 1 else None
     asked = plan.title if plan.until is None else f"A trial for {plan.until.title}"
     title = f"{asked}: {common.connection.uri}"
-    document = flight_document(FlightStory(title, when, tracks, predicted, sheets, models, remarks, story_of(steps)))
-    page.write_text(to_html(document), encoding="utf-8")
+    told = FlightStory(
+        title, when, tracks, predicted, sheets, models, remarks, story_of(steps), str(common.directory or "")
+    )
+    document = flight_document(told)
+    page = save_page(record.path, document)
     return FlightResult(runs, page, document, sheets, models, remarks, steps)
 
 

@@ -51,7 +51,7 @@ from gcs_autotune.report import (
     figures_on,
     hold_document,
     position_figures,
-    to_html,
+    save_page,
 )
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
@@ -131,8 +131,7 @@ def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: s
     with record.summarised(f"hold {settings.what}", when):
         run_mission(visit, partial(_declare, task, flown), log)
     (held,) = flown
-    page = to_html(hold_document(held, f"Hold: {settings.what}", when))
-    (record.path / "report.html").write_text(page, encoding="utf-8")
+    save_page(record.path, hold_document(held, f"Hold {settings.what}", when))
     return held
 
 

@@ -169,7 +169,8 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             Intention(f"need {free}. A smaller --leg-length needs less", "Space", free),
             how_long(itinerary),
             battery(now, envelope, itinerary.seconds),
-            f"choose parameters for style {settings.style}: {style_of(settings.style).bandwidth:.0%} of the bandwidth",
+            f"choose parameters for style {settings.style}: {style_of(settings.style).bandwidth:.0%} of the turn rate "
+            "that the hull has in corners",
         ),
         fly=fly,
         writes="write no parameter (dry run)" if settings.dry_run else changes,

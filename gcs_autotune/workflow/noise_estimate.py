@@ -21,8 +21,8 @@ _TREND = 2
 """Order of the polynomial that is subtracted as motion."""
 
 _POOR = 3.0
-"""Fit's noise over that of the sample-to-sample changes, above which the model is poor. Coloured sensor noise stays
-below 2. Project choice."""
+"""Fit's noise over that of the sample-to-sample changes, above which the model is poor. It is 1.2 for the speed of a
+simulated boat. Project choice."""
 
 
 def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> float:

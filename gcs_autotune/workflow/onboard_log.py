@@ -21,7 +21,7 @@ from gcs_autotune.identify import AxisFit, fit_axis, structure_of
 from gcs_autotune.link import MavlinkCraft, OnboardLog, fetch_log, list_logs
 from gcs_autotune.logs import load_runs
 from gcs_autotune.observer import Observer
-from gcs_autotune.report import beside_telemetry, study_document, to_html
+from gcs_autotune.report import beside_telemetry, save_page, study_document
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
@@ -96,7 +96,7 @@ class RunLog:
                 continue
             self.record.save_json(f"fit-onboard{stem}.json", found.to_dict())
             document = study_document(study_of(found, runs, f"{fit.dof} from the onboard log", when))
-            (self.record.path / f"onboard{stem}.html").write_text(to_html(document), encoding="utf-8")
+            save_page(self.record.path, document, f"onboard{stem}.html")
             for line in beside_telemetry(fit, found):
                 self.observer.say(line)
 

@@ -138,7 +138,7 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
 
     flights = _Flights(visit, visit.runner(envelope, keep, gains=True), tune, size, duration)
     names = ", ".join(gain.parameter for gain in loop.gains)
-    times = "once" if tune.dry_run else "twice"
+    times, again = "once" if tune.dry_run else "twice", "" if tune.agreed else ", after asking again,"
     place = _Loiter(flights, tune, loop) if boat else _Position(flights, tune, loop)
     drifts = sum(leg.seconds for leg in relays) * drift
     metres = size + BOAT_ROOM if boat else math.sqrt(2.0) * size + ROV_ROOM + drifts
@@ -162,7 +162,7 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         fly=lambda journal: tune_loop(place, log, visit.agrees, journal, dry_run=tune.dry_run),
         writes="write no parameter (dry run)"
         if tune.dry_run
-        else f"write some of {names}, after asking again, and restore the old values unless the new ones prove better",
+        else f"write some of {names}{again} and restore the old values unless the new ones prove better",
         finish=partial(read_back, partial(loop.read, craft), visit),
     )
 
@@ -209,8 +209,9 @@ def _drift(craft: MavlinkCraft, present: Mapping[str, float]) -> float:
     most = unit * present.get(name, math.inf)
     if drift > CURRENT * most:
         raise PreconditionFailed(
-            f"the vehicle drifts at {drift:.2f} m/s, and its position loop commands {most:.2f} m/s at most "
-            f"({name}): the current is stronger than the craft. Wait for slack water"
+            f"the vehicle reports a drift of {drift:.2f} m/s, and its position loop commands {most:.2f} m/s at most "
+            f"({name}): the current is stronger than the craft, or GPS or DVL are lost. Check them, or wait for slack "
+            "water"
         )
     return drift
 
@@ -359,7 +360,7 @@ class _Position:
         if not fit.fit_percent >= EXPLAINED:
             raise NotInformative(
                 f"the {dof} model explains {fit.fit_percent:.0f} % of the motion, and {EXPLAINED:.0f} % are needed. "
-                "Wait for calmer water, or use a larger --step"
+                "Check GPS or DVL, wait for calmer water, or use a larger --step"
             )
         return fit
 

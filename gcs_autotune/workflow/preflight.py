@@ -16,6 +16,7 @@ from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware, Output, ServoMap, read_named
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
+    DOF_OF,
     HELD_DURING,
     MANOEUVRES,
     Manoeuvre,
@@ -430,6 +431,16 @@ def check_loop_has_motors(axis: Axis, craft: MavlinkCraft) -> None:
         )
 
 
+def _suits(kind: ManoeuvreKind, force: str, firmware: Firmware) -> bool:
+    """Return whether the vehicle can fly *kind* with *force*."""
+    if kind.for_force is None:
+        return False
+    try:
+        return kind.of(force).suits(firmware)
+    except UsageError:  # this manoeuvre cannot drive it
+        return False
+
+
 def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     """Check that the vehicle has the actuators that a manoeuvre needs, and a rudder if a rudder angle is set.
 
@@ -450,6 +461,12 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
             for k in MANOEUVRES.values()
             if k.make is not None and k.suits(firmware) and k.layered == kind.layered
         )
+        forces = [f for f in DOF_OF if kind.name in MANOEUVRES and _suits(MANOEUVRES[kind.name], f, firmware)]
+        if forces:  # only the chosen force is missing
+            raise WrongVehicle(
+                f"this vehicle ({firmware.name}) cannot drive {wanted}. "
+                f"Use {kind.name} with --force {' or '.join(forces)}"
+            )
         if kind.layered:
             raise WrongVehicle(
                 f"{kind.name} needs thrust {_AXES_OF[wanted[:1]]}, which this vehicle ({firmware.name}) lacks"

@@ -18,7 +18,7 @@ from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
 from gcs_autotune.observer import Observer
 from gcs_autotune.plain_json import json_text
-from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, to_html, to_json
+from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
@@ -260,7 +260,6 @@ def recheck(
     found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
     title = f"Recheck of {axis.name}: {common.connection.uri}"
     document = recheck_document(found, title, when, shown)
-    (directory / "report.html").write_text(to_html(document), encoding="utf-8")
     (directory / "recheck.json").write_text(json_text(to_json(document)), encoding="utf-8")
     numbers = {name: getattr(found.now, name) for name in STEP_NUMBERS}
     summary = {
@@ -272,4 +271,5 @@ def recheck(
         "metrics": {"before": numbers, "after": None},
     }
     (directory / SUMMARY).write_text(json_text(summary), encoding="utf-8")
+    save_page(directory, document)
     return found

@@ -34,7 +34,7 @@ from gcs_autotune.link import Journal, MavlinkCraft, Transport, difference, fing
 from gcs_autotune.manoeuvres import TO_COME_ABOUT, ComeBack
 from gcs_autotune.observer import Intention, Intentions, ListedStep, Observer, SilentObserver, StepList
 from gcs_autotune.plain_json import json_text
-from gcs_autotune.report import JobStep, JobStory, job_document, to_html, to_json
+from gcs_autotune.report import JobStep, JobStory, job_document, save_page, to_json
 from gcs_autotune.tunables import TUNABLES, Tunable
 from gcs_autotune.workflow.announcement import battery, exactly, styled
 from gcs_autotune.workflow.connection import arming
@@ -245,10 +245,10 @@ class _Job:
             if step.ending == "rejected":
                 yield Intention(f"not tune {step.name}: {step.reason}", f"Not {step.name}", step.reason)
         for name, mission in left.items():
-            yield Intention(f"for {name}, move: {mission.movements}")
+            yield Intention(f"move for {name}: {mission.movements}")
             space = mission.needs[0]
             told = space if isinstance(space, Intention) else Intention(space)
-            yield Intention(f"for {name}, {told.text}", name.capitalize(), told.brief or told.text)
+            yield Intention(f"{told.text} (for {name})", name.capitalize(), told.brief or told.text)
         seconds = sum(step.seconds for step in flown)
         each = ", ".join(f"{step.name} {exactly(step.seconds)}" for step in flown)
         brief = f"about {exactly(seconds)} of the vehicle's time"
@@ -413,7 +413,7 @@ class _Job:
         document = job_document(story)
         try:
             (self._path / SUMMARY).write_text(json_text(to_json(document)), encoding="utf-8")
-            (self._path / "report.html").write_text(to_html(document), encoding="utf-8")
+            save_page(self._path, document)
         except (OSError, BadFile) as error:
             self._observer.say(f"the report could not be written to {self._path}: {error}")
 

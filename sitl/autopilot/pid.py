@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sitl.autopilot.parameters import ParameterStore
-from sitl.autopilot.shaping import clamp, low_pass_share
+from sitl.autopilot.shaping import low_pass_share
 
 __all__ = ["Pid"]
 
@@ -46,7 +46,7 @@ class Pid:
         last = self.target
         if self._fresh:
             self._fresh = False
-            self.target = last = target
+            self.target = last = wanted = target
             self._error = error = target - measured
             self._derivative = 0.0
         else:
@@ -55,17 +55,19 @@ class Pid:
             self._error = error = before + self._new_error * (wanted - measured - before)
             self._derivative += self._new_slope * ((error - before) / dt - self._derivative)
         self.measured = measured
-        self.feed_forward = self.target * self._kff + (self.target - last) / dt * self._kdff
+        self.feed_forward = wanted * self._kff + (wanted - last) / dt * self._kdff
         if self._ki == 0.0:
             self.integrator = 0.0
         elif not limited or self.integrator * error < 0.0:
             limit = self._most if self._most > self.least_imax else self.least_imax
-            self.integrator = clamp(self.integrator + error * self._ki * dt, -limit, limit)
-        self.p_part = error * self._kp
-        self.d_part = self._derivative * self._kd
+            integral = self.integrator + error * self._ki * dt
+            self.integrator = -limit if integral < -limit else limit if integral > limit else integral
+        self.p_part = p_part = error * self._kp
+        self.d_part = d_part = self._derivative * self._kd
         if self._most_pd > 0.0:
             self._limit_p_and_d(self._most_pd)
-        return self.p_part + self.integrator + self.d_part
+            p_part, d_part = self.p_part, self.d_part
+        return p_part + self.integrator + d_part
 
     def _read_gains(self, dt: float) -> None:
         values = self._parameters.values

@@ -78,6 +78,8 @@ class RcInput:
         """
         low, trim, high, sign = self._ends(channel)
         pwm = self.pwm[channel]
+        if pwm == trim and dead_zone >= 0.0:  # as in most loops
+            return 0
         above, below = trim + dead_zone, trim - dead_zone
         if pwm > above and high != above:
             out = int(full * (pwm - above) / (high - above))
@@ -91,6 +93,8 @@ class RcInput:
         """Return a channel's stick position (-1 to 1) relative to its trim, without a dead zone."""
         low, trim, high, sign = self._ends(channel)
         pwm = self.pwm[channel]
+        if pwm == trim:  # as in most loops
+            return 0.0
         span = high - trim if pwm >= trim else trim - low
         return 0.0 if span <= 0.0 else max(-1.0, min(1.0, sign * (pwm - trim) / span))
 

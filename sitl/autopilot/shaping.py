@@ -45,7 +45,9 @@ def sqrt_controller(error: float, p: float, limit: float, dt: float) -> float:
     else:
         linear = limit / (p * p)
         rate = math.sqrt(2.0 * limit * (size - 0.5 * linear)) if size > linear else size * p
-    return math.copysign(min(rate, size / dt) if dt > 0.0 else rate, error)
+    if dt > 0.0 and size / dt < rate:
+        rate = size / dt
+    return math.copysign(rate, error)
 
 
 def invert_sqrt_controller(rate: float, p: float, limit: float) -> float:
@@ -62,6 +64,9 @@ def low_pass_share(cutoff: float, dt: float) -> float:
     return 1.0 if cutoff <= 0.0 else dt / (dt + 1.0 / (math.tau * cutoff))
 
 
+_ROOT_2 = math.sqrt(2.0)
+
+
 class TwoPoleLowPass:
     """Second-order Butterworth low-pass, like ArduPilot's filter of gyro and accelerometer.
 
@@ -69,28 +74,27 @@ class TwoPoleLowPass:
     filter, solved exactly for an input that is linear between two calls. Its delay is ``sqrt(2)/w_c``.
     """
 
-    __slots__ = ("_dt", "_fade", "_input", "_w", "_wave", "output", "slope")
+    __slots__ = ("_cutoff", "_dt", "_fade", "_input", "_pole", "_w", "_wave", "output", "slope")
 
     def __init__(self) -> None:
-        self._w = self._dt = -1.0
+        self._cutoff = self._w = self._pole = self._dt = -1.0
         self._fade, self._wave = 0.0, (1.0, 0.0)
         self._input = self.output = self.slope = math.nan
 
     def apply(self, value: float, cutoff: float, dt: float) -> float:
         """Return the filtered *value*, *dt* [s] after the last. A *cutoff* [Hz] of 0 passes it unfiltered."""
-        if cutoff <= 0.0 or math.isnan(self._input):
+        before = self._input
+        if cutoff <= 0.0 or before != before:  # NaN: this is the first value
             self._input, self.output, self.slope = value, value, 0.0
             return value
-        if math.tau * cutoff != self._w or dt != self._dt:
-            self._w, self._dt = math.tau * cutoff, dt
-            decay = self._w * dt / math.sqrt(2.0)
+        if cutoff != self._cutoff or dt != self._dt:
+            self._cutoff, self._w, self._dt = cutoff, math.tau * cutoff, dt
+            self._pole, decay = self._w / _ROOT_2, self._w * dt / _ROOT_2
             self._fade, self._wave = math.exp(-decay), (math.cos(decay), math.sin(decay))
-        climb = (value - self._input) / dt
-        late = math.sqrt(2.0) * climb / self._w
-        pole = self._w / math.sqrt(2.0)
-        error, change = self.output - (self._input - late), self.slope - climb
-        c, s = self._wave
-        self.output = value - late + self._fade * (error * c + (change / pole + error) * s)
-        self.slope = climb + self._fade * (change * c - (change + 2.0 * pole * error) * s)
+        climb = (value - before) / dt
+        late, pole, fade, (c, s) = _ROOT_2 * climb / self._w, self._pole, self._fade, self._wave
+        error, change = self.output - (before - late), self.slope - climb
+        self.output = output = value - late + fade * (error * c + (change / pole + error) * s)
+        self.slope = climb + fade * (change * c - (change + 2.0 * pole * error) * s)
         self._input = value
-        return self.output
+        return output

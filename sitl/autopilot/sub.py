@@ -167,14 +167,16 @@ class Sub(Autopilot):
         """Hold the roll and pitch of the sticks, level with both centred."""
         if not self.tilts:
             return
-        estimate, most = self.estimate, math.radians(self.parameters["ANGLE_MAX"] / 100.0)
-        roll = most * self.rc.angle(_ROLL, _STICK_FULL, 0.0) / _STICK_FULL
-        pitch = most * self.rc.angle(_PITCH, _STICK_FULL, 0.0) / _STICK_FULL
+        estimate, motors = self.estimate, self.motors
+        roll: float = self.rc.angle(_ROLL, _STICK_FULL, 0.0)
+        pitch: float = self.rc.angle(_PITCH, _STICK_FULL, 0.0)
+        if roll or pitch:
+            most = math.radians(self.parameters["ANGLE_MAX"] / 100.0)
+            roll, pitch = most * roll / _STICK_FULL, most * pitch / _STICK_FULL
         if self._tilt_target is not None and self.ms - self._target_ms < _TARGET_LIFE_MS:
             roll, pitch = self._tilt_target
         self.roll.hold(roll)
         self.pitch.hold(pitch)
-        motors = self.motors
         motors.roll = self.roll.run(estimate.roll, estimate.roll_rate, abs(motors.roll) >= 1.0)
         motors.pitch = self.pitch.run(estimate.pitch, estimate.pitch_rate, abs(motors.pitch) >= 1.0)
 

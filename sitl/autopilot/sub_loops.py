@@ -74,8 +74,9 @@ class SubAngleController:
             self._target = remainder(angle + error, tau)
         wanted = sqrt_controller(error, p, self._limit, dt) + self._target_rate
         if top > 0.0:
-            wanted = clamp(wanted, -top, top)
-        return clamp(self.pid.update(wanted, rate, dt, limited), -1.0, 1.0)
+            wanted = -top if wanted < -top else top if wanted > top else wanted
+        output = self.pid.update(wanted, rate, dt, limited)
+        return -1.0 if output < -1.0 else 1.0 if output > 1.0 else output
 
     def _read_gains(self) -> None:
         values, (p, most, top, slew) = self._parameters.values, self._names

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.servo_rail import ServoRail
@@ -94,7 +94,7 @@ class SubMotors:
         elif demands == self._written and not rail.is_overridden:
             return
         self._written = demands
-        distinct = list(self._pulses_of(*demands))
+        distinct = self._pulses_of(*demands)
         rail.write_motors([distinct[k] for k in self._which], _FIRST_MOTOR_FUNCTION)
 
     def _read_frame(self) -> None:
@@ -102,19 +102,23 @@ class SubMotors:
         self._version = self._parameters.version
         self._lowest, self._highest = int(values["MOT_PWM_MIN"]), int(values["MOT_PWM_MAX"])
         motors = [
-            (*factors, -_SPAN_PWM if values[f"MOT_{n}_DIRECTION"] < 0.0 else _SPAN_PWM)
+            (not any(factors[3:]), *factors, -_SPAN_PWM if values[f"MOT_{n}_DIRECTION"] < 0.0 else _SPAN_PWM)
             for n, factors in enumerate(_FRAMES.get(int(values["FRAME_CONFIG"]), ()), start=1)
         ]
         self._motors = list(dict.fromkeys(motors))
         self._which = [self._motors.index(motor) for motor in motors]
 
-    def _pulses_of(self, yaw: float, ahead: float, side: float, up: float, roll: float, pitch: float) -> Iterator[int]:
-        """Yield the pulse [us] of each distinct motor."""
-        is_tilted, low, high = roll or pitch, self._lowest, self._highest
-        for by_yaw, by_ahead, by_side, by_up, by_roll, by_pitch, span in self._motors:
-            output = yaw * by_yaw + ahead * by_ahead + side * by_side + up * by_up
-            if is_tilted:
-                output += roll * by_roll + pitch * by_pitch
+    def _pulses_of(self, yaw: float, ahead: float, side: float, up: float, roll: float, pitch: float) -> list[int]:
+        """Return the pulse [us] of each distinct motor."""
+        is_tilted, low, high, pulses = roll or pitch, self._lowest, self._highest, []
+        for is_level, by_yaw, by_ahead, by_side, by_up, by_roll, by_pitch, span in self._motors:
+            if is_level:  # a motor that neither lifts nor tilts
+                output = yaw * by_yaw + ahead * by_ahead + side * by_side
+            else:
+                output = yaw * by_yaw + ahead * by_ahead + side * by_side + up * by_up
+                if is_tilted:
+                    output += roll * by_roll + pitch * by_pitch
             output = 1.0 if output > 1.0 else -1.0 if output < -1.0 else output
             pulse = int(_NEUTRAL_PWM + span * output + _ROUNDING)
-            yield low if pulse < low else high if pulse > high else pulse
+            pulses.append(low if pulse < low else high if pulse > high else pulse)
+        return pulses

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sitl.camera import BOARDS, NOISE, PoolCamera, WallCamera, pool_dive, write_png, write_table
+from sitl.camera import BOARDS, NOISE, Dive, PoolCamera, WallCamera, pool_dive, write_png, write_table
+from sitl.effects import BadEffect, HiddenEffect, parse_effect
 
 __all__ = ["main"]
 
@@ -28,6 +29,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     wall.add_argument("--angle", type=float, default=0.0, help="angle to the wall [deg], -15 to 15 (default 0)")
     pool = scenes.add_parser("pool", help="S-manoeuvre of the VideoRay seen from above, its log, floor and boards")
     pool.add_argument("--seconds", type=int, default=40, help="length, 5 to 120 s (default 40)")
+    pool.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        type=_effect,
+        metavar="EFFECT",
+        help="hidden effect, such as input-delay@N.delay=0.3, in N and N m (`sitl --list-effects`); may be repeated",
+    )
     for scene in (wall, pool):
         scene.add_argument("folder", type=Path, metavar="DIR", help="folder to write")
         scene.add_argument("--noise", choices=list(NOISE), default="clear", help="noise (default clear)")
@@ -42,7 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if not 5 <= args.seconds <= 120:
         parser.error("--seconds: use 5 to 120 s")
-    _write_pool(args.folder, PoolCamera(args.noise, seed=args.seed), args.seed, args.seconds)
+    try:
+        dive = pool_dive(args.seed, args.seconds, args.effect)
+    except BadEffect as error:
+        parser.error(f"--effect: {error}")
+    _write_pool(args.folder, PoolCamera(args.noise, seed=args.seed), dive)
     sys.stdout.write(f"{args.folder}: pictures, times.csv, log.csv, floor.csv, truth.csv and boards\n")
     return 0
 
@@ -56,8 +69,14 @@ def _write_wall(folder: Path, camera: WallCamera, angle: float) -> None:
     write_table(folder / "truth.csv", "d[cm],angle[deg]", truth)
 
 
-def _write_pool(folder: Path, camera: PoolCamera, seed: int, seconds: int) -> None:
-    dive = pool_dive(seed, seconds)
+def _effect(text: str) -> HiddenEffect:
+    try:
+        return parse_effect(text)
+    except BadEffect as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _write_pool(folder: Path, camera: PoolCamera, dive: Dive) -> None:
     for number, (x, y, psi) in enumerate(dive.seen, start=1):
         write_png(folder / f"{number:04d}.png", camera.picture(x, y, psi))
     write_table(folder / "times.csv", "t[s]", dive.video_t[:, None])

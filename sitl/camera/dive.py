@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sitl.effects import BadEffect, HiddenEffect, Setting
 from sitl.plants import AxisDynamics, Coupling, PlanarHull, Water, Wrench
 
 __all__ = ["BOARDS", "Dive", "pool_dive", "write_table"]
@@ -41,8 +43,16 @@ class Dive:
     offset: float
 
 
-def pool_dive(seed: int, seconds: int = 40) -> Dive:
-    """Return a dive of *seconds*: the yaw moment to and fro while the craft moves ahead and astern."""
+def pool_dive(seed: int, seconds: int = 40, effects: Sequence[HiddenEffect] = ()) -> Dive:
+    """Return a dive of *seconds*: the yaw moment to and fro while the craft moves ahead and astern.
+
+    effects : hidden effects on thrusters, hull and water. Their inputs are in N and N m.
+
+    Raises
+    ------
+    BadEffect
+        An effect has no place here, or is one on a sensor or a file.
+    """
     rng = np.random.default_rng(seed)
     hull = PlanarHull(
         AxisDynamics(8.2372, 4.4283, 0.0),  # Miskovic2007, final matrices
@@ -56,18 +66,48 @@ def pool_dive(seed: int, seconds: int = 40) -> Dive:
     state.z, state.psi = 1.0, float(rng.uniform(-3.0, 3.0))
     X, N = float(rng.uniform(1.4, 2.2)), float(rng.uniform(0.05, 0.11))
     ahead, turning = _signs(rng, 10 * seconds + 12, 25, 38)[12:], _signs(rng, 10 * seconds, 12, 26)
+    _begin(effects, hull, {"X": X, "N": N}, seed)
+    plain = dict(hull.parameters)
     offset, start = 50.0 + 10.0 * seed, _LATE + _PHASE
     seen, log = [], []
     for k in range(100 * seconds):
         row = k // _PERIOD
-        wrench = Wrench(X=X * ahead[row], N=N * turning[row])
+        commands = {"X": X * ahead[row], "N": N * turning[row]}
         if k % _PERIOD == 0:
-            log.append((offset + (k - start) * _STEP, wrench.X, wrench.N, state.r + rng.normal(0.0, _GYRO)))
+            log.append((offset + (k - start) * _STEP, *commands.values(), state.r + rng.normal(0.0, _GYRO)))
         if k >= start and (k - start) % _PERIOD == 0:
             seen.append((state.x, state.y, state.psi))
+        hull.parameters.update(plain)
+        for effect in effects:
+            effect.alter_input(k * _STEP, _STEP, commands)
+        wrench = Wrench(**commands)
+        for effect in effects:
+            effect.alter_force(k * _STEP, wrench)
+            effect.alter_water(k * _STEP, hull.water)
+            effect.alter_parameters(k * _STEP, hull.parameters)
         hull.step(wrench, _STEP)
     video_t: Array = np.arange(len(seen)) * np.float64(_PERIOD * _STEP)
     return Dive(np.array(seen), video_t, np.array(log), offset)
+
+
+def _begin(effects: Sequence[HiddenEffect], hull: PlanarHull, most: dict[str, float], seed: int) -> None:
+    """Start the *effects* on *hull*, whose largest commands are *most*."""
+    setting = Setting(
+        state=hull.state,
+        water=hull.water,
+        parameters=hull.parameters,
+        dofs=("surge", "sway", "yaw"),
+        inputs={"X": "surge", "N": "yaw"},
+        swing=most,
+        gain={"surge": 1.0, "yaw": 1.0},
+        signals=("x", "y", "psi"),
+        seed=str(seed),
+        cruise=most["X"] / hull.parameters["surge.beta"],
+    )
+    for effect in effects:
+        if effect.overrides("alter_measurement") or effect.overrides("alter_file"):
+            raise BadEffect(f"{effect.slug}: a camera has no such error. Use an effect on thrusters, hull or water")
+        effect.begin(setting)
 
 
 def _signs(rng: np.random.Generator, rows: int, least: int, most: int) -> list[float]:

@@ -137,9 +137,10 @@ class MissionProtocol:
     def send_reached(self) -> None:
         """Send MISSION_ITEM_REACHED for what has been reached."""
         reached = self._port.vehicle.autopilot.reached_items
-        for index in reached:
-            self._port.send(mavlink.MAVLink_mission_item_reached_message(index))
-        reached.clear()
+        if reached:
+            for index in reached:
+                self._port.send(mavlink.MAVLink_mission_item_reached_message(index))
+            reached.clear()
 
     # -- inside
 

@@ -240,6 +240,56 @@ class RigidBody:
         self._wrench[0] = wrench.X, wrench.Y, wrench.Z, wrench.K, wrench.M, wrench.N
         kernel.fly(*self._arguments, dt, steps, self._out)
 
+    def fly_copies(
+        self, parameters: Mapping[str, Array], commands: Array, wrenches: Array, *, dt: float, steps: int
+    ) -> Array:
+        """Return the states (c, n, 13) of c copies of this body, flown in one call through n intervals.
+
+        The copies differ in *parameters* and start in the state of this body, which does not change. A state is
+        position [m] north, east, down, the quaternion w x y z of the attitude, velocities [m/s] and rates [rad/s] in
+        body axes, at the end of an interval. There is no soft spring at surface and bottom (:meth:`step`).
+
+        Parameters
+        ----------
+        parameters : name of ``self.parameters`` -> values (c,).
+        commands : (n, p + r) commands of propellers and rudders in each interval, the same for all copies.
+        wrenches : (n, 6) X Y Z [N] K M N [N m] in each interval, the same for all copies.
+        dt, steps : length [s] and number of the steps of an interval.
+
+        Raises
+        ------
+        ValueError
+            There is no such parameter, or a shape does not fit.
+        """
+        unknown = sorted(set(parameters) - set(self.parameters))
+        if unknown:
+            raise ValueError(f"the body has no parameter {unknown[0]}. It has {', '.join(self.parameters)}")
+        values = [np.asarray(each, dtype=np.float64) for each in parameters.values()]
+        counts = {each.shape for each in values}
+        if len(counts) != 1 or len(next(iter(counts))) != 1:
+            raise ValueError(f"the values of all parameters must have one shape (c,), not {sorted(counts)}")
+        if commands.shape != (len(wrenches), len(self.commands)) or wrenches.shape[1:] != (6,):
+            raise ValueError(
+                f"commands {commands.shape} and wrenches {wrenches.shape} must have the shapes "
+                f"(n, {len(self.commands)}) and (n, 6)"
+            )
+        (count,) = values[0].shape
+        own, bodies = dict(self.parameters), np.empty((count, *self.body.shape))
+        for body, numbers in zip(bodies, np.stack(values, axis=1).tolist(), strict=True):
+            self.parameters.update(zip(parameters, numbers, strict=True))
+            body[:] = self.body
+        self.parameters.update(own)
+        at = self.state
+        state = (at.x, at.y, at.z, *self._attitude(), at.u, at.v, at.w, at.p, at.q, at.r)
+        states, rotors, propellers, rudders = (
+            np.repeat(np.asarray(each, dtype=np.float64)[None], count, axis=0)
+            for each in (state, self.rotors, self.propellers, self.rudders)
+        )
+        commands, wrenches = (np.ascontiguousarray(each, dtype=np.float64) for each in (commands, wrenches))
+        work, out = np.zeros_like(self._work), np.empty((count, len(commands), 13))
+        kernel.fly(states, rotors, bodies, propellers, rudders, commands, wrenches, work, dt, steps, out)
+        return out
+
     def acceleration(self, nu: Sequence[float], wrench: Wrench) -> list[float]:
         """Return ``nudot`` (6,) [m/s^2, rad/s^2] at the velocity *nu* (6,) under *wrench*, in the present attitude."""
         self._array[0] = (0.0, 0.0, self.state.z, *self._attitude(), *nu)
@@ -316,7 +366,8 @@ def angles_of(q: Quaternion) -> Vector:
     """Return the Euler angles (phi, theta, psi) [rad] of a unit quaternion."""
     w, x, y, z = q
     phi = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    theta = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
+    sine = 2.0 * (w * y - z * x)
+    theta = math.asin(-1.0 if sine < -1.0 else 1.0 if sine > 1.0 else sine)
     return phi, theta, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 

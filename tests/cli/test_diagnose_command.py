@@ -193,3 +193,12 @@ def test_a_file_that_is_no_model_is_refused_by_name(capsys, tmp_path, runs):
         code, _, err = run(capsys, "diagnose", runs[0], "--model", wrong, *FAST)
         assert code == 6
         assert "wrong.json" in err
+
+
+@pytest.mark.parametrize(
+    "option", [("--effects", "dead-zone"), ("--max-seconds", "3"), ("--dof", "yaw"), ("--jobs", "2")]
+)
+def test_a_table_of_parameters_rejects_the_options_of_runs(tmp_path, capsys, option):
+    (tmp_path / "table.csv").write_text("level,inertia,drag\n1,2,3\n2,2,3\n3,2,3\n4,2,3\n")
+    assert main(["diagnose", str(tmp_path / "table.csv"), *option]) == 2
+    assert f"so {option[0]} cannot apply" in capsys.readouterr().err

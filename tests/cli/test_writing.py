@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 from datetime import datetime
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from gcs_autotune.cli import main
 from gcs_autotune.cli.command import run_directory
-from gcs_autotune.cli.writing import fresh, on_replacing
+from gcs_autotune.cli.writing import fresh, in_plain_signs, on_replacing
 
 
 def record(path: Path) -> Path:
@@ -69,3 +70,12 @@ def test_two_runs_begun_in_the_same_second_have_a_directory_each(
     first = run_directory(args, "sitl:charlie", now)
     first.mkdir(parents=True)
     assert run_directory(args, "sitl:charlie", now).name == f"{first.name}-2"
+
+
+def test_a_terminal_without_utf_8_gets_words_for_the_signs_it_lacks() -> None:
+    for encoding, wanted in (("ascii", "30 deg +- 2 s^2 ?"), ("latin-1", "30° ± 2 s² ?"), ("utf-8", "30° ± 2 s² ψ")):
+        stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+        in_plain_signs(stream)
+        stream.write("30° ± 2 s² ψ")
+        stream.flush()
+        assert stream.buffer.getvalue().decode(encoding) == wanted

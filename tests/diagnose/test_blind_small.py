@@ -24,6 +24,12 @@ def test_a_hidden_effect_is_named_first(slug: str) -> None:
     assert outcome.right, the(outcome)
 
 
+@pytest.mark.parametrize(("slug", "index"), [("bank-suction", 10), ("shallow-water", 0)])
+def test_what_depends_on_the_place_is_named_from_the_track(slug: str, index: int) -> None:
+    outcome = play("environment", SEED, index, slug)
+    assert outcome.right, the(outcome)
+
+
 def test_nothing_is_found_where_nothing_is_hidden() -> None:
     outcome = play("clean", SEED, 0, "")
     assert outcome.strictly_right, the(outcome)

@@ -161,6 +161,19 @@ def test_depth_is_minus_relative_altitude_and_positive_down(told: Told) -> None:
     assert math.isnan(telemetry.value("u")), "without a fix the velocity is not known to be zero"
 
 
+def test_a_position_that_the_autopilot_has_lost_is_not_used(told: Told) -> None:
+    def status(flags: int) -> Any:
+        return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
+
+    place = mavlink.MAVLink_local_position_ned_message(1200, 10.0, 20.0, 3.0, 0.5, 0.0, 0.0)
+    never_had_one, has_one = 167, 831
+    assert told.tell(attitude(1000), status(never_had_one), place).value("x") == 10.0
+    assert told.tell(status(has_one), place).value("x") == 10.0
+    lost = told.tell(status(never_had_one), place)
+    assert math.isnan(lost.value("x")) and math.isnan(lost.value("u")) and lost.value("z") == 3.0
+    assert told.tell(status(has_one), place).value("x") == 10.0
+
+
 def test_home_and_origin_may_be_at_different_depths(told: Told) -> None:
     local = mavlink.MAVLink_local_position_ned_message(1000, 0.0, 0.0, 2.53, 0.0, 0.0, 0.0)
     telemetry = told.tell(

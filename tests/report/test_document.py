@@ -36,6 +36,8 @@ from gcs_autotune.report.study import document as study
 from gcs_autotune.report.toolkit.document import IN_RESULT, Figure, Note, Remark, Section, Table, Verdict
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.tune import document as tune
+from gcs_autotune.seatrials import Reading, Sheet
+from gcs_autotune.seatrials.criteria import judged
 
 GOOD = LoopCheck("heading", "good", "The heading loop is good.", "good", (), LoopNumbers(overshoot=0.05))
 FLOWN = FlightStory("zig-zag", "", (("zig-zag", report_stories.step_trial()),))
@@ -121,7 +123,7 @@ def test_a_column_that_80_characters_have_no_space_for_is_on_the_page_only() -> 
     assert "meaning" not in render_text(document) and "meaning" in to_html(document)
 
 
-def test_the_verdict_ends_the_terminal_unless_a_lead_begins_it() -> None:
+def test_the_verdict_ends_the_terminal_with_its_lead_in_the_box() -> None:
     document = shown(Note("words"), verdict=Verdict("It works.", "good"), contradictions=("x and y disagree.",))
     boxed = render_text(document).splitlines()[-3:]
     assert boxed[0][0] + boxed[2][0] == "╭╰"
@@ -129,7 +131,7 @@ def test_the_verdict_ends_the_terminal_unless_a_lead_begins_it() -> None:
     assert render_text(document).index("disagree") < render_text(document).index("words")
     assert "It works. x and y disagree." in Page(to_html(document)).text
     led = render_text(replace(document, lead="Your boat is fine."))
-    assert led.index("Your boat is fine.") < led.index("It works.") < led.index("words")
+    assert led.index("words") < led.index("╭") < led.index("Your boat is fine.") < led.index("It works.")
 
 
 def test_a_document_draws_nothing_until_it_is_a_page() -> None:
@@ -149,3 +151,13 @@ def test_facts_of_a_section_replace_its_text_in_json() -> None:
     one = Section("one", "First", (Note("3 Wh"),), facts={"energy": 10800.0})
     two = Section("two", "Second", (Note("words"),), facts=IN_RESULT)
     assert to_json(Document("", (one, two), facts={"schema": 1})) == {"schema": 1, "energy": 10800.0}
+
+
+def test_a_flight_ends_with_its_figures_and_what_can_be_undone() -> None:
+    first = judged("first", "first overshoot", Reading(0.1, 0.0, "rad"))
+    figures = (judged("helm", "helm", Reading(0.67, 0.0, "1")), first)
+    sheet = Sheet("zig-zag", "zig-zag", "67 %/20° zig-zag", figures, "", ())
+    text = render_text(flight_document(replace(FLOWN, sheets=(sheet,))))
+    assert " 67 " in text
+    boxed = " ".join(text[text.index("╭") :].replace("│", " ").split())
+    assert "67 %/20° zig-zag. First overshoot: 5.73°. No parameter was written, so there is nothing to undo." in boxed

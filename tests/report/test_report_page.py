@@ -118,7 +118,9 @@ def test_every_figure_has_a_description_for_those_who_cannot_see_it(pages):
 
 def test_the_verdict_comes_before_everything_else(pages):
     text = Page(pages["kept"]).text
-    places = [text.index(w) for w in ("better in a measured step", "parameter old new", "Step before", "To restore")]
+    places = [
+        text.index(w) for w in ("better in a measured step", "parameter old new", "Step before", "command restores")
+    ]
     assert places == sorted(places)
 
 
@@ -151,7 +153,7 @@ def test_bad_news_stands_where_it_is_seen(pages):
 
 def test_an_aborted_tune_says_why_and_claims_nothing_it_does_not_know(pages):
     text = Page(pages["aborted"]).text
-    assert "Heading excursion 131 deg is beyond the limit" in text
+    assert "Heading excursion 131° is beyond the limit" in text
     assert "No parameter was written." in text
     assert "not read" in text
     for absent in ("Stability", "Model and measurement", "Relay experiments", "Doubts"):

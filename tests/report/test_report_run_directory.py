@@ -13,7 +13,7 @@ import report_stories as stories
 from rich.console import Console
 
 from gcs_autotune.models import SingleDof
-from gcs_autotune.report import print_document, tune_document, write_story
+from gcs_autotune.report import Document, print_document, save_page, tune_document, write_story
 from gcs_autotune.report.toolkit import page
 from gcs_autotune.report.tune import run_directory as room
 
@@ -122,3 +122,18 @@ def test_the_undo_command_stands_whole_on_one_line_for_copying():
     print_document(console, tune_document(stories.kept()))
     lines = out.getvalue().splitlines()
     assert "  gcs-autotune params restore runs/2026-11-20T20-12-00-heading/parameters_before.param" in lines
+
+
+def test_the_page_of_every_run_has_the_vehicle_in_its_title_and_links_to_the_files(tmp_path):
+    (tmp_path / "trials").mkdir()
+    (tmp_path / "trials" / "01 step.csv").write_text("t[s]\n")
+    document = Document("Recheck of heading: udpin:0.0.0.0:14550", ())
+    text = save_page(tmp_path, document).read_text(encoding="utf-8")
+    assert "<h1>Recheck of heading: udpin:0.0.0.0:14550</h1>" in text
+    assert "gcs-autotune share" not in text  # no vehicle, so not a run
+    (tmp_path / "journal.jsonl").write_text('{"event": "opened", "vehicle": {"firmware": "ArduRover"}}\n')
+    text = save_page(tmp_path, document).read_text(encoding="utf-8")
+    assert "<h1>Recheck of heading: udpin:0.0.0.0:14550 · ArduRover</h1>" in text
+    assert f"gcs-autotune share {tmp_path}" in text
+    for name in ("trials/01%20step.csv", "journal.jsonl", "summary.json"):
+        assert f'<a href="{name}">' in text

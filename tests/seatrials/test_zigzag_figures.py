@@ -136,7 +136,7 @@ def test_the_title_names_the_angles_that_were_ordered():
     shares = replace(
         late, meta={"heading": 20.0 * DEG, "steering": 2 / 3}, channels={"psi": late["psi"], "N": by_share}
     )
-    assert ship_figures(shares)[0].title.startswith("67 %/20 zig-zag")
+    assert ship_figures(shares)[0].title.startswith("67 %/20° zig-zag")
 
 
 def test_the_title_of_a_record_without_its_orders_is_their_likely_round_number():

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from sitl.plants import GRAVITY, AxisDynamics, Ballast, RigidBody, Water, Wrench, coupling_of, kernel
+from sitl import load_vehicle
+from sitl.plants import GRAVITY, AxisDynamics, Ballast, RigidBody, Water, Wrench, coupling_of
 from sitl.plants.rigid_body import DOFS, angles_of, quaternion_of, rotate
 
 SPEEDS = "uvwpqr"
@@ -253,19 +254,42 @@ def test_the_specific_force_adds_up_to_the_velocity_over_ground_of_a_tilting_bod
     assert gained == pytest.approx(rotate(after, (at.u, at.v, at.w)), abs=1e-9)
 
 
-def test_a_batch_of_bodies_flies_as_each_does_alone():
+def test_copies_of_a_body_fly_in_one_call_as_each_does_alone():
     written = Written()
-    hulls = [place(written.ours(), [0.1 * k, 0.0, 0.0, 0.2, 0.1, -0.3]) for k in range(5)]
-    for k, hull in enumerate(hulls):
-        hull.parameters["surge.beta"] = 2.0 + k
-    states = np.array([[0.0, 0.0, 50.0, 1.0, 0.0, 0.0, 0.0, *velocity(hull)] for hull in hulls])
-    nothing = np.zeros((5, 0)), np.zeros((5, 0, kernel.PROPELLER)), np.zeros((5, 0, kernel.RUDDER))
-    out = np.zeros((5, 4, 13))
-    kernel.fly(
-        states, nothing[0], np.array([hull.body for hull in hulls]), nothing[1], nothing[2], np.zeros((4, 0)),
-        np.tile(written.tau, (4, 1)), np.zeros((kernel.WORK, kernel.COLUMNS)), 0.01, 25, out,
-    )  # fmt: skip
-    for k, hull in enumerate(hulls):
-        flown(hull, written.tau, 1.0, 0.01)
-        assert out[k, -1, 7:] == pytest.approx(velocity(hull), abs=1e-12)
-        assert out[k, -1, :3] == pytest.approx([hull.state.x, hull.state.y, hull.state.z], abs=1e-12)
+    start = [0.1, 0.0, 0.0, 0.2, 0.1, -0.3]
+    hull, drags, inertias = place(written.ours(), start), 2.0 + np.arange(5.0), np.linspace(1.0, 1.4, 5)
+    before = dict(hull.parameters)
+    numbers = {"surge.beta": drags, "yaw.alpha": inertias}
+    out = hull.fly_copies(numbers, np.zeros((4, 0)), np.tile(written.tau, (4, 1)), dt=0.01, steps=25)
+    assert hull.parameters == before and velocity(hull).tolist() == start
+    for k, (drag, inertia) in enumerate(zip(drags, inertias, strict=True)):
+        alone = place(written.ours(), start)
+        alone.parameters.update({"surge.beta": drag, "yaw.alpha": inertia})
+        flown(alone, written.tau, 1.0, 0.01)
+        assert out[k, -1, 7:] == pytest.approx(velocity(alone), abs=1e-12)
+        assert out[k, -1, :3] == pytest.approx([alone.state.x, alone.state.y, alone.state.z], abs=1e-12)
+
+
+def test_copies_of_a_vehicle_turn_their_propellers_by_the_commands_of_each_interval():
+    rov = load_vehicle("ies-rov").make_plant()
+    commands = np.zeros((2, len(rov.commands)))
+    commands[1] = 0.5
+    out = rov.fly_copies({"yaw.beta": np.ones(3)}, commands, np.zeros((2, 6)), dt=0.01, steps=100)
+    assert (out[0] == out[2]).all()
+    assert abs(out[0, 0, 7:]).max() < 1e-9 < 0.01 < abs(out[0, 1, 7:]).max()
+    assert not rov.rotors.any()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "shapes", "words"),
+    [
+        ({"surge.gamma": np.ones(3)}, ((4, 0), (4, 6)), "no parameter surge.gamma"),
+        ({"surge.beta": np.ones(3), "yaw.beta": np.ones(2)}, ((4, 0), (4, 6)), "must have one shape"),
+        ({}, ((4, 0), (4, 6)), "must have one shape"),
+        ({"surge.beta": np.ones(3)}, ((4, 1), (4, 6)), r"must have the shapes \(n, 0\) and \(n, 6\)"),
+        ({"surge.beta": np.ones(3)}, ((4, 0), (3, 6)), "must have the shapes"),
+    ],
+)
+def test_what_does_not_fit_a_batch_is_named(numbers, shapes, words):
+    with pytest.raises(ValueError, match=words):
+        Written().ours().fly_copies(numbers, *(np.zeros(shape) for shape in shapes), dt=0.01, steps=1)

@@ -115,7 +115,8 @@ def test_a_study_without_a_fitting_worker_ends_with_both_versions(client: Any, t
         ran(study_file(tmp_path, "add", TEN), tmp_path / "out", lambda s: on(client, unsuited=partial(_wrong, s))(s))
 
 
-def test_a_scheduler_that_does_not_answer_is_named() -> None:
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs_autotune.study.cluster._PATIENCE", 0.5)
     with pytest.raises(CannotOpenLink, match="no Dask scheduler answers at nowhere"), cluster_of(1, "nowhere:1"):
         pass
 

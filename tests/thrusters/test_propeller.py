@@ -29,6 +29,7 @@ def tank(quadratic: float = 0.0, seed: int = 0, noise: float = 0.05) -> OpenWate
 
 def test_thrust_and_torque_coefficients_come_out_within_their_errors():
     fit = fit_open_water(tank(), D, rho=RHO)
+    assert "value ± standard error  relative" in str(fit) and "standard deviation of one run: T" in str(fit)
     for name, value in {"alpha_1": KT[0], "alpha_2": KT[1], "beta_1": KQ[0], "beta_2": KQ[1]}.items():
         p = fit.parameters[name]
         assert abs(p.value - value) < 3.5 * p.std and p.std < 0.05 * abs(value)

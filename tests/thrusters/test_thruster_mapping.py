@@ -46,6 +46,7 @@ def pulls(seed: int = 1, noise: float = 0.1, ahead=AHEAD, astern=ASTERN, offset:
 @pytest.mark.slow
 def test_dead_zone_and_both_directions_are_found_within_their_errors():
     fit = fit_thruster(pulls())
+    assert "parameters" in str(fit) and "value ± standard error  relative" in str(fit)
     assert fit.structure.dead != "none" and not fit.structure.same_sides
     n = np.linspace(-1.0, 1.0, 201)
     assert np.max(np.abs(fit.map.force(n) - water(n, AHEAD, ASTERN))) < 0.2

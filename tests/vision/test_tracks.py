@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.cli import main
+from gcs_autotune.diagnose import diagnose
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.trial import Channel, Trial, load_trial
 from gcs_autotune.vision import (
@@ -27,6 +28,7 @@ from gcs_autotune.vision import (
 )
 from sitl.camera import PoolCamera, pool_dive, write_png
 from sitl.camera.__main__ import main as render
+from sitl.effects import BadEffect, parse_effect
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed (gcs-autotune[vision])")
 
@@ -54,6 +56,27 @@ def dive_of(seed: int = 1, seconds: int = 40) -> tuple[Track, Trial, float]:
     units = {"X": "N", "N": "N m", "r": "rad/s"}
     log = Trial("log", {n: Channel(n, units[n], dive.log[:, 0], v) for n, v in rows.items()})
     return Track("video", dive.video_t, x, y, psi, 0, True), log, dive.offset
+
+
+def test_an_effect_hidden_in_a_dive_moves_the_craft_but_is_not_in_the_log() -> None:
+    plain, late = pool_dive(1, 10), pool_dive(1, 10, [parse_effect("input-delay@N.delay=0.3")])
+    assert late.log[:, :3] == pytest.approx(plain.log[:, :3])
+    assert np.abs(late.seen[:, 2] - plain.seen[:, 2]).max() > 0.1
+    with pytest.raises(BadEffect, match=r"quantisation: a camera has no such error\. Use an effect on thrusters"):
+        pool_dive(1, 10, [parse_effect("quantisation@psi.step=0.1")])
+
+
+@pytest.mark.slow
+def test_a_delay_is_found_in_the_run_of_a_track() -> None:
+    dive = pool_dive(2, 25, [parse_effect("input-delay@N.delay=0.3")])
+    x, y, psi = dive.seen.T + np.random.default_rng(1).normal(0.0, 1e-3, (3, len(dive.seen)))
+    rows = dict(zip(("X", "N", "r"), dive.log[:, 1:].T, strict=True))
+    units = {"X": "N", "N": "N m", "r": "rad/s"}
+    log = Trial("log", {n: Channel(n, units[n], dive.log[:, 0], v) for n, v in rows.items()})
+    run = joined(Track("video", dive.video_t, x, y, psi, 0, True), log).run
+    (cause,) = diagnose(run, dof="yaw", effects=["input-delay", "dead-zone", "actuator-lag"]).causes
+    assert cause.effect.slug == "input-delay"
+    assert cause.parameters["delay"].value == pytest.approx(0.3, abs=0.02)
 
 
 def test_boards_and_four_points_give_lens_and_floor(camera: FloorCamera) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import sys
 from collections.abc import AsyncIterator, Iterator
 from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import urljoin
 
 import pytest
 from starlette.testclient import TestClient
@@ -72,6 +74,17 @@ def test_a_report_may_run_nothing_but_the_script_of_its_charts(client: TestClien
     policy = answer.headers["content-security-policy"]
     assert "allow-same-origin" not in policy
     assert policy.endswith(f"; script-src {script_digest()}")
+
+
+def test_a_report_that_is_served_links_to_the_zip_of_its_run(client: TestClient, runs: Path) -> None:
+    file = runs / "20260101-run" / "report.html"
+    for page in (file, runs / "20260101-run" / "trials" / "more.html"):
+        page.write_text("<main>a<footer>b</footer></main>")
+        where = f"/files/{page.relative_to(runs).as_posix()}"
+        told = client.get(where).text
+        (link,) = re.findall(r'<main>a<p><a href="([^"]*)">Download the whole run \(zip\)</a></p><footer>', told)
+        assert client.get(urljoin(where, link)).headers["content-type"] == "application/zip"
+    assert "zip" not in file.read_text()
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_no_position_is_refused_before_anything_moves(tmp_path: Path) -> None:
 def test_a_current_stronger_than_the_craft_is_refused_with_its_speed(tmp_path: Path) -> None:
     harness = rov(tmp_path, parameters={"WPNAV_SPEED": 30.0})
     harness.vehicle.plant.water.V_x = 0.5
-    with pytest.raises(PreconditionFailed, match=r"drifts at 0\.[45]\d m/s.*0\.30 m/s"):
+    with pytest.raises(PreconditionFailed, match=r"reports a drift of 0\.[45]\d m/s.*0\.30 m/s"):
         position(harness)
     harness.assert_untouched()
 

@@ -220,8 +220,8 @@ def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
 def _note_late_rates(session: Session, lag: float) -> None:
     if lag >= _LATE:
         session.notes.append(
-            f"the autopilot's gyro filter ({_GYRO_FILTER}) delays turn rates by {1e3 * lag:.0f} ms. The timestamps of "
-            "turn rates are corrected. The heading has no delay and is fitted first"
+            f"the autopilot's gyro filter ({_GYRO_FILTER}) delays turn rates by {1e3 * lag:.0f} ms. Their timestamps "
+            "are corrected"
         )
 
 

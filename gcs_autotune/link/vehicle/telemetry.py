@@ -20,7 +20,7 @@ from gcs_autotune.frames import flat, to_body
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.wall_beams import WallBeams, yaw_of
 from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog
-from gcs_autotune.mavlink import Frame, Message, message_number
+from gcs_autotune.mavlink import Frame, Message, mavlink, message_number
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Mark, Trial
 
@@ -90,6 +90,8 @@ _BETWEEN = 1.0
 """Longest interval [s] over which a depth is interpolated. Project choice."""
 _PREFER_LOCAL = 2.0
 """Time [s] without LOCAL_POSITION_NED after which GLOBAL_POSITION_INT supplies the position. Project choice."""
+_HAS_PLACE = int(mavlink.EKF_POS_HORIZ_REL | mavlink.EKF_POS_HORIZ_ABS)
+"""Bits of EKF_STATUS_REPORT.flags of an estimator with a position."""
 _UNKNOWN_VOLTAGE = 65535
 _LONGEST_GAP = 0.5
 """Silence of the outputs [s] above which a change gets the time stamp of its own message. Project choice."""
@@ -137,6 +139,7 @@ class Telemetry:
         self.depth_offset = 0.0
         """Depth below the estimator's origin minus depth below home [m]. They differ by centimetres or more."""
         self._local_z = self._global_z = (math.nan, math.nan)
+        self._had_place = self._lost_place = False
         self.output_ticks = 0
         self.distance_t = self.angle_t = math.nan
         self._beams = WallBeams()
@@ -160,6 +163,7 @@ class Telemetry:
             "SYS_STATUS": self._sys_status,
             "NAMED_VALUE_FLOAT": self._named_value,
             "DISTANCE_SENSOR": self._distance,
+            "EKF_STATUS_REPORT": self._estimator,
             "MISSION_CURRENT": partial(self._mission_item, 0),
             "MISSION_ITEM_REACHED": partial(self._mission_item, 1),
             "SYSTEM_TIME": lambda m: self.watchdog.check_boot_time(m.time_boot_ms * 1e-3),
@@ -240,7 +244,7 @@ class Telemetry:
         self._compare_depths(earlier, self._local_z)
         if self._position_source in ("", "local"):
             self._position_source = "local"
-            self._take(t, {"x": m.x, "y": m.y, **self._velocity(t, m.vx, m.vy)})
+            self._take_motion(t, m.x, m.y, m.vx, m.vy)
         if self._depth_source in ("", "local"):
             self._depth_source = "local"
             self._take(t, {"z": m.z, "w": m.vz})
@@ -256,7 +260,19 @@ class Telemetry:
             self.fix = m.lat * 1e-7, m.lon * 1e-7
         if self.fix is not None and has_fix and self._use_global(t):
             x, y = self._flat(*self.fix)
-            self._take(t, {"x": x, "y": y, **self._velocity(t, m.vx * 1e-2, m.vy * 1e-2)})
+            self._take_motion(t, x, y, m.vx * 1e-2, m.vy * 1e-2)
+
+    def _take_motion(self, t: float, x: float, y: float, north: float, east: float) -> None:
+        """Record position [m] and velocity over ground [m/s]; NaN while the autopilot has lost its position."""
+        if self._lost_place:
+            x = y = north = east = math.nan
+        self._take(t, {"x": x, "y": y, **self._velocity(t, north, east)})
+
+    def _estimator(self, m: Message) -> None:
+        """Note whether the autopilot has lost a position that it had: it reports the last one on and on."""
+        has_place = bool(m.flags & _HAS_PLACE)
+        self._had_place |= has_place
+        self._lost_place = self._had_place and not has_place
 
     def _compare_depths(self, earlier: tuple[float, float], later: tuple[float, float]) -> None:
         """Compare the depth below home with the depth below the estimator's origin, interpolated to the same time.

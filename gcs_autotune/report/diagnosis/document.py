@@ -256,7 +256,7 @@ def _ranking(examined: _Examined) -> Iterator[Section]:
     )
     if examined.diagnosis.ranking:
         parts: tuple[Part, ...] = (Note(_HOW_TO_READ_RANKING, kind="quiet"), *steps)
-        yield Section("ranking", "Candidates tried", parts, facts=IN_RESULT)
+        yield Section("ranking", "Candidates tried", parts, detail=True, facts=IN_RESULT)
 
 
 def _use(examined: _Examined) -> Iterator[Section]:

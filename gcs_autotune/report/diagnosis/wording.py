@@ -67,8 +67,8 @@ MOST_PLACES = 3
 
 
 def effect_words(slug: str) -> str:
-    """Return the slug of an effect as words: ``dead-zone`` is ``dead zone``."""
-    return slug.replace("-", " ")
+    """Return the slug of an effect as words: ``dead-zone`` is ``dead zone``, ``N_u`` is ``derivative N_u``."""
+    return slug.replace("-", " ") if slug.islower() else f"derivative {slug}"
 
 
 def signal_words(signal: str) -> str:
@@ -161,7 +161,7 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
         followed = "The extended model follows the held-out data"
         sentences.append(f"{followed}{_as_closely(diagnosis.left)}.")
     if diagnosis.indistinguishable:
-        sentences.append("Other causes remain possible. See below: causes that these runs do not distinguish.")
+        sentences.append("Other causes remain possible: see 'Causes that these runs do not distinguish'.")
     return Verdict(
         _wrong(diagnosis.numbers, diagnosis) if diagnosis.numbers and diagnosis.wrong_numbers else _found(diagnosis),
         tone,
@@ -310,16 +310,11 @@ def _found(diagnosis: Diagnosis) -> str:
         begin = "found" if diagnosis.verdict == "wrong-numbers-and-effect" else "a hypothesis"
     said = f"{begin}: {_named_by_kind(diagnosis)}."
     gain = diagnosis.gain
-    if gain is None or not (math.isfinite(gain.before) and math.isfinite(gain.after)):
-        return said
+    if gain is None or not gain.ratio >= 1.0:
+        return said  # the sentence on the improvement follows
     it = "it" if len(diagnosis.causes) == 1 else "them"
-    if gain.ratio >= 1.0:
-        seen = f"{signal_words(gain.signal)}{_ahead(gain)}"
-        return f"{said} Adding {it} does not improve prediction of the {seen} on held-out data."
-    return (
-        f"{said} With {it}, the error of the simulated {signal_words(gain.signal)}{_ahead(gain)} falls from "
-        f"{format_error(gain.before, gain.unit, 3)} to {format_error(gain.after, gain.unit, 3)} on held-out data."
-    )
+    seen = f"{signal_words(gain.signal)}{_ahead(gain)}"
+    return f"{said} Adding {it} does not improve prediction of the {seen} on held-out data."
 
 
 def _named_by_kind(diagnosis: Diagnosis) -> str:

@@ -98,7 +98,7 @@ class Comparison(Displayed):
         if not rows:
             return "The runs have no model in common, so only their loops are compared."
         if not self.changed:
-            return "The craft has not changed: every difference between the models is within its interval."
+            return "The craft has not changed: the models differ by no more than their uncertainty, taken together."
         changed = [(run, row.dof) for run, row in rows if row.changed]
         others = " and ".join(dict.fromkeys(_number(self, run) for run, _ in changed))
         differs = f"The model of run {others} differs by more than the intervals"

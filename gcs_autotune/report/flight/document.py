@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +18,7 @@ from gcs_autotune.report.plots import label_as_read
 from gcs_autotune.report.study.document import damping_section, model_section
 from gcs_autotune.report.study.study import answer_sentences
 from gcs_autotune.report.study.tables import unseen_table
-from gcs_autotune.report.summaries import sheet_section
+from gcs_autotune.report.summaries import sheet_section, sheet_table
 from gcs_autotune.report.toolkit.axis_fit import explained_sentence
 from gcs_autotune.report.toolkit.canvas import AFTER, new_axes
 from gcs_autotune.report.toolkit.document import (
@@ -95,6 +96,7 @@ class FlightStory:
     ``sheets``, ``models``: results from the records.
     ``remarks``: results that the records do not determine.
     ``steps``: runs of a self-planned trial.
+    ``directory``: the run directory as the user typed it; empty if nothing is to follow.
     """
 
     title: str
@@ -105,6 +107,7 @@ class FlightStory:
     models: Sequence[FlightModel] = ()
     remarks: Sequence[str] = ()
     steps: Sequence[TrialSummary] = ()
+    directory: str = ""
 
     @property
     def is_single(self) -> bool:
@@ -126,7 +129,7 @@ def flight_document(story: FlightStory) -> Document:
     return Document(
         title=story.title,
         when=format_moment(story.when),
-        verdict=Verdict(f"Flown: {what}.", "bad" if oscillates else "good", ended),
+        verdict=Verdict(f"Flown: {what}.", "bad" if oscillates else "good", (*ended, *_found(story, bool(doubts)))),
         key_figures=tuple(_key_figures(story)),
         doubts=tuple(dict.fromkeys(doubts)) or None,
         sections=tuple(section for make in SECTIONS for section in make(story)),
@@ -136,6 +139,41 @@ def flight_document(story: FlightStory) -> Document:
             "models": [model.to_dict() for model in story.models],
         },
     )
+
+
+SET = ("helm", "heading change at rudder reversal")
+"""Figures that were commanded, not found."""
+MOST_FIGURES = 3
+"""Largest number of figures in the verdict. Project choice."""
+
+
+def _found(story: FlightStory, doubtful: bool) -> Iterator[str]:
+    """Yield sentences on what the flight gave: the first figures, the models, and what can be undone."""
+    for sheet in story.sheets:
+        rows = [row for row in sheet_table(sheet).rows if row[0] not in SET][:MOST_FIGURES]
+        told = "; ".join(f"{name}: {value.partition(' ±')[0]}{_apart(unit)}" for name, value, unit, *_ in rows)
+        said = f" {sheet.verdict[:1].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
+        yield f"{sheet.title[:1].upper()}{sheet.title[1:]}. {told[:1].upper()}{told[1:]}.{said}"
+    for model in story.models:
+        yield f"Model of {model.fit.dof}: {format_percent(model.fit.fit_percent)} of the motion explained."
+    if doubtful:
+        yield "See the doubts above before you use these results."
+    yield "No parameter was written, so there is nothing to undo."
+
+
+def _apart(unit: str) -> str:
+    return unit if not unit or unit.startswith("\N{DEGREE SIGN}") else f" {unit}"
+
+
+def _next(story: FlightStory) -> Iterator[Section]:
+    """Yield the commands that use the result."""
+    if story.directory and story.models:
+        folder = shlex.quote(story.directory)
+        commands = (
+            Note(f"gcs-autotune authority {folder}", "What the craft can do, from these models:", kind="command"),
+            Note(f"gcs-autotune diagnose {folder}", "What a simulation with this model gets wrong:", kind="command"),
+        )
+        yield Section("next", "What next", commands, facts=IN_RESULT)
 
 
 def preview_document(
@@ -239,7 +277,7 @@ def _record(story: FlightStory) -> Iterator[Section]:
     yield Section("record", "Record", parts, facts=IN_RESULT, folded=has_diagram)
 
 
-SECTIONS = (_runs, _course, _sheets, _models, _record)
+SECTIONS = (_runs, _course, _sheets, _models, _record, _next)
 """Functions that return the sections of the report, in their order. To add a section, add its function here."""
 
 

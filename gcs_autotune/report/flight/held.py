@@ -294,6 +294,10 @@ _Story = tuple[str, tuple[str, ...], tuple[Section, ...]]
 Held = HeldLoop | HeldLine | HeldDistance | HeldPosition
 
 
+NOTHING_WRITTEN = "No parameter was written, so there is nothing to undo."
+"""Sentence of the verdict: our own controllers fly in MANUAL."""
+
+
 def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
     """Return the report: does the craft follow, the gains, the margins, the flight."""
     if isinstance(held, HeldPosition):
@@ -307,7 +311,7 @@ def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
     return Document(
         title=heading,
         when=format_moment(when),
-        verdict=Verdict(text, "good" if held.follows else "bad", sentences),
+        verdict=Verdict(text, "good" if held.follows else "bad", (*sentences, NOTHING_WRITTEN)),
         sections=sections,
         facts=held.to_dict(),
     )
@@ -415,12 +419,12 @@ def _of_loop(held: HeldLoop) -> _Story:
 
 def gains_of_own(design: OwnDesign) -> Table:
     """Return the gains of a controller of our own."""
-    law, wanted = design.law, design.wanted
+    law, wanted, unit = design.law, design.wanted, design.model.axis.position_unit
     rows = [
         ("structure", law.structure.name, ""),
-        ("K_P", format_number(law.K_P, 4), "input per rad or m"),
-        ("K_I", format_number(law.K_I, 4), "input per rad s or m s"),
-        ("K_D", format_number(law.K_D, 4), "input per rad/s or m/s"),
+        ("K_P", format_number(law.K_P, 4), f"input per {unit}"),
+        ("K_I", format_number(law.K_I, 4), f"input per {unit} s"),
+        ("K_D", format_number(law.K_D, 4), f"input per {unit}/s"),
         ("compensated quadratic drag", format_number(law.drag, 3) if law.drag else "", ""),
         ("compensated constant disturbance", format_number(law.disturbance, 3) if law.disturbance else "", "input"),
         (f"model function: {wanted.kind}, third order", format_number(wanted.omega_0, 3), "rad/s"),
@@ -437,9 +441,12 @@ def _margins(design: OwnDesign) -> Table:
             if math.isfinite(found.gain)
             else "unlimited",
         ),
-        ("phase margin", f"{math.degrees(found.phase):.0f} deg"),
+        ("phase margin", f"{math.degrees(found.phase):.0f}°"),
         ("vector margin", f"{found.vector:.2f}"),
-        ("stable for every model within its uncertainty", f"{format_number(left, 3)} < {format_number(right, 3)}"),
+        (
+            "stable for every model within its uncertainty",
+            f"{'yes' if left < right else 'no'} (bound: {format_number(left, 3)} below {format_number(right, 3)})",
+        ),
     )
     return Table(("margin", "value"), "ll", rows)
 

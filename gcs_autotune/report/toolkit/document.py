@@ -30,6 +30,7 @@ __all__ = [
     "Tone",
     "Verdict",
     "bullets",
+    "files_section",
     "is_empty",
     "notes",
 ]
@@ -206,6 +207,18 @@ def sections_of(front: Iterable[Maker[Made]], folded: Iterable[Maker[Made]], of:
 def notes(texts: tuple[str, ...]) -> Iterator[Note]:
     """Yield each of the sentences as a note."""
     return (Note(text) for text in texts)
+
+
+def files_section(directory: str, files: Iterable[str]) -> Iterator[Section]:
+    """Yield a folded section with links to the *files* beside a page; *directory*: that of the run, to share it."""
+    links = tuple(Note(name, kind="bullet", file=name) for name in files)
+    share = Note(
+        f"gcs-autotune share {directory}" if directory else "",
+        "To pack them into one file to send to others:",
+        kind="command",
+    )
+    if links:
+        yield Section("files", "Files of this run", (*links, share), detail=True, facts=IN_RESULT, folded=True)
 
 
 def bullets(texts: tuple[str, ...]) -> Iterator[Note]:

@@ -14,6 +14,7 @@ from markupsafe import Markup
 from gcs_autotune.report.toolkit.canvas import pens, to_svg
 from gcs_autotune.report.toolkit.chart import chart_script, to_chart
 from gcs_autotune.report.toolkit.document import Document, Figure, Note, Part, Section, Table, is_empty
+from gcs_autotune.report.toolkit.wording import with_signs
 from gcs_autotune.untrusted_text import visible
 
 __all__ = ["drawn", "to_html"]
@@ -60,6 +61,7 @@ def to_html(document: Document) -> str:
         lstrip_blocks=True,
     )
     environment.filters["glued"] = _glued
+    environment.filters["signed"] = with_signs
     environment.filters["wide"] = _is_wide
     environment.filters["quoted"] = quote
     sections = [laid for section in document.sections if (laid := _laid(section)).blocks]
@@ -118,5 +120,5 @@ def _least_width(cells: Sequence[str], align: str) -> int:
 
 
 def _glued(text: str) -> str:
-    """Keep a number and its unit on one line."""
-    return re.sub(r"(?<=\d) (?=%|(?:s|m|dB|Hz)\b)", "\u00a0", text)
+    """Return *text* in the notation of the reports, with each number and its unit on one line."""
+    return re.sub(r"(?<=\d) (?=%|(?:s|m|dB|Hz)\b)", "\u00a0", with_signs(text))

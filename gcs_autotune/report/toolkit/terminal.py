@@ -24,7 +24,7 @@ STYLES: Mapping[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "b
 
 DOUBTFUL = "bold yellow"
 
-LAST = ("resume", "undo")
+LAST = ("next", "resume", "undo")
 """Sections that stand directly above the verdict, to be on a screen of 24 lines with it. Project choice."""
 
 BOX = 80
@@ -34,9 +34,9 @@ BOX = 80
 def to_terminal(document: Document) -> Group:
     """Return *document* as a ``rich`` renderable, without figures and details. Print it with :func:`print_document`.
 
-    Contradictions come first. A document with a lead begins with the lead and its verdict. Any other document ends with
-    its verdict in a box, so that it is the last thing on the screen. The commands that undo or continue stand directly
-    above the box, because doubts may have any length.
+    Contradictions come first. The document ends with its lead and verdict in a box, so that they are the last thing on
+    the screen. What to do next, and the commands that undo or continue, stand directly above the box, because doubts
+    may have any length.
     """
     return Group(*_pieces(document))
 
@@ -60,9 +60,6 @@ def _pieces(document: Document) -> Iterator[RenderableType]:
     if document.contradictions:
         yield _title("Columns that contradict each other", STYLES["bad"])
         yield from (_bullet(text) for text in document.contradictions)
-    verdict = list(_verdict(document))
-    if document.lead:
-        yield from verdict
     for section in document.sections:
         if section.slug not in LAST:
             yield from _section(section)
@@ -74,8 +71,7 @@ def _pieces(document: Document) -> Iterator[RenderableType]:
     for section in document.sections:
         if section.slug in LAST:
             yield from _section(section)
-    if not document.lead:
-        yield from verdict
+    yield from _verdict(document)
 
 
 def _verdict(document: Document) -> Iterator[RenderableType]:
@@ -84,12 +80,8 @@ def _verdict(document: Document) -> Iterator[RenderableType]:
         return
     style = STYLES[verdict.tone]
     sentences = [_text(sentence) for sentence in verdict.sentences]
-    if document.lead:
-        yield _title(document.lead, style)
-        yield _title(verdict.text)
-        yield from sentences
-        return
-    said = Group(Text(with_signs(visible(verdict.text)), style=style), *sentences)
+    lead = [Text(with_signs(visible(document.lead)), style=style)] if document.lead else []
+    said = Group(*lead, Text(with_signs(visible(verdict.text)), style="" if lead else style), *sentences)
     yield _apart(Panel(said, box=box.ROUNDED, border_style=style.removeprefix("bold "), width=BOX))
 
 

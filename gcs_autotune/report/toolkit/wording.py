@@ -77,7 +77,8 @@ def with_signs(text: str) -> str:
 
 
 def _signs(text: str) -> str:
-    return re.sub(r"(?<=\d)%(?!\w)", " %", re.sub(r"(?<=\d) deg\b", "°", text))
+    text = re.sub(r"(?<=\d)%(?!\w)", " %", re.sub(r"(?<=\d) deg\b", "°", text))
+    return re.sub(r"(?<=[\d.]) s\^2\b", " s²", text.replace(" +- ", " ± "))
 
 
 def format_parameter(name: str, value: float, std: float, unit: str) -> str:

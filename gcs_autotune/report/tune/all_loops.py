@@ -12,6 +12,7 @@ from typing import Any
 
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, Tone, Verdict, bullets
 from gcs_autotune.report.toolkit.wording import format_moment, format_number, format_seconds, format_share, sentence
+from gcs_autotune.report.tune.wording import SIMULATED_UNDO
 
 __all__ = ["JobStep", "JobStory", "job_document"]
 
@@ -20,6 +21,8 @@ FLOWN = ("kept", "restored", "unchanged", "dry-run", "declined")
 RECHECK = "recheck "
 WORSE = ("degraded", "poorly damped", "oscillates")
 """Verdicts of a recheck that call for another tune."""
+UNDECIDED = ("undecided", "not identifiable")
+"""Endings of a recheck without a verdict."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +152,9 @@ def _verdict(story: JobStory) -> Verdict:
     sentences = [sentence(story.stopped)] if story.stopped else []
     sentences += [sentence(f"{step.name}: {_better(step)}") for step in tuned if step.ending == "kept"]
     sentences += [sentence(f"{step.name}: {step.reason or step.ending}") for step in worse]
+    open_checks = [s.name for s in story.steps if s.is_recheck and s.ending in UNDECIDED]
+    if open_checks:
+        sentences.append(f"No verdict from {' and '.join(open_checks)}: see the remarks.")
     return Verdict(text, tone, tuple(sentences))
 
 
@@ -187,7 +193,8 @@ def _sections(story: JobStory) -> Iterator[Section]:
             "resume", "How to continue", (Note(story.resume, "The next step:", kind="command"),), facts=IN_RESULT
         )
     if any(step.ending == "kept" for step in story.steps):
-        undo = Note(story.undo, "This restores the parameters of before all steps:", kind="command")
+        told = f"{SIMULATED_UNDO}:" if story.simulated else "This restores the parameters of before all steps:"
+        undo = Note(story.undo, told, kind="command")
         yield Section("undo", "How to undo", (undo,), facts=IN_RESULT)
     yield Section("details", "Time and steps", tuple(_details(story)), detail=True, facts=IN_RESULT)
 

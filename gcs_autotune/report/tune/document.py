@@ -25,6 +25,7 @@ from gcs_autotune.report.toolkit.document import (
     Table,
     bullets,
     cautions,
+    files_section,
     notes,
     sections_of,
 )
@@ -82,10 +83,10 @@ MOST_PARAMETERS = 24
 
 def tune_document(story: TuneStory) -> Document:
     """Return the report of a tune, as far as the tune was completed. Its JSON form is ``summary.json``."""
-    fit = story.fit
+    fit, firmware = story.fit, story.vehicle.get("firmware")
     doubts = (*cautions(story.doubts), *(() if fit is None else remarks(fit.doubts)))
     return Document(
-        title=f"{story.title[:1].upper()}{story.title[1:]}: {story.ending}",
+        title=f"{story.title[:1].upper()}{story.title[1:]}{f' of {firmware}' if firmware else ''}: {story.ending}",
         about=(str(story.vehicle.get("name", "vehicle not identified")),),
         when=format_moment(story.when),
         badge="simulated vehicle" if story.vehicle.get("simulated", False) else "",
@@ -285,12 +286,7 @@ def _parameters(story: TuneStory) -> Iterator[Section]:
 
 
 def _files(story: TuneStory) -> Iterator[Section]:
-    files = tuple(Note(name, kind="bullet", file=name) for name in story.files)
-    share = Note(
-        f"gcs-autotune share {story.directory}", "To pack them into one file to send to others:", kind="command"
-    )
-    parts = (*files, share) if files and story.directory else files
-    yield Section("files", "Files of this run", parts, detail=True, facts=IN_RESULT)
+    yield from files_section(story.directory, story.files)
 
 
 FRONT = (_gains, _line, _position, _thrust, _step, _proof, _undo)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,14 +12,17 @@ from gcs_autotune.documents import MODEL
 from gcs_autotune.identify import model_document
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report.toolkit.data import to_json
+from gcs_autotune.report.toolkit.document import Document, files_section
 from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.story import TuneStory
+from gcs_autotune.untrusted_text import visible
+from gcs_autotune_files import Refused, parse
 
-__all__ = ["PAGE", "SUMMARY", "write_story"]
+__all__ = ["PAGE", "SUMMARY", "save_page", "write_story"]
 
 
-PAGE, SUMMARY = "report.html", "summary.json"
+PAGE, SUMMARY, JOURNAL = "report.html", "summary.json", "journal.jsonl"
 
 
 def write_story(story: TuneStory, directory: Path) -> Path:
@@ -46,6 +49,32 @@ def write_story(story: TuneStory, directory: Path) -> Path:
     return _write(directory / PAGE, to_html(document))
 
 
+def save_page(directory: Path, document: Document, name: str = PAGE) -> Path:
+    """Write *document* as the page *name* of a run: with the vehicle in its title and links to the run's files.
+
+    Raises
+    ------
+    OSError
+        The directory cannot be written.
+    """
+    vehicle = _vehicle_of(directory)
+    title = document.title if not vehicle or vehicle in document.title else f"{document.title} · {vehicle}"
+    files = files_section(
+        str(directory) if vehicle else "", _list_files(directory, {name, SUMMARY} if vehicle else {name})
+    )
+    return _write(directory / name, to_html(replace(document, title=title, sections=(*document.sections, *files))))
+
+
+def _vehicle_of(directory: Path) -> str:
+    """Return the firmware of the vehicle of a run, from its journal; empty without one."""
+    try:
+        with (directory / JOURNAL).open("rb") as lines:
+            told = parse(lines.readline()).get("vehicle")
+    except (OSError, Refused, AttributeError):
+        return ""
+    return visible(str(told.get("firmware") or "")) if isinstance(told, dict) else ""
+
+
 def _parts(story: TuneStory) -> Mapping[str, Any]:
     parts: dict[str, Any] = {}
     if story.fit is not None:
@@ -62,9 +91,10 @@ def _parts(story: TuneStory) -> Mapping[str, Any]:
     return parts
 
 
-def _list_files(directory: Path) -> tuple[str, ...]:
+def _list_files(directory: Path, written: Iterable[str] = (SUMMARY, PAGE)) -> tuple[str, ...]:
+    """Return the files of a run with those that are still to be *written*."""
     found = {p.relative_to(directory).as_posix() for p in directory.rglob("*") if p.is_file() and p.suffix != ".part"}
-    return tuple(sorted(found | {SUMMARY, PAGE}))
+    return tuple(sorted(found | set(written)))
 
 
 def _write(path: Path, text: str) -> Path:

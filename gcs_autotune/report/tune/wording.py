@@ -22,6 +22,7 @@ from gcs_autotune.report.tune.story import TuneStory
 
 __all__ = [
     "PROOF_SENTENCE",
+    "SIMULATED_UNDO",
     "bound_sentence",
     "improvement",
     "parameters_sentence",
@@ -84,7 +85,7 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
     return (
         f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
         f"{format_share(after.overshoot)} (before: {format_share(before.overshoot)}); "
-        f"{_settling_words(after)} (before: {settling_cell(before)})."
+        f"{_settling_words(after)} (before: {settling_cell(before).replace('not reached', 'not settled')})."
     )
 
 
@@ -201,9 +202,18 @@ def parameters_sentence(story: TuneStory) -> str:
     return f"NOT RESTORED: {names}. Run `{undo_command(story)}`.{also}"
 
 
+SIMULATED_UNDO = (
+    "This simulated vehicle ended with its run. After a run on a real one, this command restores the original "
+    "parameters"
+)
+"""Introduction of the command that undoes a run, if there is no vehicle any more."""
+
+
 def undo_sentence(story: TuneStory) -> str:
     """Return the sentence that introduces :func:`undo_command`."""
     written = bool(story.changes) and story.ending in ("kept", "restored", "aborted")
+    if written and story.vehicle.get("simulated", False):
+        return f"{SIMULATED_UNDO}:"
     if written:
         return "To restore the original parameters, connect to the vehicle and run:"
     return "Nothing was written, so there is nothing to undo. This command restores the saved original parameters:"

@@ -55,5 +55,11 @@ async function picture(node, name, before, after, read) {
   caption.textContent = `The same step before and after: ${kind.name} from the start of the step [${kind.unit}] over time [s]`;
   figure.append(caption, chart);
   node.append(figure);
-  drawProof(chart, old, made, after.signal);
+  let plot = drawProof(chart, old, made, after.signal);
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  scheme.addEventListener("change", function again() {
+    if (!chart.isConnected) { scheme.removeEventListener("change", again); return; }
+    plot.destroy();
+    plot = drawProof(chart, old, made, after.signal);
+  });
 }
