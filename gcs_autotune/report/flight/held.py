@@ -294,6 +294,10 @@ _Story = tuple[str, tuple[str, ...], tuple[Section, ...]]
 Held = HeldLoop | HeldLine | HeldDistance | HeldPosition
 
 
+NOTHING_WRITTEN = "No parameter was written, so there is nothing to undo."
+"""Sentence of the verdict: our own controllers fly in MANUAL."""
+
+
 def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
     """Return the report: does the craft follow, the gains, the margins, the flight."""
     if isinstance(held, HeldPosition):
@@ -307,7 +311,7 @@ def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
     return Document(
         title=heading,
         when=format_moment(when),
-        verdict=Verdict(text, "good" if held.follows else "bad", sentences),
+        verdict=Verdict(text, "good" if held.follows else "bad", (*sentences, NOTHING_WRITTEN)),
         sections=sections,
         facts=held.to_dict(),
     )

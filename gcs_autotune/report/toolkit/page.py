@@ -61,6 +61,7 @@ def to_html(document: Document) -> str:
         lstrip_blocks=True,
     )
     environment.filters["glued"] = _glued
+    environment.filters["signed"] = with_signs
     environment.filters["wide"] = _is_wide
     environment.filters["quoted"] = quote
     sections = [laid for section in document.sections if (laid := _laid(section)).blocks]
