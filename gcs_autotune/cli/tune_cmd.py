@@ -80,8 +80,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_loops,
         metavar="NAMES",
         default=(),
-        help="tune all: the loops to tune, e.g. heading,depth,roll (default: speed, heading and line of a boat, heading "
-        "and depth of an ROV)",
+        help="tune all: the loops to tune, e.g. heading,depth,roll (default: speed, heading and line of a boat, "
+        "heading and depth of an ROV)",
     )
     step = parser.add_argument_group("proof")
     add_number(step, "step")
