@@ -29,6 +29,12 @@ __all__ = ["LONGEST", "NEAR", "Outcome", "form_of", "given_model", "judge", "pla
 NEAR = 3.0
 """Standard errors within which a parameter counts as recovered."""
 
+DRIFT = "input-bias"
+"""Slug of the effect that is the mean drift force of a sea.
+
+A sea for surge contains such a force as well as the waves. Both reported together are therefore right, in either order.
+"""
+
 LONGEST = math.inf
 """Seconds after which a diagnosis is stopped, unless asked otherwise: it is limited by its work."""
 
@@ -75,6 +81,10 @@ class Outcome:
         """The right name first; nothing when there is nothing; both of two; no confident name for what is foreign."""
         if self.kind in GIVEN:
             return self._numbers_right and (self.causes[:1] == self.truth if self.truth else self._nothing_else)
+        if self.slug == "sea" and self.places == ["surge"]:
+            both = [(slug, "surge") for slug in sorted([DRIFT, *self.truth])]
+            if sorted(zip(self.causes, self.found_at, strict=True)) == both:
+                return True
         if self.kind in ("single", "environment", "track"):
             return self.causes[:1] == self.truth
         if self.kind in ("clean", "clean-track"):

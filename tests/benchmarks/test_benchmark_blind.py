@@ -27,6 +27,24 @@ from sitl.open_loop import Hull, open_loop
 RIGHT = Outcome("single", 1, 0, "dead-zone", ["dead-zone"], ["N"], "yaw", 1.0, 2.0, 0.01, "effect-found", ["dead-zone"])
 
 
+@pytest.mark.parametrize(
+    ("place", "causes", "found_at", "right"),
+    [
+        ("surge", ["input-bias", "wave-disturbance"], ["surge", "surge"], True),
+        ("surge", ["wave-disturbance", "input-bias"], ["surge", "surge"], True),
+        ("surge", ["input-bias", "wave-disturbance"], ["yaw", "surge"], False),
+        ("surge", ["input-bias"], ["surge"], False),
+        ("surge", ["input-bias", "wave-disturbance", "tether-pull"], ["surge", "surge", "surge"], False),
+        ("yaw", ["input-bias", "wave-disturbance"], ["yaw", "yaw"], False),
+    ],
+)
+def test_the_mean_drift_of_a_sea_may_be_reported_beside_its_waves(
+    place: str, causes: list[str], found_at: list[str], right: bool
+) -> None:
+    sea = Outcome("environment", 1, 0, "sea", ["wave-disturbance"], [place], place, 1.0, 2.0, 0.01, "effect-found")
+    assert replace(sea, causes=causes, found_at=found_at).right is right
+
+
 def test_every_effect_of_the_book_and_of_the_simulator_has_a_recipe_or_a_reason() -> None:
     assert len({*RECIPES, *SURROUNDINGS, *NOT_DRAWN}) == len(RECIPES) + len(SURROUNDINGS) + len(NOT_DRAWN)
     assert {*RECIPES, *SURROUNDINGS, *NOT_DRAWN} - {"sea"} == set(EFFECTS) == set(SIMULATED)
