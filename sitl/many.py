@@ -20,7 +20,7 @@ __all__ = ["circles"]
 Array = NDArray[np.float64]
 
 STEP, SAMPLE = 0.05, 1.0
-"""Time step and interval of the record [s]."""
+"""Longest time step and interval of the record [s]."""
 RUN_UP, TURN = 60.0, 120.0
 """Time [s] straight ahead from rest, and time of the turn."""
 QUANTILES = (0.05, 0.5, 0.95)
@@ -51,7 +51,7 @@ def circles(
     UnknownVehicle, BadVehicle
         There is no such vehicle, or its file is not valid.
     ValueError
-        *craft* is below 1, or *spread* is below 1.
+        *craft* is below 1, *spread* is below 1, or the motion diverges.
     """
     if craft < 1 or not spread >= 1.0:
         raise ValueError("circles: craft and spread must be at least 1")
@@ -65,23 +65,19 @@ def circles(
         commands.append(plant.commands.copy())
         wrenches.append((wrench.X, wrench.Y, wrench.Z, wrench.K, wrench.M, wrench.N))
     part = np.repeat([0, 1], [straight, turning])
-    states = np.zeros((craft, 13))
-    states[:, 2], states[:, 3] = plant.state.z, 1.0
-    out = np.zeros((craft, straight + turning, 13))
-    kernel.fly(
-        states,
-        np.zeros((craft, len(plant.rotors))),
-        _drawn(plant.body, craft, spread, seed),
-        np.repeat(plant.propellers[None], craft, axis=0),
-        np.repeat(plant.rudders[None], craft, axis=0),
-        np.array(commands)[part],
-        np.array(wrenches)[part],
-        np.zeros((kernel.WORK, kernel.COLUMNS)),
-        STEP,
-        round(SAMPLE / STEP),
-        out,
-    )
+    bodies, steps = _drawn(plant.body, craft, spread, seed), _steps(plant.propellers)
+    out = plant.fly_copies(bodies, np.array(commands)[part], np.array(wrenches)[part], dt=SAMPLE / steps, steps=steps)
     return _figures(out, straight)
+
+
+def _steps(propellers: Array) -> int:
+    """Return the number of time steps per :data:`SAMPLE`. A step is at most :data:`STEP` and at most the shortest time
+    constant of a shaft without load, because a longer one diverges.
+    """
+    kind, first, constant, resistance = propellers[:, kernel.MOTOR : kernel.MOTOR + 4].T
+    lag, motor = kind == 1.0, kind == 2.0
+    times = np.concatenate([first[lag], first[motor] * resistance[motor] / constant[motor] ** 2])
+    return math.ceil(SAMPLE / float(np.min(times, initial=STEP)) - 1e-9)
 
 
 def _drawn(body: Array, craft: int, spread: float, seed: int) -> Array:

@@ -241,7 +241,7 @@ class RigidBody:
         kernel.fly(*self._arguments, dt, steps, self._out)
 
     def fly_copies(
-        self, parameters: Mapping[str, Array], commands: Array, wrenches: Array, *, dt: float, steps: int
+        self, parameters: Mapping[str, Array] | Array, commands: Array, wrenches: Array, *, dt: float, steps: int
     ) -> Array:
         """Return the states (c, n, 13) of c copies of this body, flown in one call through n intervals.
 
@@ -251,7 +251,8 @@ class RigidBody:
 
         Parameters
         ----------
-        parameters : name of ``self.parameters`` -> values (c,).
+        parameters : name of ``self.parameters`` -> values (c,); or all numbers of the copies (c, ROWS + t, 6), each as
+            :attr:`body`.
         commands : (n, p + r) commands of propellers and rudders in each interval, the same for all copies.
         wrenches : (n, 6) X Y Z [N] K M N [N m] in each interval, the same for all copies.
         dt, steps : length [s] and number of the steps of an interval.
@@ -259,27 +260,17 @@ class RigidBody:
         Raises
         ------
         ValueError
-            There is no such parameter, or a shape does not fit.
+            There is no such parameter, a shape does not fit, or the motion diverges.
         """
-        unknown = sorted(set(parameters) - set(self.parameters))
-        if unknown:
-            raise ValueError(f"the body has no parameter {unknown[0]}. It has {', '.join(self.parameters)}")
-        values = [np.asarray(each, dtype=np.float64) for each in parameters.values()]
-        counts = {each.shape for each in values}
-        if len(counts) != 1 or len(next(iter(counts))) != 1:
-            raise ValueError(f"the values of all parameters must have one shape (c,), not {sorted(counts)}")
+        bodies = self._bodies(parameters) if isinstance(parameters, Mapping) else np.ascontiguousarray(parameters)
+        if bodies.shape[1:] != self.body.shape:
+            raise ValueError(f"numbers of bodies {bodies.shape} must have the shape {('c', *self.body.shape)}")
         if commands.shape != (len(wrenches), len(self.commands)) or wrenches.shape[1:] != (6,):
             raise ValueError(
                 f"commands {commands.shape} and wrenches {wrenches.shape} must have the shapes "
                 f"(n, {len(self.commands)}) and (n, 6)"
             )
-        (count,) = values[0].shape
-        own, bodies = dict(self.parameters), np.empty((count, *self.body.shape))
-        for body, numbers in zip(bodies, np.stack(values, axis=1).tolist(), strict=True):
-            self.parameters.update(zip(parameters, numbers, strict=True))
-            body[:] = self.body
-        self.parameters.update(own)
-        at = self.state
+        count, at = len(bodies), self.state
         state = (at.x, at.y, at.z, *self._attitude(), at.u, at.v, at.w, at.p, at.q, at.r)
         states, rotors, propellers, rudders = (
             np.repeat(np.asarray(each, dtype=np.float64)[None], count, axis=0)
@@ -288,7 +279,28 @@ class RigidBody:
         commands, wrenches = (np.ascontiguousarray(each, dtype=np.float64) for each in (commands, wrenches))
         work, out = np.zeros_like(self._work), np.empty((count, len(commands), 13))
         kernel.fly(states, rotors, bodies, propellers, rudders, commands, wrenches, work, dt, steps, out)
+        if not np.all(np.isfinite(out[:, -1:])):
+            raise ValueError(
+                f"the motion diverges with time steps of {dt:g} s. Use shorter steps, or correct the numbers"
+            )
         return out
+
+    def _bodies(self, parameters: Mapping[str, Array]) -> Array:
+        """Return the numbers (c, ROWS + t, 6) of copies of this body that differ in *parameters*."""
+        unknown = sorted(set(parameters) - set(self.parameters))
+        if unknown:
+            raise ValueError(f"the body has no parameter {unknown[0]}. It has {', '.join(self.parameters)}")
+        values = [np.asarray(each, dtype=np.float64) for each in parameters.values()]
+        counts = {each.shape for each in values}
+        if len(counts) != 1 or len(next(iter(counts))) != 1:
+            raise ValueError(f"the values of all parameters must have one shape (c,), not {sorted(counts)}")
+        (count,) = values[0].shape
+        own, bodies = dict(self.parameters), np.empty((count, *self.body.shape))
+        for body, numbers in zip(bodies, np.stack(values, axis=1).tolist(), strict=True):
+            self.parameters.update(zip(parameters, numbers, strict=True))
+            body[:] = self.body
+        self.parameters.update(own)
+        return bodies
 
     def acceleration(self, nu: Sequence[float], wrench: Wrench) -> list[float]:
         """Return ``nudot`` (6,) [m/s^2, rad/s^2] at the velocity *nu* (6,) under *wrench*, in the present attitude."""

@@ -6,12 +6,14 @@ import math
 from collections import defaultdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gcs_autotune.study import check_plan, open_study
 from sitl import load_vehicle
 from sitl.craft import Craft
 from sitl.many import RUN_UP, STEP, TURN, circles
+from sitl.plants import RigidBody
 from tests.study.toys import ran
 
 
@@ -36,6 +38,19 @@ def test_one_craft_without_spread_is_the_vehicle_itself(like: str) -> None:
     assert found["rate.q50"] == pytest.approx(rate, rel=1e-6)
     assert found["turned"] == 1.0
     assert found["advance.q50"] > 0.0
+
+
+def test_a_craft_with_quick_motors_turns() -> None:
+    found = circles(1, "ies-rov", craft=2, spread=1.0)
+    assert found["turned"] == 1.0
+    assert found["steady_diameter.q50"] == pytest.approx(1.202, rel=1e-3)  # so do steps of 1 ms
+
+
+def test_steps_too_long_for_its_motors_are_refused() -> None:
+    plant = Craft(load_vehicle("ies-rov")).plant
+    assert isinstance(plant, RigidBody)
+    with pytest.raises(ValueError, match=r"diverges with time steps of 0\.05 s\. Use shorter steps"):
+        plant.fly_copies(plant.body[None], np.full((20, 4), 0.5), np.zeros((20, 6)), dt=STEP, steps=20)
 
 
 def test_a_spread_of_numbers_is_a_spread_of_circles_and_the_seed_decides() -> None:
