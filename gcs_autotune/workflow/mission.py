@@ -60,7 +60,14 @@ class Visit(Generic[Log]):
         return ManoeuvreRunner(self.craft, envelope, self.log, keep, self.common.patience, ask, gains=gains)
 
     def agrees(self, question: str) -> bool:
-        """Return whether the operator agrees. A simulated vehicle needs no confirmation, nor a run of an agreed job."""
+        """Return whether the operator agrees. A simulated vehicle needs no confirmation, nor a run of an agreed job.
+
+        Raises
+        ------
+        OperatorStopped
+            A stop was requested before the question, for example while a design was computed.
+        """
+        self.craft.session.operator.check()
         if self.common.agreed:
             self.log.say(f"{question} yes (agreed for the whole job)")
             return True

@@ -463,8 +463,8 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
         forces = [f for f in DOF_OF if kind.name in MANOEUVRES and _suits(MANOEUVRES[kind.name], f, firmware)]
         if forces:  # only the chosen force is missing
             raise WrongVehicle(
-                f"this vehicle ({firmware.name}) cannot drive {wanted}. "
-                f"Use {kind.name} with --force {' or '.join(forces)}"
+                f"{kind.name} with this --force needs {wanted}, which this vehicle ({firmware.name}) does not have. "
+                f"Use --force {' or '.join(forces)}"
             )
         if kind.layered:
             raise WrongVehicle(

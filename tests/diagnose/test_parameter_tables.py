@@ -135,6 +135,6 @@ def test_the_command_reports_the_row_that_contradicts_the_others(
     found = json.loads(capsys.readouterr().out)["findings"]
     assert [f["where"].split(" (")[0] for f in found if f["question"] == "row"] == ["row 9"]
     assert main(["diagnose", str(path), "--out", str(tmp_path / "out")]) == 2
-    assert "its only option is --json" in capsys.readouterr().err.lower()
+    assert "its only options are --json" in capsys.readouterr().err.lower()
     assert main(["diagnose", str(path)]) == 0
     assert "Repeat that experiment" in " ".join(capsys.readouterr().out.split())

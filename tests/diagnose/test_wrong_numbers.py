@@ -62,7 +62,7 @@ def test_an_inertia_raised_by_half_is_the_finding_and_no_other_number_is_blamed(
     assert told.numbers is not None and told.numbers.gain is not None
     assert told.numbers.gain.ratio < 0.1
     assert told.gain is None
-    assert words(told).startswith("One number of your simulation is wrong: inertia in yaw.")
+    assert "One number of your simulation is wrong: inertia in yaw." in words(told)
     assert "Wrong number in the model: N_rdot is -3, but -1.99" in words(told)
     assert told.base_model.base["N_rdot"] == -3.0
     assert told.extended_model.base["N_rdot"] == wrong.value

@@ -213,5 +213,5 @@ def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) ->
     with pytest.raises(UsageError, match="has no rudder"):
         flown(SitlHarness(tmp_path / "twin", "blueboat"), PAIR)
     (tmp_path / "boat").mkdir()
-    with pytest.raises(WrongVehicle, match="which needs Z"):
+    with pytest.raises(WrongVehicle, match="needs Z, which"):
         flown(SitlHarness(tmp_path / "boat"), {}, "steps", force="Z")

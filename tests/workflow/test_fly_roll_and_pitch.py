@@ -57,7 +57,7 @@ def test_a_relay_oscillates_in_roll_and_stays_within_the_angle_limit(tmp_path: P
 
 def test_a_boat_and_a_sub_whose_frame_has_no_such_motor_are_refused_before_anything_moves(tmp_path: Path) -> None:
     boat = SitlHarness(tmp_path)
-    with pytest.raises(WrongVehicle, match=r"cannot drive K. Use relay with --force N$"):
+    with pytest.raises(WrongVehicle, match=r"needs K, which this vehicle \(.*\) does not have. Use --force N$"):
         flown(boat, "relay", "K")
     sub = SitlHarness(tmp_path / "sub", "bluerov2-6dof", parameters={"FRAME_CONFIG": 1.0})
     with pytest.raises(WrongVehicle, match="none of this vehicle's outputs drives M on this FRAME_CONFIG"):

@@ -122,7 +122,7 @@ def test_roll_pitch_and_position_are_part_of_it_when_they_are_named(tmp_path, sc
     bench.tune(loops=("heading", "depth", "roll", "pitch", "position"))
     assert script.flown == ["heading", "depth", "roll", "pitch", "position"]
     assert list(bench.endings) == script.flown
-    assert any("for pitch, move: a small pulse in each direction" in text for text in bench.said)
+    assert any("move for pitch: a small pulse in each direction" in text for text in bench.said)
 
 
 def test_position_is_left_out_in_one_sentence_without_a_position(tmp_path, scripted) -> None:
