@@ -736,7 +736,7 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
         yield Missing(
             "The turning circle at other speeds, and how the rudder's moment depends on speed.",
             f"gcs-autotune experiment heading --throttle {0.5 * craft.working:.2g}. Add its run "
-            "directory to this command",
+            "directory to the authority command",
         )
     largest, reach = _reach(craft, "N")
     zigzag = "gcs-autotune fly zig-zag --steering 1. Give its run directory in place of the present yaw model"
