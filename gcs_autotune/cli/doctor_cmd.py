@@ -64,10 +64,10 @@ def _next(ports: Sequence[Mapping[str, object]]) -> str:
     uris = [str(port["uri"]) for port in ports if port["systems"]]
     if not uris:
         return (
-            "No vehicle was received. If one should be, check its power, the cable and the baud rate. "
+            "No vehicle was found. If one should be, check its power, the cable and the baud rate. "
             "To try a simulated vehicle: gcs-autotune tune heading"
         )
-    heard = "A vehicle was received." if len(uris) == 1 else f"Vehicles were received on {len(uris)} links."
+    heard = "A vehicle was found." if len(uris) == 1 else f"Vehicles were found on {len(uris)} links."
     return f"{heard} Next: gcs-autotune tune heading --connect {visible(uris[0])}"
 
 

@@ -709,7 +709,11 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
             "gcs-autotune tune speed" if craft.rover else "gcs-autotune fly relay --force X",
         )
     elif not craft.surge.flew_astern():
-        why = "no run of its model contains it" if craft.surge.flown else f"{craft.surge.name} does not state its runs"
+        why = (
+            "no run of the speed model contains it"
+            if craft.surge.flown
+            else f"{craft.surge.name} does not state its runs"
+        )
         again = "Then identify all runs together with --effects asymmetric-thrust@X"
         if not craft.coupled:
             again = (
@@ -731,7 +735,8 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
     if craft.steers_by_speed and not craft.coupled and len(craft.yaw) < 2:
         yield Missing(
             "The turning circle at other speeds, and how the rudder's moment depends on speed.",
-            f"gcs-autotune experiment heading --throttle {0.5 * craft.working:.2g}. Give its run directory too",
+            f"gcs-autotune experiment heading --throttle {0.5 * craft.working:.2g}. Add its run "
+            "directory to the authority command",
         )
     largest, reach = _reach(craft, "N")
     zigzag = "gcs-autotune fly zig-zag --steering 1. Give its run directory in place of the present yaw model"
@@ -749,7 +754,8 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
         )
     if not any(m.drives("Y") for m in craft.yaw):
         yield Missing(
-            "The side force (wind) that it can hold: it has no sideways thruster, and these models have no sway.",
+            "The side force (wind) that the craft can hold against. It has no sideways thruster, and these models have "
+            "no sway.",
             "a track in wind. It shows the drift angle",
         )
 

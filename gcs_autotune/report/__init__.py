@@ -76,7 +76,7 @@ from gcs_autotune.report.toolkit.document import Document
 from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
-from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor
+from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor, sentence
 from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
 from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.run_directory import save_page, write_story
@@ -155,6 +155,7 @@ __all__ = [
     "reference_of",
     "save_page",
     "script_digest",
+    "sentence",
     "sheets_document",
     "study_document",
     "styles_compared",

@@ -298,12 +298,17 @@ class _Flight:
         legs: list[Leg] = []
         legs += self._relay_legs([run.settings for run in self._left])
         for run in self._left:
-            taken = dict(run.excursion.stages)
-            if legs and self._visit.craft.firmware.needs_way:
-                legs.append(Leg(COMING_BACK, taken.get(COMING_BACK, 0.0)))
-            legs += [Leg(LOOKING_OUT, LOOKING)] * self._plan.calm
-            legs.append(Leg(run.name, taken.get(run.name, run.preview.seconds)))
+            legs += self._legs_of(run, is_first=not legs)
         return legs
+
+    def _legs_of(self, run: FlightRun, *, is_first: bool) -> Iterator[Leg]:
+        """Yield the return before a run, unless it is the first one, and its stages."""
+        taken = dict(run.excursion.stages)
+        if not is_first and self._visit.craft.firmware.needs_way:
+            yield Leg(COMING_BACK, taken.get(COMING_BACK, 0.0))
+        if self._plan.calm:
+            yield Leg(LOOKING_OUT, LOOKING)
+        yield Leg(run.name, taken.get(run.name, run.preview.seconds))
 
     def _continues(self, whole: Excursion) -> list[str]:
         """Return a sentence on what may follow the runs of the plan, which take the *whole* excursion."""
@@ -417,6 +422,8 @@ class _Flight:
         while (run := next_run(think)) is not None:
             self.runs.append(run)
             self._report_track(run)
+            if (itinerary := self._visit.log.itinerary) is not None:
+                itinerary.legs += self._legs_of(run, is_first=False)
             yield run
 
     def _next_planned(self, think: Callable[..., Any]) -> FlightRun | None:

@@ -141,7 +141,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         with MissionLoan(craft.session, journal, partial(_busy, craft)) as mission:
             mission.set(_mission(course, craft, now))
             flown.append(mission)
-            log.say("the proof mission is uploaded; the vehicle's own one is in the journal")
+            log.say("the proof mission is uploaded. The vehicle's own mission is stored and will be restored")
             tune_loop(_Line(flights, settings, present), log, visit.agrees, journal, dry_run=settings.dry_run)
 
     def finish() -> None:
@@ -408,11 +408,11 @@ class _Line:
         self._log.fit = fit
         hull = self._hull(fit)
         self._log.say(
-            f"the hull turns with {math.degrees(hull.rate):.0f} deg/s at most at {hull.speed:.1f} m/s, in a radius of "
-            f"{hull.radius:.1f} m, with a lag of {hull.lag:.1f} s"
+            f"the hull turns at up to {math.degrees(hull.rate):.0f} deg/s at {hull.speed:.1f} m/s, with a radius of "
+            f"{hull.radius:.1f} m and a lag of {hull.lag:.1f} s"
         )
         current = abs(current_on(hull.legs))
-        self._log.say(f"on the legs it was set by a current of {current:.2f} m/s")
+        self._log.say(f"a current of {current:.2f} m/s acted on the legs")
         self._log.given_changes = tuple(line_changes(hull, self._present))
         return Offer(self._log.given_changes, too_short(hull, self._flights.course.length))
 

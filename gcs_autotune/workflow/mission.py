@@ -197,7 +197,8 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
     """
     craft, modes = visit.craft, mission.modes
     visit.log.itinerary = mission.itinerary
-    used, back = " and ".join(modes), craft.mode
+    *others, last = modes
+    used, back = f"{', '.join(others)}{' and ' if others else ''}{last}", craft.mode
     in_modes = f"use mode{'s' * (len(modes) > 1)} {used}, and return to {back} at the end"
     visit.log.announce(
         Intentions(

@@ -312,8 +312,8 @@ def told_of(step: StepSettings, limit: float) -> str:
     rate, turn = math.degrees(0.5 * step.size), math.degrees(farthest_turn(step))
     ends = f". It ends early if the craft could not stop before the limit of {math.degrees(limit):.0f} deg"
     return (
-        f"turn-rate step between {rate:.0f} deg/s to port and to starboard, {step.duration:.1f} s each way, turns the "
-        f"craft by up to {turn:.0f} deg{ends if math.isfinite(limit) else ''}"
+        f"turn-rate step from {rate:.0f} deg/s to port to {rate:.0f} deg/s to starboard and back, {step.duration:.1f} "
+        f"s each, turns the craft by up to {turn:.0f} deg{ends if math.isfinite(limit) else ''}"
     )
 
 

@@ -18,7 +18,7 @@ from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
 from gcs_autotune.observer import Observer
 from gcs_autotune.plain_json import json_text
-from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, to_json
+from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, sentence, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
@@ -206,7 +206,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         why = check.why or next(
             (d.cause for d in (sheet.doubts if sheet is not None else ())), "its damping is unclear"
         )
-        text = f"Not identifiable: these relays do not determine the damping of the {axis} loop ({why})."
+        text = f"Not identifiable: these relays do not determine the damping of the {axis} loop. {sentence(why)}"
         cure = f"Check the plot, fly in calmer water or with other sizes (--set-point), or run {again}."
         return verdict("not identifiable", text, "neutral", (*note, cure))
     zeta, zeta_std = told["damping"].value, told["damping"].std

@@ -244,7 +244,7 @@ class _Job:
     ) -> Iterator[Intention]:
         craft, settings = visit.craft, self._settings
         flown = [step for step in steps if step.ending == "open"]
-        back = ", with a return to the start before each" if craft.firmware.needs_way else ""
+        back = ", with a return to the start in between" if craft.firmware.needs_way else ""
         yield replace(arming(craft), text=f"{arming(craft).text}, for each step")
         order = f"{', '.join(step.name for step in flown)}{back}"
         yield Intention(f"tune in this order: {order}", "Order", order)

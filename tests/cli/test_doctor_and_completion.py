@@ -106,7 +106,7 @@ def test_doctor_ends_with_a_verdict_and_what_to_do_next(capsys, tmp_path, monkey
     link = ["--connect", f"udpin:127.0.0.1:{free_port()}", "--listen", "0.2"]
     assert main(["doctor", *link]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith("This computer is ready. No vehicle was received.")
+    assert last.startswith("This computer is ready. No vehicle was found.")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(100, 99, 1))
     assert main(["doctor", *link]) == 1
     assert capsys.readouterr().out.splitlines()[-1] == "Not ready: correct the line marked X."

@@ -57,7 +57,7 @@ def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed
     operator = Answers(True, True)
     story = harness.tune(operator, gains=load_gains(dry.directory, "heading"), simulated=False)
     assert story.ending == "kept", story.reason
-    assert "test them by the same step" in operator.questions[1]
+    assert "test them by the same manoeuvre" in operator.questions[1]
     assert {n: harness.vehicle.parameters.values[n] for n in told.proposal.new} == pytest.approx(
         dict(told.proposal.new), rel=1e-6
     )

@@ -126,7 +126,7 @@ def _numbers(check: LoopCheck) -> Table:
         _row("rise time (10 to 90 %)", "s", 1.0, now.rise, math.nan if then is None else then.rise),
         _row("settling time (to within 5 %)", "s", 1.0, now.settling, math.nan if then is None else then.settling),
         _row("damping ratio", "", 1.0, now.damping, math.nan),
-        _row("amplitude of oscillation at constant command", unit, factor, now.oscillation, math.nan),
+        _row("oscillation at constant command", unit, factor, now.oscillation, math.nan),
         _row("period of this oscillation", "s", 1.0, now.period, math.nan),
     ]
     heads = ("figure", "now", f"tune of {format_moment(check.when)}" if then is not None else "", "unit")

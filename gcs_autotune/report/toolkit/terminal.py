@@ -142,7 +142,8 @@ def _grid(table: Table) -> Padding:
     used = [i for i in range(len(table.heads)) if table.heads[i] not in table.wide and (_has(rows, i) or not rows)]
     for i in used:
         right = table.align[i] == "r"
-        lines.add_column(Text(visible(table.heads[i])), justify="right" if right else "left", no_wrap=right or i == 0)
+        whole = right or i == 0 or not any(" " in row[i] for row in rows)  # a name that is cut cannot be typed
+        lines.add_column(Text(visible(table.heads[i])), justify="right" if right else "left", no_wrap=whole)
     for row in rows:
         lines.add_row(*(Text(visible(row[i])) for i in used))
     return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)

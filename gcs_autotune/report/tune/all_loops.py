@@ -91,10 +91,9 @@ class JobStory:
 
     @property
     def undo(self) -> str:
-        """The command that restores the parameters of before the job."""
-        return (
-            f"gcs-autotune params restore {_path(self, 'parameters_before.param')} --connect {shlex.quote(self.link)}"
-        )
+        """The command that restores the parameters of before the job. A simulated vehicle has no link any more."""
+        link = "" if self.simulated else f" --connect {shlex.quote(self.link)}"
+        return f"gcs-autotune params restore {_path(self, 'parameters_before.param')}{link}"
 
     @property
     def resume(self) -> str:
@@ -218,7 +217,11 @@ def _rows(step: JobStep) -> Iterator[tuple[str, ...]]:
 
 def _pair(step: JobStep, name: str, of_line: str) -> str:
     shown = [_cell(metrics, name, of_line) for metrics in (step.before, step.after) if metrics]
-    return " -> ".join(text for text in shown if text)
+    text = " -> ".join(text for text in shown if text)
+    unit = "s²" if name == "itae" else "s" if name == "settling" else ""
+    if not any(name in metrics for metrics in (step.before, step.after) if metrics):
+        unit = "m"
+    return f"{text} {unit}" if unit and text.strip("-> ") else text
 
 
 def _cell(metrics: Mapping[str, Any], name: str, of_line: str) -> str:
@@ -226,5 +229,5 @@ def _cell(metrics: Mapping[str, Any], name: str, of_line: str) -> str:
     if not math.isfinite(value):
         return "-" if name in metrics or of_line in metrics else ""
     if name not in metrics:
-        return f"{format_number(value, 2)} m"
-    return format_share(value) if name == "overshoot" else format_number(value, 3) + " s" * (name == "settling")
+        return format_number(value, 2)
+    return format_share(value) if name == "overshoot" else format_number(value, 3)

@@ -1,0 +1,34 @@
+"""The report of ``tune all`` as it is read on a terminal of 80 characters."""
+
+import pytest
+
+from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
+
+KEPT = JobStep(
+    "heading",
+    "04-heading",
+    "kept",
+    gains={"ATC_STR_RAT_FF": (0.2, 1.93)},
+    before={"itae": 193.0, "overshoot": 1.27, "settling": None},
+    after={"itae": 16.3, "overshoot": 0.19, "settling": 14.0},
+)
+LINE = JobStep("line", "06-line", "kept", gains={"WP_RADIUS": (2.0, 7.3)}, before={"rms": 6.9}, after={"rms": 3.5})
+OPEN = JobStep("recheck heading", "10-recheck-heading", "not identifiable")
+
+
+def text(*, simulated: bool) -> str:
+    steps = (KEPT, LINE, OPEN)
+    return render_text(job_document(JobStory("2026-11-20T20:12:00", "boat", simulated, "tcp:1.2.3.4:5760", "j", steps)))
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_the_undo_of_a_simulated_vehicle_names_no_link(simulated: bool) -> None:
+    (undo,) = (line for line in text(simulated=simulated).splitlines() if "params restore" in line)
+    assert ("--connect tcp:1.2.3.4:5760" in undo) is not simulated
+
+
+def test_no_name_of_a_gain_is_cut_and_every_error_has_its_unit() -> None:
+    shown = " ".join(text(simulated=True).split())
+    assert "ATC_STR_RAT_FF 0.2 -> 1.93" in shown and "…" not in shown
+    assert "193 -> 16.3 s²" in shown and "6.9 -> 3.5 m" in shown
