@@ -39,6 +39,7 @@ class Tunable:
     job : module and attribute of its ``workflow.tune.TuneJob``.
     after : what it stands on: ``tune all`` tunes that before it and checks it again after it; None: not part of that.
     kind : the kind of vehicle (``Firmware.kind``) for which it is part of ``tune all``; empty: every kind.
+    on_request : whether ``tune all`` tunes it only if ``--loops`` names it.
     useless : options that it has no use for.
     example : the simulated vehicle used by default; empty: that of the axis.
     """
@@ -48,6 +49,7 @@ class Tunable:
     job: str = "gcs_autotune.workflow.tune:JOB"
     after: tuple[str, ...] | None = None
     kind: str = ""
+    on_request: bool = False
     useless: tuple[str, ...] = ("leg_length", "untuned", "pull_test")
     example: str = ""
 
@@ -58,8 +60,8 @@ TUNABLES: Mapping[str, Tunable] = {
         Tunable("speed", "speed", after=(), useless=("leg_length", "untuned")),
         Tunable("heading", "heading", after=()),
         Tunable("depth", "depth", after=()),
-        Tunable("roll", "roll", after=()),
-        Tunable("pitch", "pitch", after=()),
+        Tunable("roll", "roll", after=(), on_request=True),  # most ROVs right themselves
+        Tunable("pitch", "pitch", after=(), on_request=True),
         Tunable(
             "line",
             "heading",
@@ -88,6 +90,7 @@ TUNABLES: Mapping[str, Tunable] = {
             "gcs_autotune.workflow.position:JOB",
             after=(),  # its gains change neither the heading nor the depth loop, so neither is rechecked
             kind="rov",
+            on_request=True,  # few ROVs know their position
             useless=(*TWO_AXES, "leg_length", "resume", "settling_time", "untuned", "pull_test"),
             example="sitl:bluerov2-sway",
         ),

@@ -75,6 +75,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="resume the run in DIR that ended early. Its completed experiments are used if vehicle, parameters, axis "
         "and settings are unchanged",
     )
+    parser.add_argument(
+        "--loops",
+        type=_loops,
+        metavar="NAMES",
+        default=(),
+        help="tune all: the loops to tune, e.g. heading,depth,roll (default: speed, heading and line of a boat, "
+        "heading and depth of an ROV)",
+    )
     step = parser.add_argument_group("proof")
     add_number(step, "step")
     add_number(step, "step-duration", "S")
@@ -111,6 +119,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(design, "settling-time", "S")
     add_number(design, "omega-0", "RAD_S")
     add_envelope(parser)
+
+
+def _loops(text: str) -> tuple[str, ...]:
+    """Return the loops that were typed, in the order of ``TUNABLES``."""
+    known = [row.name for row in TUNABLES.values() if row.after is not None]
+    named = [name.strip() for name in text.split(",")]
+    for name in named:
+        if name not in known:
+            raise argparse.ArgumentTypeError(f"unknown loop '{name}'. Use names of {', '.join(known)}")
+    return tuple(name for name in known if name in named)
 
 
 def add_style(group: argparse._ArgumentGroup) -> None:
@@ -168,7 +186,7 @@ def _check(args: argparse.Namespace) -> None:
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
     own = _own_parser()
-    without = OF_ONE_LOOP if args.what == ALL else tunable(args.what).useless
+    without = OF_ONE_LOOP if args.what == ALL else ("loops", *tunable(args.what).useless)
     useless = [name for name in without if getattr(args, name) != own.get_default(name)]
     if useless:
         names = " and ".join(f"--{name.replace('_', '-')}" for name in useless)
@@ -255,6 +273,7 @@ DROPPED = {"axis", "what", "command", "out", "yes", "dry_run", "json", "remote",
         "structure",
         "gains",
         "pull_test",
+        "loops",
         "directory",
         "uri",
     )

@@ -106,9 +106,10 @@ def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) 
         if found is None or found.kind == "agrees":
             continue
         turned = pair.earth(trial)
-        other = None if turned is None else _compared(position, turned, pair.expected)
-        if other is not None and other.kind == "agrees":
-            continue
+        if turned is not None:
+            other = _compared(position, turned, pair.expected)
+            if other is None or other.kind == "agrees":  # None: a heeled craft that turns has q without any pitching
+                continue
         suspect = _suspect(trial, pair, found, position, course)
         yield told(trial.name, pair.position, pair.rate, pair.verb, found, suspect)
 

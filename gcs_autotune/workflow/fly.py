@@ -174,7 +174,7 @@ class _Flight:
                 "the plan"
             )
         if plan.until is not None:
-            check_identifiable(plan.until, plan.runs[0].kind, craft.firmware)
+            check_identifiable(plan.until, plan.runs[0].kind, craft.forces)
         if plan.again is not None:
             plan.again.meet(craft)
         area = area_of_flight(craft, plan.area, log)
@@ -235,7 +235,14 @@ class _Flight:
         craft, known = self._visit.craft, self._plan.known
         overhead = BACK if craft.firmware.needs_way else 0.0
         self._planner = planner = SelfPlanner(
-            until, first, craft.firmware, overhead, self._visit.log.say, options=self._plan.options, known=len(known)
+            until,
+            first,
+            craft.firmware,
+            craft.forces,
+            overhead,
+            self._visit.log.say,
+            options=self._plan.options,
+            known=len(known),
         )
         self.steps = planner.steps
         if not known:
@@ -254,7 +261,7 @@ class _Flight:
     def _checks_of(self, runs: Sequence[FlySettings]) -> list[str]:
         """Return the degrees of freedom whose actuators are checked before *runs*."""
         until = self._plan.until
-        wanted = driven(until, self._visit.craft.firmware) if until is not None else ()
+        wanted = driven(until, self._visit.craft.forces) if until is not None else ()
         left = [run for run in runs if not self._earlier.has(run.name)]
         flown = [dof for run in left for dof in checked_dofs(run.kind, self._visit.craft)]
         return [dof for dof in dict.fromkeys((*flown, *wanted)) if dof in CHECKED.values()]

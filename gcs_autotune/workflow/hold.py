@@ -359,7 +359,7 @@ class HoldPosition(Task):
         """Raise for a craft that does not thrust sideways, or reports no position."""
         lookup(POSITION_LAWS, self.settings.law, "position law")
         craft = context.craft
-        if "Y" not in craft.firmware.channels or not craft.servos.driving("Y"):
+        if "Y" not in craft.forces:
             raise WrongVehicle("holding a position needs thrusters that push sideways. Use heading or depth")
         now = craft.observe()
         if not (math.isfinite(now.x) and math.isfinite(now.y)):

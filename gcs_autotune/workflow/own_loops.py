@@ -83,7 +83,7 @@ def own_axes(kind: ManoeuvreKind, craft: MavlinkCraft) -> tuple[str, ...]:
 
     Thrust sideways is used if the craft has it; along a wall a craft without it moves vertically.
     """
-    moves, sideways = "X" in kind.drives, _drives(craft, "Y")
+    moves, sideways = "X" in kind.drives, "Y" in craft.forces
     return (
         "heading",
         *(["distance" if kind.needs else "ahead"] if moves else []),
@@ -100,10 +100,6 @@ def relays_before(runs: Sequence[FlySettings], craft: MavlinkCraft) -> list[str]
             by_cruise = craft.firmware.needs_way and axis == "ahead"
             found[axis] = not by_cruise and supplied(run.models, axis, run.full_scale) is None
     return [axis for axis, flown in found.items() if flown]
-
-
-def _drives(craft: MavlinkCraft, force: str) -> bool:
-    return force in craft.firmware.channels and bool(craft.servos.driving(force))
 
 
 def own_loops(

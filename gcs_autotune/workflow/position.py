@@ -176,7 +176,7 @@ def _check_suits(craft: MavlinkCraft) -> None:
             "LOITER it drifts within LOIT_RADIUS and drives back: set LOIT_RADIUS to the radius of its turns, which "
             "`gcs-autotune authority` computes"
         )
-    if not firmware.needs_way and not ("Y" in firmware.channels and craft.servos.driving("Y")):
+    if not firmware.needs_way and "Y" not in craft.forces:
         raise WrongVehicle(
             f"this vehicle ({firmware.name}) has no thrusters that push sideways, so it cannot hold a position"
         )

@@ -91,8 +91,7 @@ def checked_dofs(kind: ManoeuvreKind, craft: MavlinkCraft) -> list[str]:
     if not kind.layered:
         return [dof] if (dof := checked_dof(kind)) else []
     forces = sorted(kind.drives - ({"X"} if kind.needs or craft.firmware.needs_way else set()))
-    sideways = "X" in kind.drives and "Y" not in forces and "Y" in craft.firmware.channels
-    forces += ["Y"] if sideways and craft.servos.driving("Y") else []
+    forces += ["Y"] if "X" in kind.drives and "Y" not in forces and "Y" in craft.forces else []
     return [CHECKED[force] for force in forces]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gcs_autotune.errors import AutotuneError, NotInformative, UsageError
@@ -123,17 +123,17 @@ def offers_for(
     precision: Precision,
     first: FlySettings,
     firmware: Firmware,
+    craft_forces: Collection[str],
     cruise: float,
     options: Mapping[str, float] | None = None,
 ) -> list[Offer]:
     """Return every manoeuvre of the table that excites the form, in the sizes of :data:`GRID`.
 
-    *cruise* is a boat's throttle. *options* (SI) apply to all manoeuvres that have them, in place of the sizes in the
-    table.
+    Only *craft_forces* are driven: those that the craft can produce. *cruise* is a boat's throttle. *options* (SI)
+    apply to all manoeuvres that have them, in place of the sizes in the table.
     """
     typed = options or {}
-    forces = {DOFS[dof].force for dof in precision.dofs}
-    able = forces & set(firmware.channels)
+    able = {DOFS[dof].force for dof in precision.dofs} & set(craft_forces)
     keep_still = not firmware.needs_way
     throttles = (cruise,) if firmware.needs_way else THROTTLES if "X" in able else (0.0,)
     found: dict[str, Offer] = {}
@@ -250,24 +250,26 @@ def look_ahead(
     return Outlook(found, relative, predicted, choices)
 
 
-def driven(precision: Precision, firmware: Firmware) -> tuple[str, ...]:
-    """Return those degrees of freedom of the form for which the craft has an actuator."""
-    return tuple(dof for dof in precision.dofs if DOFS[dof].force in firmware.channels)
+def driven(precision: Precision, craft_forces: Collection[str]) -> tuple[str, ...]:
+    """Return those degrees of freedom of the form that one of *craft_forces* drives."""
+    return tuple(dof for dof in precision.dofs if DOFS[dof].force in craft_forces)
 
 
-def check_identifiable(precision: Precision, first: ManoeuvreKind, firmware: Firmware) -> None:
+def check_identifiable(precision: Precision, first: ManoeuvreKind, craft_forces: Collection[str]) -> None:
     """Check, before anything moves, that the vehicle and its *first* run can excite the required parameters.
+
+    *craft_forces*: forces that the vehicle can produce.
 
     Raises
     ------
     UsageError
         The vehicle cannot excite them, or only another manoeuvre does.
     """
-    asked, able = precision.title, driven(precision, firmware)
+    asked, able = precision.title, driven(precision, craft_forces)
     if not able:
         raise UsageError(
-            f"{asked}: no actuator drives {' or '.join(precision.dofs)} on this vehicle ({firmware.name} has "
-            f"{', '.join(firmware.channels)}), so no run can identify this parameter. Nothing was flown"
+            f"{asked}: no actuator drives {' or '.join(precision.dofs)} on this vehicle (it has "
+            f"{', '.join(craft_forces)}), so no run can identify this parameter. Nothing was flown"
         )
     forces = {DOFS[dof].force for dof in able}
     if not forces & first.drives:
@@ -307,6 +309,7 @@ class SelfPlanner:
         until: Precision,
         first: FlightRun,
         firmware: Firmware,
+        craft_forces: Collection[str],
         overhead: float,
         say: Callable[[str], None],
         *,
@@ -316,7 +319,7 @@ class SelfPlanner:
         self._until, self._say = until, say
         self._overhead = OVERHEAD + overhead
         self._known = known
-        self._offers = offers_for(until, first.settings, firmware, first.throttle, options)
+        self._offers = offers_for(until, first.settings, firmware, craft_forces, first.throttle, options)
         self._before: Fit[Model] | None = None
         self._left = until.seconds - (0.0 if known else first.preview.seconds)
         self._why = "flown before" if known else "the first"

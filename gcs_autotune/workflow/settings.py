@@ -155,6 +155,7 @@ class TuneSettings(CommonSettings):
         settings, without the file name.
     beyond_ranges : whether gains may leave their documented ranges.
     pull_test : pull test of one thruster, the source of the thrust curve.
+    loops : names of the loops that ``tune all`` tunes; empty: those without ``Tunable.on_request``.
 
     Raises
     ------
@@ -182,6 +183,7 @@ class TuneSettings(CommonSettings):
     proving: str = ""
     beyond_ranges: bool = False
     pull_test: PullTest | None = None
+    loops: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that the numbers are within their limits and that the stop rule exists."""

@@ -122,6 +122,7 @@ class _Job:
         plan = self._planned()
         options = f" --style {self._settings.style}" * (self._settings.style != "normal")
         options += " --dry-run" * self._settings.dry_run
+        options += f" --loops {','.join(self._settings.loops)}" * bool(self._settings.loops)
         uri, directory = self._settings.connection.uri, str(self._path)
         story = JobStory(
             self._when,
@@ -159,7 +160,7 @@ class _Job:
             The answer was no.
         """
         settings, log = replace(self._of(TUNABLES["speed"]), agreed=False), MissionLog(self._observer)
-        rows = [row for row in TUNABLES.values() if row.after is not None]
+        rows = [row for row in TUNABLES.values() if self._is_included(row)]
         axes = [f.axes[row.axis] for f in FIRMWARE.values() for row in rows if row.axis in f.axes]
         compiled = {"dofs": tuple({a.dof for a in axes}), "laws": tuple({a.law for a in axes})}
         record = RunDirectory(self._next("announcement"))
@@ -175,6 +176,12 @@ class _Job:
             if not visit.agrees("Go ahead with all steps?"):
                 raise OperatorStopped("not started: the answer was no. Nothing was armed, moved or written")
         return plan
+
+    def _is_included(self, row: Tunable) -> bool:
+        named = self._settings.loops
+        if self._earlier is not None and not named:
+            named = tuple(step["name"] for step in self._earlier.steps)
+        return row.after is not None and (row.name in named if named else not row.on_request)
 
     def _declared(self, visit: Visit[MissionLog], rows: Sequence[Tunable]) -> _Plan:
         craft, settings = visit.craft, self._settings
@@ -196,9 +203,9 @@ class _Job:
             try:
                 own = replace(self._of(row), directory=visit.record.path, untuned=True)
                 missions[row.name] = job_of(row.name).declare(own, at)
-            except WrongVehicle:
-                continue  # it has no such loop
             except GOES_ON as error:
+                if isinstance(error, WrongVehicle) and row.name not in settings.loops:
+                    continue  # it has no such loop
                 steps.append(JobStep(row.name, ending="rejected", reason=str(error)))
             else:
                 legs = missions[row.name].itinerary

@@ -31,6 +31,7 @@ class BankSuction(HiddenEffect):
         EffectParameter("N", "N s^2", "moment that turns the bow away, per squared speed at 1 m", 0.0),
     )
     on_vehicles = "sway and yaw, as far as the craft has them"
+    places = ("sway+yaw", "yaw")
 
     def begin(self, setting: Setting) -> None:
         """Find the craft, and verify that the wall is not across it."""

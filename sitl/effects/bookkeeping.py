@@ -29,6 +29,7 @@ class TimeScale(HiddenEffect):
     meaning = "the clock of the record runs too fast or too slow"
     parameters = (EffectParameter("factor", "1", least=1e-6),)
     on_vehicles = "the timestamps of all messages"
+    places = ("t",)
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
         """Multiply the file's time stamps by ``factor``."""
@@ -47,6 +48,7 @@ class TimeOffset(HiddenEffect):
     meaning = "commands and signals are stamped by different clocks"
     parameters = (EffectParameter("offset", "s"),)
     on_vehicles = "the time stamps of servo reports relative to all others"
+    places = ("t",)
 
     def lateness(self) -> Mapping[str, float]:
         """Return the offset [s], under ``*`` for all signals."""

@@ -24,6 +24,7 @@ class CoriolisCoupling(HiddenEffect):
 
     on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "coriolis-coupling"
+    places = ("surge+sway+yaw",)
     meaning = "Coriolis force: turning under way pushes the craft sideways (rigid body and added mass)"
     parameters = (
         EffectParameter("X_vr", "kg", default=0.0),
@@ -51,6 +52,7 @@ class SwayYawCoupling(HiddenEffect):
 
     on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "sway-yaw-coupling"
+    places = ("sway+yaw",)
     meaning = "sway and yaw are coupled (off-diagonal mass and damping, off-centre mass)"
     parameters = (
         EffectParameter("Y_r", "N s/rad", default=0.0),
@@ -83,6 +85,7 @@ class MomentOfFlow(HiddenEffect):
     """A yaw moment that depends on speeds of the hull, without a reaction force."""
 
     needs: frozenset[str]
+    places = ("yaw",)
 
     def begin(self, setting: Setting) -> None:
         """Verify that the hull has the degrees of freedom on which the moment depends."""
@@ -115,12 +118,7 @@ class SwayMoment(MomentOfFlow):
 
 
 class SpeedDamping(MomentOfFlow):
-    """A yaw moment proportional to surge speed and yaw rate: ``N += N_
-    u
-    r
-    u
-     r``.
-    """
+    """A yaw moment proportional to surge speed and yaw rate: ``N += N_|u|r |u| r``."""
 
     on_vehicles = "yaw"
     slug = "speed-damping"
@@ -129,12 +127,7 @@ class SpeedDamping(MomentOfFlow):
     needs = frozenset({"surge", "yaw"})
 
     def moment(self, at: State) -> float:
-        """Return the yaw moment ``N_
-        u
-        r
-        u
-         r`` [N m].
-        """
+        """Return the yaw moment ``N_|u|r |u| r`` [N m]."""
         return self["N_|u|r"] * abs(at.u) * at.r
 
 

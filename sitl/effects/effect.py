@@ -108,7 +108,7 @@ class HiddenEffect:
     Raises
     ------
     BadEffect
-        A parameter is unknown, missing or impossible.
+        The place is unknown, or a parameter is unknown, missing or impossible.
     """
 
     slug: ClassVar[str] = ""
@@ -116,9 +116,13 @@ class HiddenEffect:
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()
     on_vehicles: ClassVar[str] = "no"
     """Text of the allowed places on a vehicle over MAVLink; ``no`` if not supported there."""
+    places: ClassVar[tuple[str, ...]] = ()
+    """The allowed places, if they are the same for every craft. Empty: :meth:`begin` verifies the place."""
 
     def __init__(self, place: str = "", **values: float) -> None:
         self.place = place
+        if place and self.places and place not in self.places:
+            raise BadEffect(f"{self.slug} cannot act on '{place}'. Use {' or '.join(self.places)}")
         self.values = {p.name: p.default for p in self.parameters if p.default is not None}
         self.values.update(values)
         for name in values:

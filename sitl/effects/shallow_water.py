@@ -35,6 +35,7 @@ class ShallowWater(HiddenEffect):
         EffectParameter("yaw", "1", "relative growth of the inertia of yaw, likewise", 0.037, least=0.0, most=100.0),
     )
     on_vehicles = "surge, sway and yaw, as far as the craft has them"
+    places = ("surge+sway+yaw", "surge+yaw")
 
     def begin(self, setting: Setting) -> None:
         """Find the craft, and verify that it floats over the bottom at the origin."""

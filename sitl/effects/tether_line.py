@@ -33,11 +33,10 @@ class TetherLine(HiddenEffect):
         EffectParameter("z", "m", "other end of the line, depth", 0.0),
     )
     on_vehicles = "surge+sway+heave (default), surge+sway, heave, as far as the craft moves there"
+    places = (_SPACE, _PLANE, _DOWN)
 
     def begin(self, setting: Setting) -> None:
         """Find the craft and its water, and verify that the craft can pull at a line."""
-        if self.place not in ("", _SPACE, _PLANE, _DOWN):
-            raise BadEffect(f"tether-line cannot act on '{self.place}'. Use {_SPACE}, {_PLANE} or {_DOWN}")
         self._level, self._upright = float(self.place != _DOWN), float(self.place != _PLANE)
         if not {"surge", "heave"} & set(setting.dofs):
             raise BadEffect("tether-line needs a hull with surge or heave. For a craft that only turns use tether-pull")

@@ -52,6 +52,7 @@ class WindLoad(HiddenEffect):
         EffectParameter("gust", "1", "size of the gusts: 0 none, 1 the NORSOK spectrum", 0.0, least=0.0, most=5.0),
     )
     on_vehicles = "surge, sway and yaw, as far as the craft has them"
+    places = ("surge+sway+yaw", "surge+yaw")
 
     def begin(self, setting: Setting) -> None:
         """Find the craft, and draw the phases of the gusts."""

@@ -88,6 +88,22 @@ def test_a_rate_by_the_attitude_of_a_pitched_craft_is_no_contradiction() -> None
     assert contradictions(Trial("level", level))[0].value == pytest.approx(1.0 / math.cos(math.radians(40.0)), rel=0.03)
 
 
+@pytest.mark.parametrize("stuck", [False, True])
+def test_a_craft_that_heels_in_its_turns_has_a_pitch_rate_without_any_pitching(stuck: bool) -> None:
+    t, rng = np.arange(0.0, 120.0, 0.1), np.random.default_rng(5)
+    phi, rate = 0.3 * np.sin(0.4 * t), 0.8 * np.sin(0.4 * t)  # it heels to the outside, like the tugboat
+    pitching = 0.2 * np.sin(1.1 * t) if stuck else 0.0 * t
+    columns = {
+        "phi": phi,
+        "theta": 0.0 * t,
+        "q": pitching * np.cos(phi) + rate * np.sin(phi),
+        "r": rate * np.cos(phi) - pitching * np.sin(phi),
+    }
+    units = {"phi": "rad", "theta": "rad", "q": "rad/s", "r": "rad/s"}
+    channels = {n: Channel(n, units[n], t, v + rng.normal(0.0, 0.004, len(t))) for n, v in columns.items()}
+    assert [c.suspect for c in contradictions(Trial("heeled", channels))] == ["theta"] * stuck
+
+
 def _turning(seed: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return stamps [s], heading [rad] and rate [rad/s] of a craft that turns to and fro."""
     rng = np.random.default_rng(seed)

@@ -309,6 +309,35 @@ def test_a_wall_pulls_with_the_square_of_the_speed_over_the_gap_and_turns_the_bo
         ),
     ],
 )
-def test_shallows_or_a_bank_that_cannot_be_are_refused(text, said):
+def test_impossible_shallows_or_banks_are_rejected(text, said):
     with pytest.raises(BadEffect, match=said):
         Craft(load_vehicle("charlie"), effects=[parse_effect(text)]).begin("1")
+
+
+@pytest.mark.parametrize(
+    ("head", "values", "places"),
+    [
+        ("wind-load", "direction=0", "surge+sway+yaw or surge+yaw"),
+        ("shallow-water", "draught=0.2,depth=2", "surge+sway+yaw or surge+yaw"),
+        ("bank-suction", "direction=0,distance=5", "sway+yaw or yaw"),
+        ("coriolis-coupling", "Y_ur=1", "surge+sway+yaw"),
+        ("sway-yaw-coupling", "N_v=1", "sway+yaw"),
+        ("sway-moment", "N_v=1", "yaw"),
+        ("speed-damping", "N_|u|r=1", "yaw"),
+        ("munk-moment", "N_uv=1", "yaw"),
+        ("time-scale", "factor=1.1", "t"),
+        ("time-offset", "offset=0.1", "t"),
+    ],
+)
+def test_an_unknown_place_is_rejected_with_the_places_there_are(head, values, places):
+    with pytest.raises(BadEffect, match=f"^{head} cannot act on 'foo'. Use {re.escape(places)}$"):
+        parse_effect(f"{head}@foo.{values}")
+    for place in places.split(" or "):
+        assert parse_effect(f"{head}@{place}.{values}").place == place
+
+
+@pytest.mark.parametrize("heading", ["wind", "shallows", "bank"])
+def test_a_place_in_a_vehicle_file_is_rejected_at_its_line(tmp_path, heading):
+    path = tmp_path / "mine.toml"
+    path.write_text(FILE.format(heading=heading, entries='place = "foo"'), encoding="utf-8")
+    assert check_vehicle(path) == [f"{path}:4: {heading}: unknown entry 'place'"]

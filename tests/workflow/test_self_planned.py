@@ -19,7 +19,7 @@ from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, first_run, fly_plan, precision_of
 from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.flight_plan import FlightRun
-from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, check_identifiable, offers_for
+from gcs_autotune.workflow.self_planned import LONGEST, Outlook, SelfPlanner, check_identifiable, driven, offers_for
 
 from .sitl_harness import QUICK, SLOW_LOOP, WHEN, Ear, SitlHarness
 from .test_fly import Stops
@@ -72,18 +72,28 @@ def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_pat
     settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
     boat = FIRMWARE["ardurover"]
-    offers = offers_for(asked, first_run(asked, settings), boat, 0.5)
+    offers = offers_for(asked, first_run(asked, settings), boat, "XN", 0.5)
     assert len(offers) > 20
     assert {o.settings.kind.name for o in offers} >= {"zig-zag", "turning-circle", "s-manoeuvre", "steps"}
     assert all(o.settings.kind.drives <= set(boat.channels) and o.throttle == 0.5 for o in offers)
     assert MANOEUVRES["relay"].drives <= set(boat.channels)  # and yet it is for craft that can stay where they are
     assert all(o.settings.kind.suits(boat) for o in offers)
     assert "relay" in {
-        o.settings.kind.name for o in offers_for(asked, first_run(asked, settings), FIRMWARE["ardusub"], 0.0)
+        o.settings.kind.name for o in offers_for(asked, first_run(asked, settings), FIRMWARE["ardusub"], "XZN", 0.0)
     }
     sizes = {o.settings.options["steering"] for o in offers if o.settings.kind.name == "zig-zag"}
     assert len(sizes) >= 3
     assert all(o.make() is not o.make() for o in offers)
+
+
+def test_nothing_is_planned_for_a_force_that_the_craft_lacks(tmp_path: Path) -> None:
+    settings = SitlHarness(tmp_path, "videoray").common()
+    asked, rov = precision_of("N_r 5%, Y_v 10%", "", 600.0), FIRMWARE["ardusub"]
+    assert "Y" in rov.channels
+    for forces in ("XZN", "XYZN"):
+        offers = offers_for(asked, first_run(asked, settings), rov, forces, 0.0)
+        assert {force for offer in offers for force in offer.settings.kind.drives} == {*forces} - {"Z"}
+        assert driven(asked, forces) == (("surge", "sway", "yaw") if "Y" in forces else ("surge", "yaw"))
 
 
 def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_end_it(tmp_path: Path) -> None:
@@ -93,7 +103,7 @@ def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_en
     seen = SimpleNamespace(seconds=30.0, trouble="")
     leg = FlightRun(replace(first, name="doublets"), 0.5, 1.0, Envelope(), cast(Preview, seen), Excursion(30.0, 20.0))
     said: list[str] = []
-    planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, said.append)
+    planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], "XN", 0.0, said.append)
     lost = Outlook(cast(Fit, None), {"beta_r": math.inf}, math.nan, None)
     run = cast(Trial, SimpleNamespace(duration=30.0))
 
@@ -208,11 +218,11 @@ def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path:
     settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
     boat, first = FIRMWARE["ardurover"], first_run(asked, settings)
-    told = offers_for(asked, first, boat, 0.5, {"heading": math.radians(15.0), "steering": 0.4})
+    told = offers_for(asked, first, boat, "XN", 0.5, {"heading": math.radians(15.0), "steering": 0.4})
     steering = {o.settings.options["steering"] for o in told if "steering" in o.settings.kind.options}
     headings = {o.settings.options["heading"] for o in told if o.settings.kind.name == "zig-zag"}
     assert steering == {0.4} and headings == {math.radians(15.0)}
-    assert len({o.settings.options["steering"] for o in offers_for(asked, first, boat, 0.5) if "steering" in
+    assert len({o.settings.options["steering"] for o in offers_for(asked, first, boat, "XN", 0.5) if "steering" in
                 o.settings.kind.options}) > 1  # fmt: skip
 
 
@@ -221,7 +231,7 @@ def test_what_earlier_runs_tell_is_known_and_the_first_run_is_chosen_after_it(tm
     first = first_run(asked, SitlHarness(tmp_path, QUICK).common())
     seen = cast(Preview, SimpleNamespace(seconds=30.0))
     leg = FlightRun(replace(first, name="doublets"), 0.5, 1.0, Envelope(), seen, Excursion(30.0, 20.0))
-    planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], 0.0, lambda text: None, known=2)
+    planner = SelfPlanner(asked, leg, FIRMWARE["ardurover"], "XN", 0.0, lambda text: None, known=2)
     run = cast(Trial, SimpleNamespace(duration=30.0))
     known = Outlook(cast(Fit, None), {"beta_r": 0.04}, math.nan, ())
     assert planner.next_run([run, run], lambda *work: known, lambda planned: leg) is None
@@ -259,6 +269,6 @@ def test_a_wish_that_this_craft_or_this_manoeuvre_cannot_tell_is_refused_before_
 ) -> None:
     force = "K" if manoeuvre == "doublets" else ""
     with pytest.raises(UsageError, match=words):
-        check_identifiable(precision_of(until, "", 600.0), MANOEUVRES[manoeuvre].of(force), FIRMWARE["ardurover"])
+        check_identifiable(precision_of(until, "", 600.0), MANOEUVRES[manoeuvre].of(force), "XN")
     for asked in ("N_r 5%", "N_r 5%, Y_v 10%"):
-        check_identifiable(precision_of(asked, "", 600.0), MANOEUVRES["zig-zag"].of(""), FIRMWARE["ardurover"])
+        check_identifiable(precision_of(asked, "", 600.0), MANOEUVRES["zig-zag"].of(""), "XN")

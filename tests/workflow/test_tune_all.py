@@ -27,8 +27,7 @@ from gcs_autotune.workflow.tune import TuneJob, job_of
 from .sitl_harness import SLOW_LOOP, WHEN, Answers, Ear, SitlHarness
 
 Ending = str | BaseException
-ROV = "videoray"
-"""A sub with heading and depth loops only: its three thrusters neither roll, pitch nor push sideways."""
+ROV = "bluerov2"
 
 
 class Scripted:
@@ -115,12 +114,12 @@ def test_an_rov_is_tuned_in_the_order_of_the_table_after_one_announcement(tmp_pa
     assert not bench.link.stays_open
 
 
-def test_roll_pitch_and_position_are_part_of_it_where_the_frame_has_the_loops(tmp_path, scripted) -> None:
+def test_roll_pitch_and_position_are_part_of_it_when_they_are_named(tmp_path, scripted) -> None:
     bench, script = (
         Bench(tmp_path, "bluerov2-6dof", **SLOW_LOOP),
         scripted(heading="restored", depth="restored", position="restored"),
     )
-    bench.tune()
+    bench.tune(loops=("heading", "depth", "roll", "pitch", "position"))
     assert script.flown == ["heading", "depth", "roll", "pitch", "position"]
     assert list(bench.endings) == script.flown
     assert any("for pitch, move: a small pulse in each direction" in text for text in bench.said)
@@ -133,7 +132,7 @@ def test_position_is_left_out_in_one_sentence_without_a_position(tmp_path, scrip
         return (message,)
 
     bench, script = Bench(tmp_path, "bluerov2-6dof", meddling=lost, **SLOW_LOOP), scripted()
-    bench.tune()
+    bench.tune(loops=("heading", "depth", "roll", "pitch", "position"))
     assert script.flown == ["heading", "depth", "roll", "pitch"]
     (told,) = (text for text in bench.said if text.startswith("will not tune position"))
     assert "no position estimate for 5 s" in told

@@ -130,6 +130,14 @@ class MavlinkCraft:
         return self._config.servos
 
     @property
+    def forces(self) -> tuple[str, ...]:
+        """Forces that the craft can be commanded to produce and whose outputs it reports, as ``("X", "Z", "N")``.
+
+        The firmware has a channel for each, and an output of the frame drives it.
+        """
+        return tuple(force for force in self.firmware.channels if self.servos.driving(force))
+
+    @property
     def clock(self) -> Clock:
         """The clock of the link, in real or simulated time."""
         return self.session.clock
