@@ -16,6 +16,7 @@ import numpy as np
 from gcs_autotune.control import ReferenceModel, settling_time
 from gcs_autotune.design.hunting import LONG
 from gcs_autotune.design.laws import SKID, Settings
+from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.result import Beside, Hunting, Margins
 from gcs_autotune.design.selection import GainCandidate
@@ -24,7 +25,7 @@ from gcs_autotune.firmware import Axis
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 
-__all__ = ["NEAR_LIMIT", "at_speed", "notes_on", "on_other_speeds", "other_mode_notes", "said"]
+__all__ = ["NEAR_LIMIT", "at_speed", "limit_by_loop_rate", "notes_on", "on_other_speeds", "other_mode_notes", "said"]
 
 LONG_DELAY = 0.05
 """Delay [s] above which a note explains that its location matters. Project choice."""
@@ -34,6 +35,11 @@ POOR_MATCH = 0.08
 """Rms deviation from the reference step, relative to the step, above which the proposal has a note. Project choice."""
 NEAR_LIMIT = 0.01
 """Distance to the end of a range, relative to the range, up to which a gain counts as limited. Project choice."""
+LOOP_RATE, NOTICEABLE_LOSS = "SCHED_LOOP_RATE", 1.1
+"""Parameter of the autopilot's loop rate, and the ratio of margins from which a note blames a slow loop.
+
+Project choice.
+"""
 ROUNDING = 1e-6
 """Distance outside a range, relative to the range, up to which a value counts as on the limit.
 
@@ -117,6 +123,29 @@ def _on_the_model(problem: DesignProblem) -> Iterator[str]:
         )
     if not problem.region.samples:
         yield "the model has no uncertainty, so the worst margins are those of the model itself"
+
+
+def limit_by_loop_rate(problem: DesignProblem, shown: GainCandidate) -> str:
+    """Return how much margin the gains lose by a loop slower than the firmware's default, or an empty string.
+
+    It is empty if the gains meet the specification, or if the loss is less than :data:`NOTICEABLE_LOSS`.
+    """
+    law, settings = problem.law, shown.settings
+    period = law.loop_period(settings)
+    usual = law.loop_period({name: value for name, value in settings.items() if name != LOOP_RATE})
+    if not shown.objections or problem.spec.loop_delay is not None or not period > usual:
+        return ""
+    quick = replace(problem, delay=problem.delay * usual / period)
+    models = [problem.model, *problem.region.samples]
+    low = worst(quick.margins({**settings, LOOP_RATE: 1.0 / usual}, shown.wanted, models))
+    here = shown.worst_margins
+    if max(low.gain / here.gain, low.phase / here.phase) < NOTICEABLE_LOSS:
+        return ""
+    return (
+        f"{LOOP_RATE} is {1.0 / period:.0f} Hz, and its delay lowers the margins. At the default of {1.0 / usual:.0f} "
+        f"Hz the same gains would have a gain margin of {low.gain:.2f} instead of {here.gain:.2f}, and a phase margin "
+        f"of {math.degrees(low.phase):.0f} instead of {math.degrees(here.phase):.0f} deg"
+    )
 
 
 def _on_the_specification(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_refined: bool) -> Iterator[str]:

@@ -14,7 +14,7 @@ from gcs_autotune.design.actuator import PERFECT
 from gcs_autotune.design.hunting import hunting_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
-from gcs_autotune.design.notes import NEAR_LIMIT, notes_on, other_mode_notes, said
+from gcs_autotune.design.notes import NEAR_LIMIT, limit_by_loop_rate, notes_on, other_mode_notes, said
 from gcs_autotune.design.other_mode import OtherMode, other_mode
 from gcs_autotune.design.plant import heavier, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict, predict_as_flown, predict_error, ruler_of
@@ -132,6 +132,7 @@ def design(
         old, new = read.halves
         told = replace(told[0], metrics=read.one, halves=old), replace(told[1], metrics=read.other, halves=new)
         windows = read.windows
+    limit = limit_by_loop_rate(problem, shown)
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
     return Proposal(
         axis=axis.name,
@@ -147,6 +148,7 @@ def design(
             *(r.sentence for r in remarks),
             *(said(*left, axis.dof) if left else ()),
             *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_refined, wider)),
+            *([limit] if limit else ()),
             *(() if beside is None else other_mode_notes(beside)),
         ),
         remarks=remarks,
@@ -157,6 +159,7 @@ def design(
         spread=_spread(problem, shown.settings, span),
         ruler=ruler_of(spec),
         beside=beside,
+        limit=limit,
     )
 
 

@@ -187,6 +187,7 @@ class Proposal(Displayed):
     - ``ruler``: measurement properties with which the metrics are calculated.
     - ``spread``: largest relative increase of the predicted ITAE within the 95 % region.
     - ``beside``: prediction for another mode that uses the same gains, or None.
+    - ``limit``: why the margins miss the specification, if a slow loop of the autopilot is the reason.
     """
 
     axis: str
@@ -207,6 +208,7 @@ class Proposal(Displayed):
     spread: float = math.nan
     ruler: Ruler = field(default_factory=Ruler)
     beside: Beside | None = None
+    limit: str = ""
 
     @property
     def new(self) -> Mapping[str, float]:

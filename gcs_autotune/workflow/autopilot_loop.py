@@ -279,8 +279,23 @@ def _offer_of(proposal: Proposal, measured: StepMetrics, slower: float) -> Offer
     calmer = is_calmer(proposal.before.metrics, proposal.after.metrics, slower)
     if new >= max(old, measured.itae) and not calmer:
         # They promise no better step than the present ones promise, and no better than these were just seen to give.
-        refusal = "no gains with the required margins are predicted to be better than the present gains"
-    return Offer(proposal.changes, refusal, _promise(proposal), (old, new, new * (1.0 + proposal.spread)))
+        refusal = (
+            "no gains with the required margins are predicted to be better than the present gains "
+            f"(ITAE {new:.3g} instead of {old:.3g} s^2){proposal.limit and '. '}{proposal.limit}"
+        )
+    promise = "; ".join(filter(None, (_promise(proposal), _missed(old, measured.itae))))
+    return Offer(proposal.changes, refusal, promise, (old, new, new * (1.0 + proposal.spread)))
+
+
+def _missed(predicted: float, measured: float) -> str:
+    """Return a doubt about the prediction if the step *measured* with the present gains was predicted badly."""
+    low, high = sorted((max(predicted, SMALL_ERROR), max(measured, SMALL_ERROR)))
+    if not high > MISSED * low:
+        return ""
+    return (
+        f"doubtful, because the model predicts {predicted:.3g} s^2 for the step with the present gains, and "
+        f"{measured:.3g} s^2 was measured"
+    )
 
 
 def _compared(
@@ -293,6 +308,12 @@ def _compared(
     return criteria.read(before, windows), criteria.read(after, windows), scatter, told
 
 
+MISSED, SMALL_ERROR = 1.5, 0.01
+"""Ratio of predicted and measured ITAE with the present gains from which the prediction of new gains is doubtful, and
+ITAE [s^2] below which they are not compared.
+
+Project choice: predictions of good models are within 25 %.
+"""
 WORSE, ENOUGH = 1.05, 0.9
 """Factor by which a predicted error must rise before a warning, and fraction of the commanded turn rate above which the
 craft counts as tracking it. Project choice.

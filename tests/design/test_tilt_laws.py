@@ -9,10 +9,14 @@ import control
 import numpy as np
 import pytest
 
-from gcs_autotune.design import LAWS
+from gcs_autotune.control import reference_model
+from gcs_autotune.design import LAWS, Actuator, Reduction, Spec
 from gcs_autotune.design.laws import Scenario
 from gcs_autotune.design.margins import Plant, margins_of, margins_of_each
+from gcs_autotune.design.notes import limit_by_loop_rate
 from gcs_autotune.design.open_loop import OpenLoop, Rational, constant, open_loop
+from gcs_autotune.design.proposal import problem_of
+from gcs_autotune.design.selection import judge
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.models import SingleDof
 
@@ -82,3 +86,21 @@ def test_the_linear_loop_with_a_restoring_moment_predicts_small_steps_of_the_sim
     assert np.interp(t, motion.t, motion.position) / step == pytest.approx(
         control.step_response(closed, t).outputs, abs=0.03
     )
+
+
+def test_a_note_blames_a_slow_loop_for_margins_that_the_default_rate_would_keep() -> None:
+    """A fit of the simulated BlueROV2 in roll, and the gains designed for it at 100 Hz."""
+    craft = SingleDof("roll", "1", 0.02365, 0.0, 0.0627, restoring=0.0719)
+    thrusters = Actuator(square=0.8, reference=0.3)
+    axis = FIRMWARE["ardusub"].axes["roll"]
+    gains = {"ATC_RAT_RLL_P": 0.1435, "ATC_RAT_RLL_I": 0.058, "ATC_RAT_RLL_D": 0.0036, "ATC_ANG_RLL_P": 3.0}
+    limits = []
+    for rate in (100.0, 400.0):
+        present = {**LAWS["sub-roll"].defaults, **gains, "SCHED_LOOP_RATE": rate}
+        reduction = Reduction(craft, "K", np.zeros((5, 5)), thrusters)
+        problem = problem_of(craft, np.zeros((5, 5)), axis, present, Spec(), reduction)
+        judged = judge(problem, reference_model("bessel", 4.8), present, 6.0)
+        assert judged.objections
+        limits.append(limit_by_loop_rate(problem, judged))
+    assert limits[0].startswith("SCHED_LOOP_RATE is 100 Hz, and its delay lowers the margins. At the default of 400 Hz")
+    assert not limits[1]

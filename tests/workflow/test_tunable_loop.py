@@ -54,6 +54,24 @@ def test_gains_are_refused_unproved_only_when_they_promise_less_than_both_what_w
     assert bool(offer.refusal) is is_refused
 
 
+@pytest.mark.parametrize(
+    ("predicted_now", "flown_now", "is_doubtful"),
+    [(1.0, 1.25, False), (1.0, 0.8, False), (0.307, 0.105, True), (1.0, 1.6, True), (0.001, 0.009, False)],
+)
+def test_a_prediction_is_doubtful_if_the_step_with_the_present_gains_was_predicted_badly(
+    predicted_now: float, flown_now: float, is_doubtful: bool
+) -> None:
+    offer = _offer_of(proposed(0.0005, [CHANGE], predicted_now), step(flown_now), 1.0)
+    said = f"the model predicts {predicted_now:.3g} s^2 for the step with the present gains, and {flown_now:.3g} s^2"
+    assert (said in offer.promise) is is_doubtful
+
+
+def test_a_refusal_states_the_predictions_and_what_limits_the_margins() -> None:
+    proposal = proposed(2.0, [CHANGE])
+    proposal.limit = "SCHED_LOOP_RATE is 100 Hz"
+    assert _offer_of(proposal, step(1.0), 1.0).refusal.endswith("(ITAE 2 instead of 1 s^2). SCHED_LOOP_RATE is 100 Hz")
+
+
 class Loan:
     """As much of a parameter transaction as a proof needs; what was done to it, in order."""
 
@@ -213,6 +231,7 @@ def proposed(promised: float, changes: list[Change], predicted_now: float = 1.0)
         windows=(9.0, 9.0),
         spread=0.1,
         beside=None,
+        limit="",
     )
 
 
