@@ -143,8 +143,8 @@ def limit_by_loop_rate(problem: DesignProblem, shown: GainCandidate) -> str:
         return ""
     return (
         f"{LOOP_RATE} is {1.0 / period:.0f} Hz, and its delay lowers the margins. At the default of {1.0 / usual:.0f} "
-        f"Hz the same gains would have a gain margin of {low.gain:.2f} instead of {here.gain:.2f}, and a phase margin "
-        f"of {math.degrees(low.phase):.0f} instead of {math.degrees(here.phase):.0f} deg"
+        f"Hz the gain margin would be {low.gain:.2f} instead of {here.gain:.2f}, and the phase margin "
+        f"{math.degrees(low.phase):.0f} instead of {math.degrees(here.phase):.0f} deg"
     )
 
 

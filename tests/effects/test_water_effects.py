@@ -28,10 +28,10 @@ def blown(t: float, s: Mapping[str, float], held: object) -> dict[str, float]:
 
 
 def beside(t: float, s: Mapping[str, float], held: object) -> dict[str, float]:
-    """Return the forces of a wall 25 m from the origin towards 0.7 rad."""
-    gap = 25.0 - s["x"] * np.cos(0.7) - s["y"] * np.sin(0.7)
+    """Return the forces of a wall 12 m from the origin towards 0.7 rad."""
+    gap = 12.0 - s["x"] * np.cos(0.7) - s["y"] * np.sin(0.7)
     abeam = np.sin(0.7 - s["psi"]) / gap
-    return {"Y": 80.0 * s["u"] ** 2 * abeam, "N": -16.0 * s["u"] * abs(s["u"]) * abeam}
+    return {"Y": 15.0 * s["u"] ** 2 * abeam, "N": -3.0 * s["u"] * abs(s["u"]) * abeam}
 
 
 def near(s: float, bottom: float, strength: float, length: float) -> float:
@@ -110,7 +110,7 @@ CASES = {
         "wind-load", "surge+sway+yaw", BOAT, {"X": 3.0, "Y": 5.0, "N": 1.2, "direction": 0.7}, Water(blown)
     ),
     "wall": Case(
-        "bank-suction", "sway+yaw", BOAT, {"direction": 0.7, "distance": 25.0, "Y": 80.0, "N": 16.0}, Water(beside)
+        "bank-suction", "sway+yaw", BOAT, {"direction": 0.7, "distance": 12.0, "Y": 15.0, "N": 3.0}, Water(beside)
     ),
     "tether that untwists": Case(
         "tether-pull", "yaw", SPINNER, {"stiffness": 0.3, "anchor": 1.5},

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import OperatorStopped, UsageError
 from gcs_autotune.identify import load_model
 from gcs_autotune.identify.axis.form import as_extended
 from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow import Unattended
 from sitl.effects.table import make_effect
 
 from .sitl_harness import SitlHarness
@@ -82,3 +83,16 @@ def test_newtons_need_the_full_scale_before_anything_moves(tmp_path):
     with pytest.raises(UsageError, match="--full-scale"):
         harness.tune(given=load_model(model_file(tmp_path, unit="N m")))
     assert not any("step with present gains" in text for text in harness.said)
+
+
+def test_a_stop_while_gains_are_designed_comes_before_the_question_that_answers_itself(tmp_path) -> None:
+    harness, given = SitlHarness(tmp_path), load_model(model_file(tmp_path))
+
+    class Stops(Unattended):
+        def stop_requested(self) -> bool:
+            return any(text.startswith("predicted:") for text in harness.said)
+
+    with pytest.raises(OperatorStopped, match="stopped by the operator"):
+        harness.tune(Stops(), agreed=True, given=given)
+    assert not any(text.startswith("Write ") for text in harness.said)
+    harness.assert_as_found()
