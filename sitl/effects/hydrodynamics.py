@@ -77,12 +77,17 @@ class MassChange(HiddenEffect):
         EffectParameter("ratio", "1", "ratio of the new inertia to the old", least=1e-3),
         EffectParameter("time", "s", "since the start"),
     )
-    on_vehicles = "all (default), yaw, surge, heave"
+    on_vehicles = "all (default), yaw, surge, heave, or several joined by +"
 
     def begin(self, setting: Setting) -> None:
         """Find the degrees of freedom: those that the place selects, or all."""
-        everything = self.place in ("", "all")
-        self._dofs = setting.dofs if everything else (find_dof(self, setting),)
+        named = tuple(self.place.split("+"))
+        if self.place in ("", "all"):
+            self._dofs = setting.dofs
+        elif len(named) > 1 and set(named) <= set(setting.dofs):  # as a diagnosis writes it into a model file
+            self._dofs = named
+        else:
+            self._dofs = (find_dof(self, setting),)
         self._when = setting.start + self["time"]
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:

@@ -61,6 +61,17 @@ def test_effects_change_the_parameters_and_the_wrench_of_another_plant():
     assert pushed(sled(make_effect("input-bias", "surge", {"bias": 0.1}))) == pytest.approx(1.1 * plain)
 
 
+def test_a_change_of_mass_acts_on_every_degree_of_freedom_of_its_place():
+    def speed(*place: str) -> float:
+        effects = [make_effect("mass-change", where, {"ratio": 2.0, "time": 0.0}) for where in place]
+        craft = Craft(load_vehicle("blueboat"), effects=effects)
+        craft.begin("1")
+        return pushed(craft, 1.0)
+
+    assert speed("surge+yaw") == speed("all") == speed("surge") < speed()
+    assert speed("yaw") == speed()
+
+
 def test_sensors_read_another_plant():
     craft, data = sled(), load_vehicle("blueboat")
     craft.plant.state.u, reading = 1.5, SensorReading()
