@@ -70,7 +70,8 @@ class SignCheckSettings:
     ----------
     signal, force : the signal observed (``psi``, ``z``; ``y``: integrated sway speed) and the driven force.
     outputs : sizes of the pulse, tried until one has a response.
-    reach : motion that ends a pulse; with a noisy sensor it is larger. Otherwise a pulse ends after ``longest``, the largest pulse after twice that time.
+    reach : motion that ends a pulse; with a noisy sensor it is larger. Otherwise a pulse ends after ``longest``, the
+        largest pulse after twice that time.
     least : smallest motion that counts as a response.
     throttle : constant thrust ahead; the craft must make ``least_speed`` with it, or a rudder has no effect.
     most_speed, wanted_speed : speed [m/s] above which the throttle is halved, and speed for which the throttle is then

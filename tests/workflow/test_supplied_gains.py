@@ -125,7 +125,7 @@ def test_the_command_repeats_what_the_user_asked_of_link_step_and_safety(capsys,
     asked = {}
     job = SimpleNamespace(run=lambda settings, *_: asked.update(s=settings) or 1 / 0)
     monkeypatch.setattr("gcs_autotune.workflow.job_of", lambda name: job)
-    words = ["--connect", "udpin:0.0.0.0:14550", "--max-distance", "40", "--step", "20", "--system-id", "7"]
+    words = ["--connect", "udpin:127.0.0.1:0", "--max-distance", "40", "--step", "20", "--system-id", "7"]
     with pytest.raises(ZeroDivisionError):
         main(["tune", "heading", "--dry-run", "--yes", "--function", "butterworth", "--relays", "2", *words])
     said = asked["s"].proving.split()
@@ -133,7 +133,7 @@ def test_the_command_repeats_what_the_user_asked_of_link_step_and_safety(capsys,
     assert said[-1] == "--gains"
     told = {said[i]: said[i + 1] for i in range(3, len(said) - 1, 2)}
     assert {k: float(v) if v.replace(".", "").isdigit() else v for k, v in told.items()} == {
-        "--connect": "udpin:0.0.0.0:14550",
+        "--connect": "udpin:127.0.0.1:0",
         "--max-distance": 40.0,
         "--step": 20.0,
         "--system-id": 7.0,

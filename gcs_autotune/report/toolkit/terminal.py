@@ -6,6 +6,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
 from rich.panel import Panel
@@ -142,8 +143,11 @@ def _grid(table: Table) -> Padding:
     used = [i for i in range(len(table.heads)) if table.heads[i] not in table.wide and (_has(rows, i) or not rows)]
     for i in used:
         right = table.align[i] == "r"
-        whole = right or i == 0 or not any(" " in row[i] for row in rows)  # a name that is cut cannot be typed
-        lines.add_column(Text(visible(table.heads[i])), justify="right" if right else "left", no_wrap=whole)
+        wraps = any(" " in row[i] for row in rows)
+        # A head may wrap, but a name that is cut cannot be typed.
+        least = None if wraps else max((cell_len(visible(row[i])) for row in rows), default=0)
+        head = Text(visible(table.heads[i]))
+        lines.add_column(head, justify="right" if right else "left", no_wrap=right, min_width=least)
     for row in rows:
         lines.add_row(*(Text(visible(row[i])) for i in used))
     return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)
