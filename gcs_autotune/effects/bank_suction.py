@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs_autotune.effects.effect import Drive, Effect, EffectCurve, EffectInstance, Quantity
 from gcs_autotune.effects.summary import DataSummary, force_scale, force_unit, sense, top_speed
-from gcs_autotune.effects.tether_line import on_track
+from gcs_autotune.effects.track import on_track
 
 __all__ = ["BankSuction"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects.effect import Drive, Effect, EffectCurve, EffectInstance, Quantity
 from gcs_autotune.effects.summary import DataSummary, force_scale, force_unit, top_speed
-from gcs_autotune.effects.tether_line import on_track
+from gcs_autotune.effects.track import on_track
 from gcs_autotune.models import PAYLOADS
 from gcs_autotune.sname import DOFS
 

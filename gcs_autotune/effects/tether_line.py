@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Mapping
 from math import inf
 
 import numpy as np
@@ -13,16 +12,13 @@ from numpy.typing import NDArray
 from gcs_autotune.effects.effect import Drive, Effect, EffectCurve, EffectInstance, Quantity
 from gcs_autotune.effects.environment import AWAY, STRENGTH
 from gcs_autotune.effects.summary import DataSummary, force_scale, stiffness_unit, top_speed
-from gcs_autotune.smoothing import best_width, local_polynomials
+from gcs_autotune.effects.track import on_track
 from gcs_autotune.sname import DOFS
-from gcs_autotune.trial import Channel
 
-__all__ = ["TetherLine", "on_track"]
+__all__ = ["TetherLine"]
 
 Array = NDArray[np.float64]
 
-WIDTHS = (5, 9, 15, 25)
-"""Numbers of samples over which recorded positions may be smoothed. Project choice."""
 
 DRAG = 0.1
 """Start value of the drag of the line at the highest speed, relative to the largest force. Project choice."""
@@ -134,33 +130,3 @@ class TetherLine(Effect):
 
 def _names(place: str) -> tuple[str, ...]:
     return tuple(_POSITIONS[dof] for dof in place.split("+"))
-
-
-def on_track(drive: Drive, names: Sequence[str]) -> tuple[Drive, Array, Array, Array | None]:
-    """Return *drive* with the stamps of the recorded positions *names* as well, and where the craft is between stamps.
-
-    That are its smoothed positions and their rates (k, j), and its heading (j,), continuous, None if not recorded. They
-    are those half-way from each stamp to the next.
-    """
-    own = drive.measured
-    drive = drive.on(np.union1d(drive.t, own[names[0]].t))
-    middle = 0.5 * (drive.t + np.append(drive.t[1:], drive.t[-1]))
-    paths = [[np.interp(middle, t, values) for values in rest] for t, *rest in map(_path, (own[n] for n in names))]
-    heading = None
-    if "psi" in own:
-        known = np.isfinite(own["psi"].values)
-        heading = np.interp(middle, own["psi"].t[known], np.unwrap(own["psi"].values[known]))
-    return drive, np.array([place for place, _ in paths]), np.array([rate for _, rate in paths]), heading
-
-
-@lru_cache(maxsize=64)
-def _path(place: Channel) -> tuple[Array, Array, Array]:
-    """Return the stamps of the valid samples of a position, and its smoothed values and rates (n,)."""
-    good = np.isfinite(place.values)
-    t, values = place.t[good], place.values[good]
-    widths = [w for w in WIDTHS if 3 * w <= len(values)]
-    if not widths:
-        return t, values, np.gradient(values, t) if len(t) > 1 else np.zeros(len(t))
-    width, _ = best_width(t, values, widths, degree=2)
-    fitted = local_polynomials(t, values, t, width, degree=2)
-    return t, fitted.derivative(0), fitted.derivative(1)
