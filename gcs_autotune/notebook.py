@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -16,7 +16,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.rounding import format_value
 from gcs_autotune.untrusted_text import visible
 
-__all__ = ["Display", "Displayed", "Table", "in_python", "pandas_module", "parameter_tables"]
+__all__ = ["Display", "Displayed", "Table", "display_of_fit", "in_python", "pandas_module", "parameter_tables"]
 
 WIDTH, NARROWEST = 88, 24
 """Columns of the printed text, as in most notebooks, and of its narrowest wrapped column. Project choices."""
@@ -140,6 +140,14 @@ def parameter_tables(parameters: Mapping[str, Any], covariance: NDArray[np.float
     ]
     heads = ("parameter", "value ± standard error", "relative", "unit", "status")
     return Table(heads, tuple(rows)), Table(("parameters", "correlation"), tuple(correlated))
+
+
+def display_of_fit(
+    title: str, parameters: Mapping[str, Any], covariance: NDArray[np.float64], doubts: Iterable[Any]
+) -> Display:
+    """Return what ``print`` shows of a fit: :func:`parameter_tables`, and cause and cure of its *doubts*."""
+    tables = parameter_tables(parameters, covariance)
+    return Display(title, tuple(t for t in tables if t.rows), tuple(f"{d.cause}. Cure: {d.cure}" for d in doubts))
 
 
 class Displayed:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import Doubt, Parameter, Status
 from gcs_autotune.identify.problems import Local, descend, inverse_of
-from gcs_autotune.notebook import Display, Displayed, parameter_tables
+from gcs_autotune.notebook import Display, Displayed, display_of_fit
 from gcs_autotune.rounding import format_number
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.thrusters.pull_test import PullTest, resolution
@@ -161,10 +161,7 @@ class ThrusterFit(Displayed):
             f"thruster map of {self.pulls.name}, {self.structure.name}, fit {self.fit_percent:.1f} %; standard "
             f"deviation of one pull {format_number(self.noise, 3)} N"
         )
-        tables = parameter_tables(self.parameters, self.covariance)
-        return Display(
-            title, tuple(t for t in tables if t.rows), tuple(f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
-        )
+        return display_of_fit(title, self.parameters, self.covariance, self.doubts)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit as data for JSON."""

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import Doubt, Parameter
 from gcs_autotune.identify.problems import inverse_of
-from gcs_autotune.notebook import Display, Displayed, parameter_tables
+from gcs_autotune.notebook import Display, Displayed, display_of_fit
 from gcs_autotune.rounding import format_number
 
 __all__ = ["OpenWater", "OpenWaterTest", "PropellerFit", "fit_bilinear", "fit_open_water"]
@@ -112,10 +112,7 @@ class PropellerFit(Displayed):
     def _display(self) -> Display:
         noise = ", ".join(f"{name} {format_number(std, 3)}" for name, std in self.noise.items())
         title = f"propeller, {self.kind}; standard deviation of one run: {noise}"
-        tables = parameter_tables(self.parameters, self.covariance)
-        return Display(
-            title, tuple(t for t in tables if t.rows), tuple(f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
-        )
+        return display_of_fit(title, self.parameters, self.covariance, self.doubts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fit as data for JSON."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.identify import Doubt, Parameter
 from gcs_autotune.identify.problems import inverse_of
-from gcs_autotune.notebook import Display, Displayed, parameter_tables
+from gcs_autotune.notebook import Display, Displayed, display_of_fit
 from gcs_autotune.rounding import format_number
 from gcs_autotune.thrusters.pull_test import COMMANDS, read_columns
 from gcs_autotune.thrusters.thruster_map import ThrusterMap
@@ -83,10 +83,7 @@ class TwinFit(Displayed):
     def _display(self) -> Display:
         noise = ", ".join(f"{name} {format_number(std, 3)}" for name, std in self.noise.items())
         title = f"two thrusters; standard deviation of one row: {noise}"
-        tables = parameter_tables(self.parameters, self.covariance)
-        return Display(
-            title, tuple(t for t in tables if t.rows), tuple(f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
-        )
+        return display_of_fit(title, self.parameters, self.covariance, self.doubts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fit as data for JSON."""
