@@ -179,9 +179,11 @@ def gains_of(designs: Path, style: str) -> Path:
     UsageError
         The file contains no new gains for this style, or the disk is full.
     """
-    told = read_json(designs).get("styles")
+    styles = read_json(designs).get("styles")
     found = (
-        [one for one in told if isinstance(one, dict) and one.get("style") == style] if isinstance(told, list) else []
+        [one for one in styles if isinstance(one, dict) and one.get("style") == style]
+        if isinstance(styles, list)
+        else []
     )
     try:
         rows = [(str(gain["parameter"]), float(gain["old"]), float(gain["new"])) for gain in found[0]["gains"]]

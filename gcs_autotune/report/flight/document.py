@@ -36,10 +36,12 @@ from gcs_autotune.report.toolkit.document import (
 from gcs_autotune.report.toolkit.figures import draw_fit, draw_inputs, draw_track, finite, thin
 from gcs_autotune.report.toolkit.goldfarb import goldfarb_figure
 from gcs_autotune.report.toolkit.wording import (
+    NOTHING_WRITTEN,
     format_moment,
     format_percent,
     format_seconds,
     remarks,
+    sentence,
     to_people,
 )
 from gcs_autotune.seatrials import Sheet
@@ -151,14 +153,14 @@ def _found(story: FlightStory, doubtful: bool) -> Iterator[str]:
     """Yield sentences on what the flight gave: the first figures, the models, and what can be undone."""
     for sheet in story.sheets:
         rows = [row for row in sheet_table(sheet).rows if row[0] not in SET][:MOST_FIGURES]
-        told = "; ".join(f"{name}: {value.partition(' ±')[0]}{_apart(unit)}" for name, value, unit, *_ in rows)
-        said = f" {sheet.verdict[:1].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
-        yield f"{sheet.title[:1].upper()}{sheet.title[1:]}. {told[:1].upper()}{told[1:]}.{said}"
+        shown = "; ".join(f"{name}: {value.partition(' ±')[0]}{_apart(unit)}" for name, value, unit, *_ in rows)
+        verdict = f" {sentence(sheet.verdict)}" if sheet.verdict else ""
+        yield f"{sheet.title[:1].upper()}{sheet.title[1:]}. {sentence(shown)}{verdict}"
     for model in story.models:
         yield f"Model of {model.fit.dof}: {format_percent(model.fit.fit_percent)} of the motion explained."
     if doubtful:
         yield "See the doubts above before you use these results."
-    yield "No parameter was written, so there is nothing to undo."
+    yield NOTHING_WRITTEN
 
 
 def _apart(unit: str) -> str:

@@ -17,7 +17,7 @@ from gcs_autotune.design import StepMetrics
 from gcs_autotune.report.toolkit.canvas import AFTER, INK, WANTED, legend, new_axes
 from gcs_autotune.report.toolkit.document import Document, Figure, Section, Table, Verdict
 from gcs_autotune.report.toolkit.figures import finite, thin
-from gcs_autotune.report.toolkit.wording import UNKNOWN, format_moment, format_number, to_people
+from gcs_autotune.report.toolkit.wording import NOTHING_WRITTEN, UNKNOWN, format_moment, format_number, to_people
 from gcs_autotune.sname import SIGNALS, wrap
 from gcs_autotune.trial import Mark, Trial
 
@@ -292,10 +292,6 @@ _Story = tuple[str, tuple[str, ...], tuple[Section, ...]]
 """Headline, further sentences and sections of a report."""
 
 Held = HeldLoop | HeldLine | HeldDistance | HeldPosition
-
-
-NOTHING_WRITTEN = "No parameter was written, so there is nothing to undo."
-"""Sentence of the verdict: our own controllers fly in MANUAL."""
 
 
 def hold_document(held: Held, heading: str = "", when: str = "") -> Document:

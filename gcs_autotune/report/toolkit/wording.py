@@ -219,6 +219,10 @@ def remarks(doubts: Iterable[Doubt]) -> tuple[Remark, ...]:
     return tuple(Remark(doubt_sentence(doubt), doubt.grade) for doubt in doubts)
 
 
+NOTHING_WRITTEN = "No parameter was written, so there is nothing to undo."
+"""Sentence of a verdict of a flight that tunes nothing."""
+
+
 def sentence(text: str) -> str:
     """Return *text* with a capital first letter and a full stop; signal names keep their case."""
     text = text.strip()

@@ -69,10 +69,10 @@ def _vehicle_of(directory: Path) -> str:
     """Return the firmware of the vehicle of a run, from its journal; empty without one."""
     try:
         with (directory / JOURNAL).open("rb") as lines:
-            told = parse(lines.readline()).get("vehicle")
+            vehicle = parse(lines.readline()).get("vehicle")
     except (OSError, Refused, AttributeError):
         return ""
-    return visible(str(told.get("firmware") or "")) if isinstance(told, dict) else ""
+    return visible(str(vehicle.get("firmware") or "")) if isinstance(vehicle, dict) else ""
 
 
 def _parts(story: TuneStory) -> Mapping[str, Any]:
