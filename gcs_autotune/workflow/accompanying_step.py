@@ -14,7 +14,7 @@ from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
 from gcs_autotune.workflow.experiments import STEP_AHEAD, noise_in, resolution
-from gcs_autotune.workflow.proof import Known, proof_of_turn_rate, told_of
+from gcs_autotune.workflow.proof import Known, proof_of_turn_rate, turn_sentence
 
 __all__ = ["BESIDE", "PRESENT", "PROVING", "AccompanyingStep", "Compared", "compared_over", "flies_accompanying_step"]
 
@@ -57,7 +57,7 @@ class AccompanyingStep:
         except PreconditionFailed as error:
             context.log.say(f"turn-rate step omitted: {error}")
             return None
-        context.log.say(told_of(proof.settings, context.settings.envelope.heading_excursion))
+        context.log.say(turn_sentence(proof.settings, context.settings.envelope.heading_excursion))
         before = _fly(context, StepCriteria(proof, known.noise_std, 0.0), "turn-rate-before", PRESENT)
         noise = min(known.noise_std, noise_in(before, "r"))
         return cls(StepCriteria(proof, noise, resolution(before)), before)
@@ -74,8 +74,8 @@ class AccompanyingStep:
 def compared_over(alike: Sequence[float]) -> str:
     """Return a sentence on the durations [s] of the step and the step back over which two flights are compared."""
     legs = zip(alike, ("step", "step back"), strict=False)
-    told = " and ".join(f"the first {seconds:.0f} s of the {leg}" for seconds, leg in legs)
-    return f"both flights are compared over {told}: the shorter flight ends there"
+    parts = " and ".join(f"the first {seconds:.0f} s of the {leg}" for seconds, leg in legs)
+    return f"both flights are compared over {parts}: the shorter flight ends there"
 
 
 def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:

@@ -32,7 +32,7 @@ from gcs_autotune.workflow.designing import StepCriteria, design_from_file, desi
 from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, resolution, steering_throttle
 from gcs_autotune.workflow.identification import Identified, again_with_step, identify
 from gcs_autotune.workflow.noise_estimate import jitter_in, noise_behind, noise_while_held
-from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity, told_of
+from gcs_autotune.workflow.proof import Known, Proof, known_of, proof_about_rest, proof_of_velocity, turn_sentence
 from gcs_autotune.workflow.settings import SuppliedGains
 from gcs_autotune.workflow.stop_rule import SPREAD, KnownDesign
 from gcs_autotune.workflow.supplied_gains import step_of
@@ -150,7 +150,7 @@ class _AutopilotLoop:
         if not self.context.law.controls_velocity and self.context.settings.ends_early:
             self.context.turn_around("step-before", STEP_AHEAD, last=True)
         if proof.settings.signal == "r":
-            self.context.log.say(told_of(proof.settings, self.context.settings.envelope.heading_excursion))
+            self.context.log.say(turn_sentence(proof.settings, self.context.settings.envelope.heading_excursion))
         return self.context.fly(proof.step("step-before"), "step with present gains")
 
 

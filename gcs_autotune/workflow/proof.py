@@ -52,7 +52,7 @@ __all__ = [
     "proof_of_turn_rate",
     "proof_of_velocity",
     "reduction_of",
-    "told_of",
+    "turn_sentence",
 ]
 
 FILTERED = ("surge",)
@@ -307,7 +307,7 @@ def _within(step: StepSettings, limit: float, known: Known, *, given: bool) -> S
     return replace(step, size=size, base=-0.5 * size)
 
 
-def told_of(step: StepSettings, limit: float) -> str:
+def turn_sentence(step: StepSettings, limit: float) -> str:
     """Return a sentence on how far a turn-rate *step* turns the craft, and on the heading *limit* [rad]."""
     rate, turn = math.degrees(0.5 * step.size), math.degrees(farthest_turn(step))
     ends = f". It ends early if the craft could not stop before the limit of {math.degrees(limit):.0f} deg"

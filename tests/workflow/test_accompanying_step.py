@@ -13,7 +13,7 @@ from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.manoeuvres import STOPPING, Envelope
 from gcs_autotune.models import SingleDof
 from gcs_autotune.workflow import Connection, TuneSettings
-from gcs_autotune.workflow.proof import Known, farthest_turn, proof_of_turn_rate, told_of
+from gcs_autotune.workflow.proof import Known, farthest_turn, proof_of_turn_rate, turn_sentence
 
 DEG = math.pi / 180.0
 BOAT = Known(SingleDof("yaw", "1", 0.858, 1.494), Actuator(), 0.1 * DEG)
@@ -47,7 +47,7 @@ def test_a_turn_rate_step_of_the_user_that_turns_too_far_is_rejected() -> None:
 
 def test_the_turn_is_announced_with_its_limit() -> None:
     s = proof_of_turn_rate(SETTINGS, 0.0, BOAT, beside=True).settings
-    told = told_of(s, 120.0 * DEG)
+    told = turn_sentence(s, 120.0 * DEG)
     assert f"turns the craft by up to {farthest_turn(s) / DEG:.0f} deg. It ends early" in told
     assert "before the limit of 120 deg" in told
 
