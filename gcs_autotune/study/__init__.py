@@ -1,15 +1,16 @@
 """Studies: thousands of tunes, flights, fits or diagnoses over ranges of numbers, on one computer or a Dask cluster.
 
-=======  ==========================================================================
-plan     the study file (TOML) and its cases
-jobs     what is done with a case: commands, or a Python function
-craft    the simulated vehicle of a case
-build    which code runs, so that all rows come from the same code
-store    the results folder: Parquet parts
-run      does the cases that are missing, on any executor
-figures  rates, intervals, maps and comparisons for the report
-cluster  a Dask cluster: local processes, or an existing scheduler
-=======  ==========================================================================
+==============  ==========================================================================
+plan            the study file (TOML) and its cases
+jobs            what is done with a case: commands, or a Python function
+command_server  runs the commands of a worker, each in a process of its own
+craft           the simulated vehicle of a case
+build           which code runs, so that all rows come from the same code
+store           the results folder: Parquet parts
+run             does the cases that are missing, on any executor
+figures         rates, intervals, maps and comparisons for the report
+cluster         a Dask cluster: local processes, or an existing scheduler
+==============  ==========================================================================
 """
 
 from __future__ import annotations

@@ -11,12 +11,9 @@ import fnmatch
 import importlib
 import json
 import math
-import os
 import re
 import shlex
-import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +21,7 @@ from typing import Any
 
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.plain_json import plain_data
+from gcs_autotune.study.command_server import CommandServer
 from gcs_autotune.study.craft import link_of
 
 __all__ = [
@@ -210,47 +208,23 @@ def _arguments(given: Mapping[str, Any], folder: Path, home: Path) -> dict[str, 
     return {**found, **own, **({"uri": link_of(given, folder, home)} if "uri" in found else {})}
 
 
-_CHILD = """
-import os, sys, threading, runpy
-def end():
-    while os.read(0, 1):
-        pass
-    os._exit(1)
-threading.Thread(target=end, daemon=True).start()
-sys.argv = ["gcs-autotune", *sys.argv[1:]]
-runpy.run_module("gcs_autotune", run_name="__main__")
-"""
-"""A process that runs a command and ends with the one that started it: its standard input then ends."""
+_COMMANDS = CommandServer()
+"""One per worker."""
 
 
 def _answer_of(line: Sequence[str]) -> dict[str, Any]:
     """Run a command and return the JSON that it prints."""
-    environment = {**os.environ, "GCS_AUTOTUNE_CONFIG": "none", "OPENBLAS_NUM_THREADS": "1"}
-    with subprocess.Popen(
-        [sys.executable, "-c", _CHILD, *line],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env=environment,
-    ) as child:
-        assert child.stdout is not None
-        assert child.stderr is not None
-        told: list[bytes] = []
-        reader = threading.Thread(target=lambda: told.append(child.stderr.read()), daemon=True)  # type: ignore[union-attr]
-        reader.start()
-        out = child.stdout.read()
-        code = child.wait()
-        reader.join()
-    words = b"".join(told).decode(errors="replace").strip().splitlines()
-    if code < 0:
-        raise Killed(f"{line[0]} was ended by signal {-code}")
-    if code not in (0, _RESTORED):
+    ended = _COMMANDS.run(line)
+    words = ended.err.decode(errors="replace").strip().splitlines()
+    if ended.code < 0:
+        raise Killed(f"{line[0]} was ended by signal {-ended.code}")
+    if ended.code not in (0, _RESTORED):
         last = next(
             (w for w in reversed(words) if w.startswith("gcs-autotune: ")), words[-1] if words else "no message"
         )
-        raise AutotuneError(f"{line[0]}, exit code {code}: {last.removeprefix('gcs-autotune: ')}")
+        raise AutotuneError(f"{line[0]}, exit code {ended.code}: {last.removeprefix('gcs-autotune: ')}")
     with contextlib.suppress(ValueError):
-        answer = json.loads(out)
+        answer = json.loads(ended.out)
         if isinstance(answer, dict):
             return answer
     raise AutotuneError(f"{line[0]} printed no JSON: {shlex.join(line)}")
