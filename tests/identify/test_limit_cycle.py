@@ -76,6 +76,20 @@ def test_a_period_that_breaks_the_amplitude_condition_clears_the_count() -> None
     assert states[-1].settled
 
 
+def test_a_period_that_only_noise_puts_below_the_condition_is_counted() -> None:
+    def counted(noise: float, swing: float) -> list[int]:
+        monitor, rng, counts = LimitCycleMonitor(1.0, 0.1, noise=noise), np.random.default_rng(1), []
+        for k in range(40):
+            sign = 1.0 if k % 2 == 0 else -1.0
+            monitor.update(0.5 * k, sign * (0.1 + abs(rng.normal(0.0, 0.01))), sign > 0.0)
+            counts.append(monitor.update(0.5 * k + 0.2, sign * (swing + rng.normal(0.0, 0.01)), sign > 0.0).periods)
+        return counts
+
+    assert max(counted(0.01, 0.115)) == 5
+    assert max(counted(0.0, 0.115)) < 5  # without the noise every single period must satisfy it
+    assert max(counted(0.01, 0.1)) < 5  # the mean still must
+
+
 def test_samples_that_are_no_numbers_do_not_disturb_the_monitor(record: Record) -> None:
     trial = record(PLANT, Relay(0.3, 8 * DEG), 60.0, dt=0.05)
     values = trial["psi"].values.copy()
