@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Pulse", "PulseResponse", "Tick", "pulse_response"]
+__all__ = ["CLEAR", "Pulse", "PulseResponse", "Tick", "pulse_response"]
 
 Array = NDArray[np.float64]
 Tick = tuple[float, float, float]

@@ -16,7 +16,7 @@ from gcs_autotune.manoeuvres import sign_messages as messages
 from gcs_autotune.manoeuvres.approach import Approach
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
-from gcs_autotune.manoeuvres.pulse_response import PulseResponse, Tick, pulse_response
+from gcs_autotune.manoeuvres.pulse_response import CLEAR, PulseResponse, Tick, pulse_response
 from gcs_autotune.manoeuvres.relay import INTEGRATED
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.sname import DOFS
@@ -29,11 +29,6 @@ DRIFT_WINDOW = 3.0
 """Time [s] before a pulse over which the drift is measured. Project choice."""
 NOISES = 5.0
 """Smallest significant motion, in standard deviations of the noise. Project choice."""
-REACHED = 1.5
-"""Smallest motion that ends a pulse early, in multiples of the smallest significant motion. Project choice.
-
-A pulse that ended at that motion itself would often not count as a response.
-"""
 BACK_LONGER = 2.5
 """Longest duration of the return pulse relative to the first pulse; a craft without drag needs 1 + sqrt(2)."""
 LAST_LONGER = 2.0
@@ -70,8 +65,8 @@ class SignCheckSettings:
     ----------
     signal, force : the signal observed (``psi``, ``z``; ``y``: integrated sway speed) and the driven force.
     outputs : sizes of the pulse, tried until one has a response.
-    reach : motion that ends a pulse; with a noisy sensor it is larger. Otherwise a pulse ends after ``longest``, the
-        largest pulse after twice that time.
+    reach : motion that ends a pulse; larger with a noisy sensor, so that it counts as a response. Otherwise a pulse
+        ends after ``longest``, the largest pulse after twice that time.
     least : smallest motion that counts as a response.
     throttle : constant thrust ahead; the craft must make ``least_speed`` with it, or a rudder has no effect.
     most_speed, wanted_speed : speed [m/s] above which the throttle is halved, and speed for which the throttle is then
@@ -156,7 +151,7 @@ class SignCheck(Manoeuvre):
             moved, seconds = x - self._forward[0][1], t - self._forward[0][0]
             is_last = self._size + 1 == len(s.outputs)
             longest = s.longest * (LAST_LONGER if is_last else 1.0)
-            reach = max(s.reach, REACHED * self._least)
+            reach = max(s.reach, CLEAR * self._least)
             if seconds >= SHORTEST and (seconds >= longest or abs(moved) >= reach):
                 self._back = [tick]
                 self._push(t, -self._command)
