@@ -36,12 +36,20 @@ class Ended(NamedTuple):
 
 class CommandServer:
     """The process that runs commands, from the worker's side. It is started by the first command, and again if it was
-    killed.
+    killed. A context manager, for a server that does not last as long as this process.
     """
 
     def __init__(self) -> None:
         self._turn = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> CommandServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process is not None:
+            self._process.communicate()  # its standard input ends, and with it the process
+            self._process = None
 
     def run(self, line: Sequence[str]) -> Ended:
         """Run ``gcs-autotune`` with the arguments *line*, after the commands that are waiting."""
@@ -56,8 +64,8 @@ class CommandServer:
                 server.stdin.flush()
                 code = server.stdout.readline()
             if not code:  # it was killed, and with it the command
-                self._process = None
-                return Ended(-abs(server.wait()) or -1, b"", b"")
+                self.__exit__()
+                return Ended(-abs(server.returncode) or -1, b"", b"")
             return Ended(int(code), out.read_bytes(), err.read_bytes())
 
     def _started(self) -> subprocess.Popen[bytes]:

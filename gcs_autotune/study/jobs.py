@@ -208,13 +208,13 @@ def _arguments(given: Mapping[str, Any], folder: Path, home: Path) -> dict[str, 
     return {**found, **own, **({"uri": link_of(given, folder, home)} if "uri" in found else {})}
 
 
-_COMMANDS = CommandServer()
+COMMANDS = CommandServer()
 """One per worker."""
 
 
 def _answer_of(line: Sequence[str]) -> dict[str, Any]:
     """Run a command and return the JSON that it prints."""
-    ended = _COMMANDS.run(line)
+    ended = COMMANDS.run(line)
     words = ended.err.decode(errors="replace").strip().splitlines()
     if ended.code < 0:
         raise Killed(f"{line[0]} was ended by signal {-ended.code}")

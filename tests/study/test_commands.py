@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from gcs_autotune.cli import main, make_parser
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.study import check_plan, load_plan, open_study
 from gcs_autotune.study import jobs as jobs_module
+from gcs_autotune.study.command_server import CommandServer
 from gcs_autotune.study.jobs import JOBS, Killed, commands_of, results_of
 from tests.study.test_run import Stopping, rows
 from tests.study.toys import ran
@@ -31,6 +33,13 @@ identify.no-check = true
 [vary]
 vehicle.surge.alpha.times = [1.0, 1.5]
 """
+
+
+KILLED = """
+import os, runpy
+runpy.run_module = lambda *args, **kwargs: os.kill(os.getpid(), 9)
+"""
+"""What a command runs as: it kills itself."""
 
 
 def parse(line: list[str]) -> None:
@@ -137,11 +146,14 @@ def test_what_to_fly_must_be_stated(tmp_path: Path) -> None:
 
 
 def test_a_command_ended_by_a_signal_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs_module, "_CHILD", "import os\nos.kill(os.getpid(), 9)")
+    (tmp_path / "sitecustomize.py").write_text(KILLED)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
     plan = plan_of(tmp_path, FLIGHT)
-    with pytest.raises(Killed, match="fly was ended by signal 9"):
-        results_of(plan.do, plan[0].given, tmp_path, tmp_path)
-    ran(tmp_path / "study.toml", tmp_path / "out")
+    with CommandServer() as commands:
+        monkeypatch.setattr(jobs_module, "COMMANDS", commands)
+        with pytest.raises(Killed, match="fly was ended by signal 9"):
+            results_of(plan.do, plan[0].given, tmp_path, tmp_path)
+        ran(tmp_path / "study.toml", tmp_path / "out")
     table = open_study(tmp_path / "out")
     assert table["status"].tolist() == ["given up"] * 2
     assert table["tries"].tolist() == [3, 3]

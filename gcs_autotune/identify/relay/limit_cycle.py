@@ -45,11 +45,10 @@ Source: Miskovic2010, 6.7.
 """
 
 NOISES = 2.0
-"""How far the readings of one period may miss (7.12), in standard deviations of the noise. Project choice.
+"""How much too large the bias x_0 of one period may be for (7.12), in standard deviations of the noise. Project choice.
 
-The switching position is read when the noise carries it over the hysteresis, and the bias from two extremes: together
-they err by about one standard deviation. At 1.5 deg of noise a boat that swings 2 deg beyond its hysteresis would
-otherwise violate the condition in every third period.
+It is read from two extremes and two switching positions, and errs by about one standard deviation. At 1.5 deg of noise
+a boat that swings 2 deg beyond its hysteresis would otherwise violate the condition in every third period.
 """
 
 
@@ -115,14 +114,14 @@ def _mean(halves: Sequence[HalfPeriod], name: str) -> float:
     return sum(float(getattr(h, name)) for h in halves) / len(halves)
 
 
-def _is_proper(pair: Sequence[HalfPeriod], middle: float) -> bool:
-    """Return whether one period satisfies Miskovic2010, eq. (7.12).
+def _is_proper(pair: Sequence[HalfPeriod], middle: float, slack: float = 0.0) -> bool:
+    """Return whether one period satisfies Miskovic2010, eq. (7.12), once its bias is smaller by *slack*.
 
     middle : midway between the switching positions.
     """
     low, high = min(h.low for h in pair), max(h.high for h in pair)
     x_a = 0.5 * abs(pair[0].at_switch - pair[1].at_switch)
-    return is_valid(0.5 * (high - low), x_a, 0.5 * (high + low) - middle)
+    return is_valid(0.5 * (high - low), x_a, max(abs(0.5 * (high + low) - middle) - slack, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +150,7 @@ class LimitCycleMonitor:
     C : relay output [input units], half the distance between its two positions.
     x_a : switching value as set [rad or m].
     periods, scatter : limits of the stop rule, with the meaning of :data:`PERIODS` and :data:`SCATTER`.
-    noise : standard deviation of the position's noise [rad or m]. A period that misses (7.12) by less than
+    noise : standard deviation of the position's noise [rad or m]. A period whose bias is too large by less than
         :data:`NOISES` of it is counted, as long as the mean of the counted periods satisfies (7.12).
     """
 
@@ -203,10 +202,10 @@ class LimitCycleMonitor:
         whole = len(self._halves) // 2
         if whole == 0:
             return MonitorState(switchings, 0, False, self._state.proper, self._state.cycle)
-        last, mean = (cycle_from(self._halves[-2 * k :], self._x_a) for k in (1, whole))
+        last, mean = self._halves[-2:], cycle_from(self._halves[-2 * whole :], self._x_a)
         cycle = self._seen_from_relay(mean)
         on_average = whole == 1 or is_valid(mean.X_m, mean.x_a_star, mean.x_0)
-        if not (on_average and is_valid(last.X_m + self._slack, last.x_a_star, last.x_0)):
+        if not (on_average and _is_proper(last, 0.5 * (last[0].at_switch + last[1].at_switch), self._slack)):
             self._halves.clear()
             return MonitorState(switchings, 0, False, False, cycle)
         settled = whole >= self._needed and cycle.scatter <= self._scatter
