@@ -49,6 +49,15 @@ def test_the_line_tells_everything_when_there_is_room():
     )
 
 
+def test_roll_and_pitch_are_angles_and_not_rates():
+    angle = math.radians(-20.0)
+    assert "pitch -20.0° " in describe_progress(replace(SWINGING, signal="theta", value=angle, target=math.nan))
+    assert "roll 1.0° (target -20.0°) " in describe_progress(
+        replace(SWINGING, signal="phi", value=math.radians(1.0), target=angle)
+    )
+    assert "turn rate -20.0°/s " in describe_progress(replace(SWINGING, signal="r", value=angle, target=math.nan))
+
+
 def test_a_heading_just_short_of_north_is_north():
     assert "heading 000.0° " in describe_progress(replace(SWINGING, value=math.radians(-0.04)))
 

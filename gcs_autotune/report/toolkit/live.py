@@ -20,7 +20,7 @@ from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
 from gcs_autotune.observer import Fact, Intentions, Progress, Words
-from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share, with_signs
+from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share, to_people, with_signs
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.untrusted_text import quoted, visible
 
@@ -29,6 +29,8 @@ __all__ = ["StageBar", "TerminalObserver", "describe_progress"]
 
 _SIGNALS: Mapping[str, tuple[str, str]] = {
     "psi": ("heading", "rad"),
+    "phi": ("roll", "rad"),
+    "theta": ("pitch", "rad"),
     "z": ("depth", "m"),
     "d": ("distance", "m"),
     "x": ("speed", "m/s"),
@@ -120,7 +122,7 @@ def _reading(value: float, signal: str, unit: str) -> str:
     if row is not None and row.wraps:
         return f"{round(math.degrees(value), 1) % 360.0:05.1f}°"
     if row is not None and row.angular:
-        return f"{math.degrees(value):.1f}°/s"
+        return f"{math.degrees(value):.1f}{to_people(row.unit)[0]}"
     return f"{value:.2f} {unit}".rstrip()
 
 
