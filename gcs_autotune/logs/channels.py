@@ -69,10 +69,10 @@ def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, s
     pick = _Pick({}, {})
     if f"{NAVIGATION}.psi" in store:
         for name in SIGNALS:
-            for channel in (name, f"std_{name}"):
+            for channel, unit in ((name, SIGNALS[name].unit), (f"std_{name}", SIGNALS[name].unit), (f"memory_{name}", "s")):
                 if f"{NAVIGATION}.{channel}" in store:
                     t, values = store.series(f"{NAVIGATION}.{channel}")
-                    pick.channels[channel] = Channel(channel, SIGNALS[name].unit, t, values)
+                    pick.channels[channel] = Channel(channel, unit, t, values)
                     pick.sources[channel] = NAVIGATION
         return pick.channels, pick.sources
     for source in ATTITUDES:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from gcs_autotune.jit import called, entry
 
 __all__ = [
-    "ACCELEROMETER", "ARMS", "BODY_VELOCITY", "COLUMNS", "COMPASS", "DELAYS", "DEPTH", "GYRO", "HEADING", "MOUNT",
+    "ACCELEROMETER", "ARMS", "BODY_VELOCITY", "COLUMNS", "COMPASS", "DELAYS", "DEPTH", "GYRO", "HEADING", "MOUNT", "MOVING",
     "NODE", "OFFSET", "POSITION", "SIZE", "STEP", "VELOCITY", "X_SIZE", "backward", "forward",
 ]  # fmt: skip
 
@@ -36,6 +36,8 @@ Index = NDArray[np.int64]
 
 SIZE, X_SIZE = 32, 33
 """Numbers of error states and of nominal states."""
+MOVING = 9
+"""Number of error states that are not constants. They come first."""
 GYRO, ACCELEROMETER, ARMS, OFFSET, DELAYS, MOUNT = 9, 12, 15, 24, 25, 29
 """Places of the constants among the errors. In the nominal state they are one place later."""
 POSITION, VELOCITY, BODY_VELOCITY, COMPASS, HEADING, DEPTH = 0, 1, 2, 3, 4, 5
@@ -441,24 +443,36 @@ def forward(
 @entry
 def backward(
     at: Index, rows: Array, noise: Array, every: int, steps: Array, told: Array, nodes: Array, spreads: Array,
-    shifts: Array, levels: Array, L: Array, W: Array,
+    shifts: Array, levels: Array, lagged: Array, L: Array, W: Array,
 ) -> None:  # fmt: skip
     """Smooth the kept states backwards.
 
     shifts (k, SIZE) : errors of the kept states. spreads : covariances, changed to the smoothed ones. levels (4,) :
-    sum of squared smoothed noise and number of steps, of gyro and of accelerometer. L (2 SIZE, SIZE) : work space.
+    sum of squared smoothed noise and number of steps, of gyro and of accelerometer. lagged (k, MOVING) : covariance of
+    the smoothed error of each moving state with that in the kept state before, 0 for the first. L (2 SIZE + MOVING,
+    SIZE) : work space.
     Column 3 of *told* becomes the expected squared error of each measurement. For the recursion see Bierman1977.
     """
-    A, T = L[:SIZE], L[SIZE:]
+    A, T, G = L[:SIZE], L[SIZE : 2 * SIZE], L[2 * SIZE :]
     l, c = W[0], W[1]  # noqa: E741
     for i in range(SIZE):
         A[i] = 0.0
     l[:] = 0.0
     levels[:] = 0.0
+    lagged[:] = 0.0
     m, node = len(at) - 1, len(nodes) - 1
     for k in range(len(steps) - 1, -1, -1):
         if k % every == 0:
             P = spreads[node]
+            for s in range(MOVING):
+                # The error moves on by the filter's own transition. What comes after the later state reduces it.
+                if node + 1 < len(nodes):
+                    for i in range(SIZE):
+                        lagged[node + 1, s] += P[s, i] * G[s, i]
+                for i in range(SIZE):
+                    G[s, i] = 1.0 if i == s else 0.0
+                    for j in range(SIZE):
+                        G[s, i] -= A[i, j] * P[j, s]
             for i in range(SIZE):
                 total = 0.0
                 for j in range(SIZE):
@@ -498,6 +512,12 @@ def backward(
                 told[m, 4] = 1.0
                 for i in range(SIZE):
                     l[i] -= H[i] * u
+                for s in range(MOVING):
+                    by = 0.0
+                    for i in range(SIZE):
+                        by += K[i] * G[s, i]
+                    for i in range(SIZE):
+                        G[s, i] -= H[i] * by
                 for i in range(SIZE):
                     for j in range(i + 1):
                         A[i, j] += H[i] * H[j] * D - H[i] * c[j] - c[i] * H[j]
@@ -513,6 +533,9 @@ def backward(
             levels[3] += 3.0
             _back(steps[k], l, c)
             _copy(c, l)
+            for s in range(MOVING):
+                _back(steps[k], G[s], c)
+                _copy(c, G[s])
             for i in range(SIZE):
                 _back(steps[k], A[i], c)
                 _copy(c, A[i])

@@ -111,12 +111,13 @@ def _of_table(path: Path, table: Trial, mounting: Mounting | None, rate: float) 
 
 
 def channels_of(solution: Navigation) -> dict[str, Channel]:
-    """Return the signals and their standard deviations (``std_u``) as channels."""
+    """Return the signals, their standard deviations (``std_u``) and correlation times (``memory_u`` [s]) as channels."""
     found = {}
     for name, values in solution.values.items():
         unit = SIGNALS[name].unit
         found[name] = Channel(name, unit, solution.t, values)
         found[f"std_{name}"] = Channel(f"std_{name}", unit, solution.t, solution.stds[name])
+        found[f"memory_{name}"] = Channel(f"memory_{name}", "s", solution.t, solution.memories[name])
     return found
 
 

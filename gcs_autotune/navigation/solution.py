@@ -52,6 +52,8 @@ first estimates are too far from the truth for it. Project choice."""
 FLOOR = 0.3
 """Smallest noise level, as a fraction of the first one. Real errors are correlated in time, which less noise would take
 for motion. Project choice."""
+ALIKE = 0.05
+"""Correlation of the errors of two neighbouring samples below which they count as independent. Project choice."""
 LEAST = np.array([5e-4, 0.01])
 """Smallest noise of gyro [rad/s] and accelerometer [m/s^2]. Project choice."""
 DRIFTS = (2e-5, 2e-4, 0.0)
@@ -109,6 +111,7 @@ class Navigation:
 
     - ``t`` (k,) [s]; ``values``, ``stds``: signal -> (k,), of x y z phi theta psi u v w p q r in SI units.
     - ``covariance`` (k, 12, 12): of the signals in the order of ``values``.
+    - ``memories``: signal -> (k,), correlation time of its error [s], 0 if the errors of two samples are independent.
     - ``constants``, ``noise``: by name. ``passes``; ``converged``.
     - ``imu_noise``: of gyro [rad/s] and accelerometer [m/s^2].
     """
@@ -117,6 +120,7 @@ class Navigation:
     values: Mapping[str, Array]
     stds: Mapping[str, Array]
     covariance: Array
+    memories: Mapping[str, Array]
     constants: Mapping[str, Constant]
     noise: Mapping[str, SensorNoise]
     imu_noise: tuple[float, float]
@@ -365,12 +369,26 @@ class _Stretch:
             values,
             {n: stds[n] for n in values},
             covariance,
+            {n: m for n, m in self._memories(result, covariance).items() if n in values},
             constants,
             noise,
             (float(self.imu_noise[0]), float(self.imu_noise[1])),
             passes,
             converged,
         )
+
+    def _memories(self, result: _Pass, covariance: Array) -> dict[str, Array]:
+        """Return signal -> correlation time of its error [s] at each kept state.
+
+        The errors of neighbouring samples are correlated as if they decayed exponentially. An error of a turn rate is
+        the gyro's noise, which is independent, and its bias, which stays.
+        """
+        step = self.every * float(np.median(np.diff(self.imu[:, 0])))
+        rates = np.einsum("kii->ki", covariance)[:, 9:12]
+        alike = np.hstack([result.alike[:, [6, 7, 8, 0, 1, 2, 3, 4, 5]], 1.0 - self.imu_noise[0] ** 2 / rates])
+        times = -step / np.log(np.clip(alike, 1e-9, 1.0 - 1e-9))
+        times[alike < ALIKE] = 0.0
+        return {name: times[:, i].copy() for i, name in enumerate((*"xyz", *ANGLES, *"uvw", *"pqr"))}
 
     def _at_centre(self, x: Array, P: Array) -> tuple[dict[str, Array], Array]:
         """Return the signals at the centre of gravity, and their covariance (k, 12, 12)."""
@@ -403,8 +421,10 @@ class _Stretch:
 
 
 class _Pass:
-    """One pass forwards and backwards: smoothed states ``x`` (k, X_SIZE) with covariance ``P``, and the
-    measurements."""
+    """One pass forwards and backwards: smoothed states ``x`` (k, X_SIZE) with covariance ``P``, and the measurements.
+
+    ``alike`` (k, MOVING): correlation of the error of each moving state with that in the state before.
+    """
 
     def __init__(self, stretch: _Stretch, rows: _Rows) -> None:
         self.rows = rows
@@ -423,7 +443,7 @@ class _Pass:
         noise = np.array([*stretch.imu_noise, *DRIFTS])
         steps, self.told = np.zeros((s, kernel.STEP)), np.zeros((r, kernel.NODE + 2 * n))
         self.x, self.P = np.zeros((k, kernel.X_SIZE)), np.zeros((k, n, n))
-        shifts, self.levels = np.zeros((k, n)), np.zeros(4)
+        shifts, self.levels, lagged = np.zeros((k, n)), np.zeros(4), np.zeros((k, kernel.MOVING))
         work, rotation = np.zeros((15, n)), np.zeros((3, 3))
         kernel.forward(
             imu, rows.at, rows.numbers, stretch.numbers, noise, x, P, every, held, steps, self.told, self.x, self.P,
@@ -431,8 +451,11 @@ class _Pass:
         )  # fmt: skip
         kernel.backward(
             rows.at, rows.numbers, noise, every, steps, self.told, self.x, self.P, shifts, self.levels,
-            np.zeros((2 * n, n)), work,
+            lagged, np.zeros((2 * n + kernel.MOVING, n)), work,
         )  # fmt: skip
+        spread = np.sqrt(np.maximum(np.einsum("kii->ki", self.P)[:, : kernel.MOVING], 1e-300))
+        self.alike = np.zeros_like(lagged)
+        self.alike[1:] = lagged[1:] / (spread[1:] * spread[:-1])
         # The pass began at the state of the last one. This returns constants and heading to their prior means, by the
         # change of the information vector.
         shifts += self.P @ pull

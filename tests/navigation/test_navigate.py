@@ -74,6 +74,17 @@ def test_velocity_at_the_centre_of_gravity_has_the_stated_error():
     assert 0.8 < solution.nis < 1.2
 
 
+def test_what_is_new_in_an_error_of_velocity_has_the_size_that_the_correlation_times_give():
+    solution, _, there = boat()
+    assert np.all(solution.memories["r"] < 0.1)
+    for name in ("u", "v"):
+        error = (solution.values[name] - there[name]) / solution.stds[name]
+        alike = np.exp(-np.diff(solution.t) / solution.memories[name][1:])
+        new = (error[1:] - alike * error[:-1]) / np.sqrt(1.0 - alike**2)
+        assert np.median(alike) > 0.95
+        assert np.sqrt(np.mean(new**2)) == pytest.approx(1.0, abs=0.25), name
+
+
 def test_a_turn_of_the_compass_about_z_is_not_told_from_its_offset():
     solution, told, _ = boat()
     turn, offset = solution.constants["compass turn z"], solution.constants["compass offset"]
@@ -138,8 +149,8 @@ def test_the_command_writes_runs_that_identify_reads(tmp_path, capsys, monkeypat
     assert main(["navigate", "log.csv", f"--centre={centre}"]) == 0
     assert "expected 1" in capsys.readouterr().out
     (got,) = load_runs(tmp_path / "runs" / "navigated-log")
-    assert {"u", "std_u", "r", "std_r", "N"} <= set(got.channels)
-    assert got["std_u"].unit == "m/s"
+    assert {"u", "std_u", "memory_u", "r", "std_r", "memory_r", "N"} <= set(got.channels)
+    assert (got["std_u"].unit, got["memory_u"].unit) == ("m/s", "s")
 
 
 def test_json_contains_every_constant(tmp_path, capsys, monkeypatch):
@@ -206,6 +217,30 @@ def test_samples_with_a_larger_standard_deviation_weigh_less_in_identify():
     stds = [f.parameters["alpha_r"].std for f in fits]
     assert stds[1] < 0.3 * stds[0]
     assert errors[1] < 4.0 * stds[1] + 0.15
+
+
+def test_intervals_cover_the_truth_if_the_run_contains_the_correlation_time_of_its_errors():
+    """The errors of a turn rate last for 20 s, and its moment changes every second."""
+    t = np.arange(0.0, 60.0, 0.1)
+    force = np.where(t.astype(int) % 2 == 0, 1.0, -1.0)
+    r, alike, size = np.zeros(len(t)), math.exp(-0.1 / 20.0), 0.05
+    for i in range(len(t) - 1):
+        r[i + 1] = 0.5 * force[i] + (r[i] - 0.5 * force[i]) * math.exp(-0.1 * 2.0 / 3.0)
+    misses, inside = np.zeros((8, 2)), np.zeros((8, 2))
+    for seed in range(8):
+        new = np.random.default_rng(seed).standard_normal(len(t))
+        error = np.zeros(len(t))
+        error[0] = new[0]
+        for i in range(1, len(t)):
+            error[i] = alike * error[i - 1] + math.sqrt(1.0 - alike**2) * new[i]
+        plain = {"N": Channel("N", "N m", t, force), "r": Channel("r", "rad/s", t, r + size * error)}
+        plain["std_r"] = Channel("std_r", "rad/s", t, np.full(len(t), size))
+        told = {**plain, "memory_r": Channel("memory_r", "s", t, np.full(len(t), 20.0))}
+        for j, channels in enumerate((plain, told)):
+            alpha = fit(Trial("run", channels), dof="yaw", structure="linear").parameters["alpha_r"]
+            misses[seed, j], inside[seed, j] = alpha.value - 3.0, abs(alpha.value - 3.0) < 2.5 * alpha.std
+    assert np.all(inside[:, 1])
+    assert np.sqrt(np.mean(misses[:, 1] ** 2)) < 0.7 * np.sqrt(np.mean(misses[:, 0] ** 2))
 
 
 ROWS = {

@@ -59,6 +59,7 @@ class Residual:
 
     - ``t``, ``measured``, ``predicted`` (n,): stamps [s], measured values and predicted values.
     - ``judged`` (n,): measured minus predicted, over the relative standard deviation of each sample if that is known.
+    If the errors of neighbouring samples are known to be correlated, this is what is new in each of them.
     If a disturbance among the effects explains a fraction of this
       difference, that fraction is subtracted. NaN marks samples that the disturbance explains completely.
     - ``jacobian`` (n, k): derivatives of the prediction in the segment's own columns, empty without sensitivities.
@@ -208,6 +209,8 @@ class Objective(FreeNumbers):
                 if name in self.scales:
                     size = signal.std / self.scales[name]
                     error, by = error / size, by / size[:, None] if len(by) else by
+                if name in self.scales and len(signal.alike):
+                    error, by = _whitened(error, signal.alike), _whitened(by, signal.alike)
                 found.append(Residual(i, name, signal.t, signal.values, prediction, error, by, signal.step, fee))
         return tuple(found)
 
@@ -320,6 +323,20 @@ def _scales(segments: Sequence[Segment]) -> dict[str, float]:
             found.setdefault(name, []).append(signal.std if len(signal.std) else np.zeros(1))
     joined = {name: np.concatenate(stds) for name, stds in found.items()}
     return {name: float(np.median(stds)) for name, stds in joined.items() if np.all(stds > 0.0)}
+
+
+def _whitened(rows: Array, alike: Array) -> Array:
+    """Return what is new in each of *rows* (n,) or (n, k), with the variance of the row itself.
+
+    alike : correlation (n,) of the error of each row with that of the row before. The error is that of a process with
+        a decaying memory.
+    """
+    if not len(rows):
+        return rows
+    before = np.concatenate([np.zeros_like(rows[:1]), rows[:-1]])
+    own = alike if rows.ndim == 1 else alike[:, None]
+    new: Array = (rows - own * before) / np.sqrt(1.0 - own**2)
+    return new
 
 
 def sums_of(residuals: Sequence[Residual]) -> tuple[dict[str, float], dict[str, int]]:

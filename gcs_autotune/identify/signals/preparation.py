@@ -399,7 +399,7 @@ def _cut(
             keep = (channel.t >= start) & (channel.t < end)
             if int(keep.sum()) >= MIN_SAMPLES:
                 t, values = channel.t[keep], channel.values[keep]
-                signals[name] = Signal(name, t, values, quantum(values), _std_of(trial, name, t))
+                signals[name] = Signal(name, t, values, quantum(values), *_errors_of(trial, name, t))
         if signals:
             name = trial.name if len(borders) == 2 else f"{trial.name}#{len(parts) + 1}"
             parts.append(replace(whole, name=name, signals=signals, notes=() if parts else tuple(notes)))
@@ -410,16 +410,17 @@ def _cut(
     return tuple(parts)
 
 
-def _std_of(trial: Trial, name: str, t: Array) -> Array:
-    """Return the standard deviations (n,) of samples at *t*, of a run that contains them; else an empty array.
+def _errors_of(trial: Trial, name: str, t: Array) -> tuple[Array, Array]:
+    """Return the standard deviations (n,) and the correlation times (n,) [s] of the errors of samples at *t*.
 
-    The channel ``std_u`` contains those of ``u``. ``navigate`` writes them.
+    Each is empty if the run does not contain it. The channels ``std_u`` and ``memory_u`` contain those of ``u``.
+    ``navigate`` writes them.
     """
-    told = trial.channels.get(f"std_{name}")
-    if told is None or not len(told) or not np.all(told.values > 0.0):
-        return np.zeros(0)
-    found: Array = np.interp(t, told.t, told.values)
-    return found
+    std, memory = (trial.channels.get(f"{word}_{name}") for word in ("std", "memory"))
+    if std is None or not len(std) or not np.all(std.values > 0.0):
+        return np.zeros(0), np.zeros(0)
+    times = np.zeros(0) if memory is None or not len(memory) else np.interp(t, memory.t, memory.values)
+    return np.interp(t, std.t, std.values), times
 
 
 def _edges(t: Array) -> Array:

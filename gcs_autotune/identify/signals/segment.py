@@ -26,8 +26,14 @@ Array = NDArray[np.float64]
 MIN_SAMPLES = 20
 """Minimum number of output samples of a segment. Project choice: three per parameter to be distinguished."""
 
+MOST_ALIKE = 0.999
+"""Largest correlation of the errors of two neighbouring samples. Project choice.
 
-@dataclass(frozen=True, slots=True, eq=False)
+A greater one would weigh their difference more than any model deserves.
+"""
+
+
+@dataclass(frozen=True, eq=False)
 class Signal:
     """A measured output.
 
@@ -35,6 +41,8 @@ class Signal:
     - ``values`` (n,): samples; angles are continuous.
     - ``step``: resolution of the sensor, 0 if negligible.
     - ``std`` (n,): standard deviation of each sample if the run contains it (``std_u``), else empty.
+    - ``memory`` (n,): correlation time [s] of the error of each sample if the run contains it (``memory_u``), else
+      empty.
     """
 
     name: str
@@ -42,6 +50,17 @@ class Signal:
     values: Array
     step: float
     std: Array = field(default_factory=lambda: np.zeros(0))
+    memory: Array = field(default_factory=lambda: np.zeros(0))
+
+    @cached_property
+    def alike(self) -> Array:
+        """Correlation (n,) of the error of each sample with that of the sample before; empty if all are independent."""
+        if not np.any(self.memory > 0.0):
+            return np.zeros(0)
+        found = np.zeros(len(self.t))
+        late = np.diff(self.t)
+        np.exp(-late / np.maximum(self.memory[1:], 1e-9), out=found[1:])
+        return np.minimum(found, MOST_ALIKE)
 
     def since(self, start: float) -> Signal:
         """Return the signal from the time *start* [s] on."""
@@ -58,9 +77,8 @@ class Signal:
         return self._kept(np.arange(len(self.t)) < count)
 
     def _kept(self, keep: NDArray[np.bool_]) -> Signal:
-        return replace(
-            self, t=self.t[keep], values=self.values[keep], std=self.std[keep] if len(self.std) else self.std
-        )
+        std, memory = (own[keep] if len(own) else own for own in (self.std, self.memory))
+        return replace(self, t=self.t[keep], values=self.values[keep], std=std, memory=memory)
 
 
 @dataclass(frozen=True, eq=False)
