@@ -1,11 +1,13 @@
-"""Parameters identified from navigated logs, with and without the standard deviations that ``navigate`` gives.
+"""Parameters identified from navigated logs, with and without what ``navigate`` states about its errors.
 
     python -m benchmarks.navigated_fits [--first 1] [--seeds 20]
 
 A tugboat of the simulator is driven by X, Y and N, with hidden biases, lever arm, delays and compass errors. The GPS is
-lost from 30 to 50 s and from 70 to 85 s of 100 s, so u and v are less certain there. The bound is that of Cramer and
-Rao for white noise with these standard deviations. The errors of a navigation solution are not white, so a fit cannot
-reach it.
+lost from 30 to 50 s and from 70 to 85 s of 100 s, so u and v are less certain there. ``navigate`` states standard
+deviations and correlation times. The bound is that of Cramer and Rao for such errors.
+
+The intervals still cover less than 95 %, because errors of constants last for the whole log. In seed 5 the bias of the
+accelerometer is 2.1 standard errors off. In the gaps u and v are then 3 % too large, and X_udot is 16 % off.
 """
 
 from __future__ import annotations
@@ -66,7 +68,7 @@ def main() -> None:
     errors, stds, bounds = (np.zeros((args.seeds, 2, len(FREE))) for _ in range(3))
     for k in range(args.seeds):
         run = navigated(args.first + k)
-        plain = replace(run, channels={n: c for n, c in run.channels.items() if not n.startswith("std_")})
+        plain = replace(run, channels={n: c for n, c in run.channels.items() if not n.startswith(("std_", "memory_"))})
         for j, own in enumerate((run, plain)):
             found = with_bounds(fit(own, FORM, use=("u", "v", "r")), own).parameters
             errors[k, j] = [found[n].value for n in FREE] - truth
@@ -74,7 +76,7 @@ def main() -> None:
         print(f"seed {args.first + k}: " + ", ".join(f"{np.sqrt(np.mean(e**2)):.2f}" for e in errors[k] / bounds[k, 0]))
     over = np.sqrt(np.mean((errors / bounds[:, :1]) ** 2, axis=0))
     inside = 100.0 * np.mean(np.abs(errors) < 1.96 * stds, axis=(0, 2))
-    print(f"{'':8}{'rms error / bound, with stds':>30}{'without':>10}{'rms z with':>12}")
+    print(f"{'':8}{'rms error / bound, with both':>30}{'without':>10}{'rms z with':>12}")
     for i, name in enumerate(FREE):
         z = np.sqrt(np.mean((errors[:, 0, i] / stds[:, 0, i]) ** 2))
         print(f"{name:8}{over[0, i]:30.2f}{over[1, i]:10.2f}{z:12.2f}")
@@ -86,7 +88,7 @@ def main() -> None:
         "navigated_fits",
         "parameters from navigated logs",
         [
-            Figure(f"error with standard deviations over that without, {names}", ratio, ""),
+            Figure(f"error with standard deviations and correlation times over that without, {names}", ratio, ""),
             Figure("rms error over the Cramer-Rao bound, median, with them", float(np.median(over[0])), ""),
             Figure("rms error over the Cramer-Rao bound, median, without", float(np.median(over[1])), ""),
             Figure("95 % intervals that cover, with them", float(inside[0]), "%"),

@@ -37,7 +37,7 @@ ATTITUDES = ("attitude", "ahrs2", "aboard")
 the rows of a script of ours, which are left if the autopilot logs nothing else.
 """
 NAVIGATION = "navigation"
-"""Source of a navigation solution, which replaces all others. It contains the standard deviations too."""
+"""Source of a navigation solution, which replaces all others. It contains standard deviations and correlation times."""
 POSITIONS = ("local", "ekf", "aboard", "global", "gps")
 """Sources of ``x y`` and of velocity over ground in order of preference.
 
@@ -69,7 +69,8 @@ def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, s
     pick = _Pick({}, {})
     if f"{NAVIGATION}.psi" in store:
         for name in SIGNALS:
-            for channel, unit in ((name, SIGNALS[name].unit), (f"std_{name}", SIGNALS[name].unit), (f"memory_{name}", "s")):
+            own = SIGNALS[name].unit
+            for channel, unit in ((name, own), (f"std_{name}", own), (f"memory_{name}", "s")):
                 if f"{NAVIGATION}.{channel}" in store:
                     t, values = store.series(f"{NAVIGATION}.{channel}")
                     pick.channels[channel] = Channel(channel, unit, t, values)

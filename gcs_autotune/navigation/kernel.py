@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from gcs_autotune.jit import called, entry
 
 __all__ = [
-    "ACCELEROMETER", "ARMS", "BODY_VELOCITY", "COLUMNS", "COMPASS", "DELAYS", "DEPTH", "GYRO", "HEADING", "MOUNT", "MOVING",
-    "NODE", "OFFSET", "POSITION", "SIZE", "STEP", "VELOCITY", "X_SIZE", "backward", "forward",
+    "ACCELEROMETER", "ARMS", "BODY_VELOCITY", "COLUMNS", "COMPASS", "DELAYS", "DEPTH", "GYRO", "HEADING", "MOUNT",
+    "MOVING", "NODE", "OFFSET", "POSITION", "SIZE", "STEP", "VELOCITY", "X_SIZE", "backward", "forward",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]

@@ -111,7 +111,7 @@ def _of_table(path: Path, table: Trial, mounting: Mounting | None, rate: float) 
 
 
 def channels_of(solution: Navigation) -> dict[str, Channel]:
-    """Return the signals, their standard deviations (``std_u``) and correlation times (``memory_u`` [s]) as channels."""
+    """Return the signals, standard deviations (``std_u``) and correlation times (``memory_u`` [s]) as channels."""
     found = {}
     for name, values in solution.values.items():
         unit = SIGNALS[name].unit

@@ -58,9 +58,8 @@ class Signal:
         if not np.any(self.memory > 0.0):
             return np.zeros(0)
         found = np.zeros(len(self.t))
-        late = np.diff(self.t)
-        np.exp(-late / np.maximum(self.memory[1:], 1e-9), out=found[1:])
-        return np.minimum(found, MOST_ALIKE)
+        found[1:] = np.minimum(np.exp(-np.diff(self.t) / np.maximum(self.memory[1:], 1e-9)), MOST_ALIKE)
+        return found
 
     def since(self, start: float) -> Signal:
         """Return the signal from the time *start* [s] on."""
