@@ -96,7 +96,7 @@ class Archive:
             "files": files,
             "trials": [_trial(folder, file) for file in trials],
             "resume": _resume(folder),
-            "undo": bool(undo_of(folder)),
+            "undo": _undo_words(folder),
         }
 
     def path(self, name: str, inner: str = "") -> Path:
@@ -217,6 +217,14 @@ def undo_of(folder: Path) -> tuple[str, ...]:
     if isinstance(steps, list):  # a job that was stopped may have kept the gains of a step
         kept = any(isinstance(step, dict) and step.get("ending") == "kept" for step in steps)
     return ("params", "restore", str(saved)) if kept and saved.is_file() else ()
+
+
+def _undo_words(folder: Path) -> str:
+    """Return what an undo of the run in *folder* does, for its button; empty if there is nothing to undo."""
+    words = undo_of(folder)
+    if not words:
+        return ""
+    return "Restore the vehicle" if words[0] == "restore" else "Undo: restore the old parameters"
 
 
 def _ending(folder: Path) -> str:

@@ -72,6 +72,15 @@ REPORTS = (
 """Content security policy of the pages in the folder of runs, except the permitted script: any style is allowed."""
 
 
+def _script_of(kind: str) -> str:
+    """Return the script that a file of content type *kind* may run."""
+    if kind != "text/html":
+        return "'none'"
+    from gcs_autotune.report import script_digest  # imported with the first report: it takes a second
+
+    return script_digest()
+
+
 def _with_zip(page: str, request: Request) -> str:
     """Return the text of a report with a link to its whole run as a zip, before the foot of the page."""
     up = "../" * (2 + request.path_params["inner"].count("/"))
@@ -186,9 +195,7 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
         kind = KINDS.get(path.suffix.lower())
         if kind is None:
             return JSONResponse({"error": "files of this type are not available"}, 404)
-        from gcs_autotune.report import script_digest  # imported with the first report: it takes a second
-
-        headers = {"Content-Security-Policy": REPORTS + script_digest()}
+        headers = {"Content-Security-Policy": REPORTS + _script_of(kind)}
         if kind == "text/html" and path.stat().st_size < MOST_PAGE:
             return HTMLResponse(_with_zip(path.read_text("utf-8", "replace"), request), headers=headers)
         if kind == "application/octet-stream":

@@ -11,7 +11,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,14 +27,15 @@ __all__ = ["JOB", "CommandLine", "Job", "how_it_ended", "how_the_undo_ended", "i
 _LONGEST_LINE = 1 << 22
 _STDERR = 8000
 """Number of characters of the process's standard error that are kept. Project choice."""
-_RESTORED = 8
+_RESTORED, _STOPPED = 8, 130
 _MEANINGS: Mapping[int, str] = {
     0: "done",
     _RESTORED: "tuned, but the old gains were better and were restored",
     **{code: meaning for _, code, meaning in EXIT_CODES},
 }
 
-_UNDONE: Mapping[int, str] = {130: "stopped or declined, so not everything was restored"}
+_NEVER_ARMED = "The run ended before arming. Nothing was moved or written."
+_UNDONE: Mapping[int, str] = {_STOPPED: "stopped or declined, so not everything was restored"}
 _RESULT = re.compile(r"^\S+: \S+ -> |verified by reading back")
 """Sentences of a restore that state what was written."""
 JOB = "job.json"
@@ -148,20 +149,24 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     """
     summary = read_json(directory / "summary.json")
     reason = _last_error(errors) or str(summary.get("reason", "")) or (errors.strip().splitlines() or [""])[-1]
-    fine, craft = _as_to_craft(left, directory)
+    flown = left is not None or any(_journals(directory))
+    fine, craft = _as_to_craft(left, directory) if flown else (True, _NEVER_ARMED)
     return {
         "code": code,
-        "meaning": _meaning(code, is_job=(directory / JOB).is_file()),
+        "meaning": _meaning(code, is_job=(directory / JOB).is_file(), flown=flown),
         "reason": reason,
         "flown": [str(line) for line in _listed(summary.get("verdict_reasons"))],
         "fine": fine,
         "report": page_of(directory),
-        "put_back": [craft, *_as_to_parameters(directory)],
+        "put_back": [craft, *(_as_to_parameters(directory) if flown else ())],
     }
 
 
 def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str, Any]:
-    """Return the page's summary of a finished undo, as :func:`how_it_ended`; *said* are its sentences."""
+    """Return the page's summary of a finished undo, as :func:`how_it_ended`; *said* are its sentences.
+
+    ``undone``: whether nothing is left to undo.
+    """
     return {
         "code": code,
         "meaning": "the old parameters are restored" if code == 0 else _UNDONE.get(code, "not everything was restored"),
@@ -169,6 +174,7 @@ def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str,
         "flown": [],
         "fine": code == 0,
         "report": "",
+        "undone": code == 0,
         "put_back": [text for text in said if _RESULT.search(text) and not text.startswith("answered ")],
     }
 
@@ -178,9 +184,11 @@ def _last_error(errors: str) -> str:
     return marked[-1].removeprefix("gcs-autotune: ") if marked else ""
 
 
-def _meaning(code: int, *, is_job: bool) -> str:
+def _meaning(code: int, *, is_job: bool, flown: bool) -> str:
     if is_job and code == _RESTORED:
         return "done, and some loops have their old gains"
+    if code == _STOPPED and not flown:
+        return "stopped by the operator before arming"
     return _MEANINGS.get(code, f"the run ended with code {code}")
 
 
@@ -190,9 +198,7 @@ def _listed(thing: Any) -> list[Any]:
 
 def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
     if left is None and is_settled(directory):
-        if any(path for where in ("", "*/") for path in directory.glob(f"{where}journal.jsonl")):
-            return True, "The vehicle is restored, as the journal of the run records."
-        return True, "The run ended before arming. Nothing was moved or written."
+        return True, "The vehicle is restored, as the journal of the run records."
     if left is None:
         return False, (
             "The state of the craft is unknown. Take over by hand, then run "
@@ -207,14 +213,17 @@ def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool,
     return True, f"Actuators neutral, confirmed at the outputs; {state}, as before the run."
 
 
+def _journals(directory: Path) -> Iterator[Path]:
+    """Yield the journals of a run and of the steps of a job: each is opened before the vehicle is armed."""
+    return (path for where in ("", "*/") for path in directory.glob(f"{where}journal.jsonl"))
+
+
 def is_settled(directory: Path) -> bool:
     """Return whether the run in *directory*, with all steps of a job, has restored its vehicle or never armed it."""
     from gcs_autotune.link import Journal  # slow to import, and only needed here
 
     try:
-        return all(
-            Journal.read(path).is_settled for where in ("", "*/") for path in directory.glob(f"{where}journal.jsonl")
-        )
+        return all(Journal.read(path).is_settled for path in _journals(directory))
     except (AutotuneError, OSError, ValueError, KeyError, TypeError):
         return False
 

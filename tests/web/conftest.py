@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
 from .serving import served
+from .visiting import Page
 
 
 @pytest.fixture(scope="session")
@@ -23,3 +26,19 @@ def flying(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path
     runs = tmp_path_factory.mktemp("flown")
     with served(runs, scripted=False) as link:
         yield link, runs
+
+
+@pytest.fixture
+def visit(browser: Any) -> Iterator[Any]:
+    """Open pages; none may log an error, or call anybody but the server."""
+    pages: list[Page] = []
+
+    def opened(link: str, **context: Any) -> Page:
+        pages.append(Page(browser, link, **context))
+        return pages[-1]
+
+    yield opened
+    for page in pages:
+        page.ending.close()
+        assert page.troubles == []
+        assert page.called == {urlsplit(page.link).netloc}

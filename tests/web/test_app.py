@@ -84,7 +84,7 @@ def test_a_run_is_started_watched_and_stopped_and_it_is_said_what_was_put_back(c
     assert (end["code"], end["fine"]) == (130, True)
     assert end["reason"] == "stopped by the operator"
     assert "mode HOLD, disarmed, as before the run" in end["put_back"][0]
-    assert "all 1 as before the run" in end["put_back"][1]
+    assert "all 2 as before the run" in end["put_back"][1]
     assert client.post("/stop", headers=OURS).json() == {"stopping": False}
 
 

@@ -7,8 +7,7 @@ import json
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from functools import reduce
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -19,76 +18,9 @@ from gcs_autotune.web.live import MOST_VIEWERS
 
 from .prefix_proxy import behind
 from .serving import BRIEF, ROOT, served
+from .visiting import Page
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-
-LONG = 200_000.0
-"""Milliseconds that a run may take on a busy machine."""
-
-
-class Page:
-    """A page that remembers what went wrong on it and whom it called."""
-
-    def __init__(self, browser: Any, link: str, *, wait: bool = True, **context: Any) -> None:
-        self.context = browser.new_context(**context)
-        self.context.set_default_timeout(LONG)
-        self.page = self.context.new_page()
-        self.troubles: list[str] = []
-        self.called: set[str] = set()
-        self.page.on("console", lambda m: m.type == "error" and self.troubles.append(m.text))
-        self.page.on("pageerror", lambda error: self.troubles.append(str(error)))
-        self.page.on("request", lambda request: self.called.add(urlsplit(request.url).netloc))
-        self.page.on("websocket", lambda socket: self.called.add(urlsplit(socket.url).netloc))
-        self.link = link
-        self.page.goto(link)
-        self.is_up() if wait else None
-
-    def is_up(self) -> None:
-        """Wait until the page has heard from its server, which has no run or one that is over."""
-        self.page.locator("#stage", has_text="No run").or_(self.page.locator("#stage", has_text="over")).wait_for()
-
-    def shows(self, selector: str, text: str, timeout: float = LONG) -> None:
-        self.shows_one_of(((selector, text),), timeout)
-
-    def shows_one_of(self, wanted: Sequence[tuple[str, str]], timeout: float = LONG) -> None:
-        """Wait until one of the selectors shows its text."""
-        first, *others = [self.page.locator(selector, has_text=text).first for selector, text in wanted]
-        try:
-            reduce(lambda one, other: one.or_(other), others, first).first.wait_for(timeout=timeout)
-        except Exception as error:  # Playwright's own TimeoutError, which is none of Python's
-            told = {name: self.page.text_content(f"#{name}") for name in ("stage", "end-title", "end-reason", "words")}
-            raise AssertionError(f"none of {wanted} is ever shown; the page says {told}") from error
-
-    def start(self, *, dry: bool = False, **fields: str) -> None:
-        self.page.click("#tab-start")
-        for name, value in {"job": "tune", **fields}.items():
-            if name.startswith("n-"):
-                self.page.eval_on_selector(f"#{name}", "input => { input.closest('details').open = true; }")
-            chosen = name in ("job", "style", "axis", "manoeuvre", "force", "first-to", "model")
-            (self.page.select_option if chosen else self.page.fill)(f"#{name}", value)
-        self.page.locator("#dry").set_checked(dry) if dry else None
-        self.page.click("#start")
-
-    def stopped(self) -> str:
-        """Wait for the end that STOP brings and return what was put back."""
-        self.shows("#end-title", "stopped by the operator")
-        return str(self.page.inner_text("#put-back"))
-
-
-@pytest.fixture
-def visit(browser: Any) -> Iterator[Any]:
-    """Open pages; none may log an error, or call anybody but the server."""
-    pages: list[Page] = []
-
-    def opened(link: str, **context: Any) -> Page:
-        pages.append(Page(browser, link, **context))
-        return pages[-1]
-
-    yield opened
-    for page in pages:
-        page.context.close()
-        assert page.troubles == []
-        assert page.called == {urlsplit(page.link).netloc}
 
 
 @pytest.fixture
@@ -399,7 +331,7 @@ def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_abo
         page = visit(link)
         page.start()
         page.shows("#question-text", "Go ahead?")
-    page.shows("#alarm", "The current run continues without this page")
+    page.shows("#alarm", "The run does not depend on this page")
     page.page.close()
     page.troubles.clear()  # the browser said as much
     closed = visit(scripted, wait=False)

@@ -1,6 +1,7 @@
 // The four pictures: signal and output by uPlot, track and phase portrait on canvases of our own.
 const WINDOW = 120;  // seconds of the vehicle's time that are drawn
 const LEAST = 1;  // metres that the track's picture shows at least: an ROV stays within decimetres
+const MARGIN = 15;  // pixels around what the track's picture shows
 const GAP = 3;  // seconds without a sample after which no line is drawn across
 const DEG = 180 / Math.PI;
 export const SIGNALS = {
@@ -23,6 +24,20 @@ function makePlot(node, series, least, legend, label) {
     axes: [{ ...axis, size: 34 }, { ...axis, size: 52, values: (u, ticks) => ticks.map(label) }],
     series: [{}, ...series],
   }, [[], ...series.map(() => [])], node);
+}
+
+// A picture that is drawn again for other colours or another width, for as long as its *node* is on the page.
+const pictures = new Map();
+export function kept(node, make) {
+  pictures.set(node, { make, plots: make() });
+}
+export function redraw() {
+  forget();
+  for (const [node, picture] of pictures) {
+    picture.plots.forEach((plot) => plot.destroy());
+    if (!node.isConnected) pictures.delete(node);
+    else picture.plots = picture.make();
+  }
 }
 
 // The proof of a tune: the same step with the old and the new gains, from the moment of the step.
@@ -97,17 +112,10 @@ function made() {
   return plots;
 }
 
-export function resize() {
-  if (!plots) return;
-  for (const [name, plot] of Object.entries(plots)) {
-    const width = document.getElementById(`chart-${name}`).clientWidth;
-    if (width > 0) plot.setSize({ width, height: 205 });
-  }
-}
-
 // rows: [leg, t, value, target, output, rate, x, y, psi]
 export function draw(state) {
   const { rows, legs } = state;
+  if (document.getElementById("track").clientWidth <= 2 * MARGIN) return;  // in a hidden frame: no scale, no grid
   for (const name of ["signal", "output", "phase"]) document.getElementById(`figure-${name}`).hidden = !rows.length;
   if (!rows.length) { drawTrack(rows, legs, state); return; }
   const signal = legs.length ? legs[legs.length - 1].signal : "";
@@ -184,7 +192,7 @@ function drawTrack(rows, legs, { room, track }) {
     north = Math.max(north, n + radius); south = Math.min(south, n - radius);
     east = Math.max(east, e + radius); west = Math.min(west, e - radius);
   }
-  const scale = Math.min((width - 30) / Math.max(east - west, LEAST), (height - 30) / Math.max(north - south, LEAST));
+  const scale = Math.min((width - 2 * MARGIN) / Math.max(east - west, LEAST), (height - 2 * MARGIN) / Math.max(north - south, LEAST));
   const px = (e) => width / 2 + (e - (east + west) / 2) * scale;
   const py = (n) => height / 2 - (n - (north + south) / 2) * scale;
   const step = niceStep(width / scale);

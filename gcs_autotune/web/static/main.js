@@ -1,5 +1,5 @@
 // The page: what is known is shown, as text and never as HTML; STOP; questions.
-import { about, draw, forget, resize } from "./charts.js";
+import { about, draw, redraw } from "./charts.js";
 import { apply, connect, empty, link, post, token } from "./state.js";
 import { offer } from "./result.js";
 import { fill, make, models, show as showCrafts } from "./start.js";
@@ -7,7 +7,7 @@ import * as runs from "./runs.js";
 import * as whatIf from "./whatif.js";
 
 const $ = (id) => document.getElementById(id);
-let state = empty(), fresh = true, mayTouch = false, wantStop = 0, refused = "", view = "live";
+let state = empty(), fresh = true, mayTouch = false, isKnown = false, wantStop = 0, refused = "", view = "live";
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 const running = () => Boolean(state.run && !state.end);
 
@@ -154,10 +154,10 @@ function duration(seconds) {
 
 function showBar() {
   const now = state.now;
-  let stage = "No run in progress", times = "", done = 0;
+  let stage = "No run in progress", times = "", done = 0, waits = running() && state.question;
   if (!link.connected && !state.run) stage = "Connecting to the server …";
   else if (running()) {
-    stage = now ? `${now.steps ? `Step ${now.step} of ${now.steps}: ` : ""}${now.stage || now.manoeuvre}` : `${state.run.title}: starting`;
+    stage = now ? `${now.steps ? `Step ${now.step} of ${now.steps}: ` : ""}${now.stage || now.manoeuvre}` : `${state.run.title}: ${waits ? "not started" : "starting"}`;
     if (now && performance.now() - link.flown > 2000) stage += ", flown";  // what comes next is told beside it
     if (now && now.elapsed !== null) times = `${duration(now.elapsed)} flown`;
     if (now && now.left !== null) {
@@ -165,11 +165,12 @@ function showBar() {
       done = 100 * now.elapsed / Math.max(now.elapsed + now.left, 1);
     }
     if (state.run.simulated) times += " (simulated time)";
-  } else if (state.end) { stage = `${state.run.title}: over`; times = state.end.meaning; done = 100; }
+  } else if (state.end) { stage = `${state.run.title}: over`; times = state.end.meaning; }
   say("stage", stage);
   const mine = state.words.filter((word) => word.severity === null);
-  say("latest", running() && mine.length ? mine[mine.length - 1].text : "");
+  say("latest", waits ? "Waiting for your answer" : running() && mine.length ? mine[mine.length - 1].text : "");
   say("times", times);
+  $("progress").hidden = !running();
   $("progress").setAttribute("aria-valuenow", String(Math.round(done)));
   $("progress-done").style.width = `${done}%`;
   const button = $("stop"), stopping = running() && (state.stopping || wantStop);
@@ -188,7 +189,7 @@ function showAlarm() {
     alarms.push("STOP is not confirmed yet. Sending it again. Use your transmitter or the switch on the vehicle.");
   }
   if (!link.connected && away > 2) {
-    alarms.push(`No connection to the server for ${duration(away)}.${running() ? " The current run continues without this page." : ""}`);
+    alarms.push(`No connection to the server for ${duration(away)}.${running() ? " The run does not depend on this page: it continues, or if the server has ended, it stops and restores the vehicle." : ""}`);
   } else if (running() && state.vitals && !state.run.simulated && quiet > 3) {
     alarms.push(`No messages from the vehicle for ${duration(quiet)}.`);
   }
@@ -205,6 +206,7 @@ function showTiles() {
   };
   const percent = (v) => (v === null || v === undefined ? "–" : `${Math.round(v * 100)} %`);
   $("charts").hidden = !state.rows.length && !state.track;
+  $("tiles").hidden = !running() || !(state.vitals || state.now);  // "now": of an ended run nothing is known but its end
   say("tile-signal", now.signal ? `${kind.name} ${reading(now.value)}${now.target !== null ? `, target ${reading(now.target)}` : ""}` : "–");
   say("tile-output", percent(now.output));
   say("tile-periods", now.periods_needed ? `${now.periods} of ${now.periods_needed} agree` : "–");
@@ -220,7 +222,8 @@ function showTiles() {
   say("tile-link", radio.join(", ") || "–");
   const cost = state.proposal && state.proposal.cost_after !== null
     ? [state.proposal.cost_after, state.proposal.cost_worst] : state.cost ? [state.cost.nominal, state.cost.worst] : null;
-  say("tile-cost", cost ? `${costs(...cost)} s²` : "not known yet");
+  $("tile-cost").parentElement.hidden = !cost;  // most runs predict none
+  say("tile-cost", cost ? `${costs(...cost)} s²` : "");
 }
 
 let shownWords = -1;
@@ -250,7 +253,7 @@ function showEnd() {
   if ($("put-back").dataset.of === state.run.begun) return;
   $("put-back").dataset.of = state.run.begun;
   $("end-offer").replaceChildren();
-  offerMore(state.run.name);
+  if (!end.undone) offerMore(state.run.name);
   $("flown").replaceChildren(...items(end.flown || []));
   $("put-back").replaceChildren(...items(end.put_back));
   $("put-back-title").hidden = !end.put_back.length;
@@ -278,7 +281,7 @@ function show() {
   $("view-start").hidden = view !== "start";
   $("view-runs").hidden = view !== "runs";
   for (const name of ["live", "start", "runs"]) $(`tab-${name}`).setAttribute("aria-pressed", String(view === name));
-  $("look-only").hidden = mayTouch;
+  $("look-only").hidden = mayTouch || !isKnown;
   $("start").disabled = !mayTouch || running();
   if (view === "start") showCrafts(state, mayTouch && !running());
   if (view === "runs") runs.show(state, mayTouch);
@@ -307,15 +310,29 @@ function look(at) {
   if (view !== at && at === "start") models();
   if (at !== "runs") runs.close();
   view = at;
-  fresh = true;
   show();
-  resize();
+  again();
+}
+
+// Every picture once more: after a change of the colours, the width, or what is shown.
+function again() {
+  redraw();
+  whatIf.redraw();
+  runs.redraw();
+  fresh = true;
+  drawn = 0;
+  show();
 }
 $("tab-runs").onclick = () => look("runs");
 $("tab-live").onclick = () => look("live");
 $("tab-start").onclick = $("go-start").onclick = () => look("start");
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { forget(); whatIf.redraw(); fresh = true; show(); });
-addEventListener("resize", () => { resize(); fresh = true; show(); });
+for (const media of ["(prefers-color-scheme: dark)", "print"]) matchMedia(media).addEventListener("change", again);
+let wide = innerWidth;
+addEventListener("resize", () => {  // a phone's address bar that comes and goes changes the height alone
+  if (wide === innerWidth) return;
+  wide = innerWidth;
+  again();
+});
 document.addEventListener("visibilitychange", () => { fresh = true; show(); });
 setInterval(show, 500);
 
@@ -323,6 +340,7 @@ async function begin() {
   const fields = await (await fetch("about")).json();
   say("version", fields.version);
   mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
+  isKnown = true;
   make(fields, () => look("live"));
   whatIf.make(fields);
   runs.make(fields.dofs, does, () => { if (mayTouch) look("runs"); return mayTouch; });

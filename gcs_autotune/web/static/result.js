@@ -1,14 +1,16 @@
 // What can follow a run: the picture of its proof, undo, the next step of a job, again, download.
-import { about, drawProof } from "./charts.js";
+import { about, drawProof, kept } from "./charts.js";
 import { post } from "./state.js";
 
 const folder = (name) => `files/${encodeURIComponent(name)}`;
 const path = (file) => file.split("/").map(encodeURIComponent).join("/");
 
-// Fills *node* with what the archive's *entry* offers. *does*: {may, read, again, started, refused}.
+// Fills *node* with what the archive's *entry* offers. *does*: {may, read, again, started, refused}. What comes late
+// goes into a box of its own, so that nothing of one run stands in the card of another.
 export async function offer(node, entry, does) {
-  node.replaceChildren();
-  const buttons = document.createElement("p");
+  const box = document.createElement("div"), buttons = document.createElement("p");
+  node.replaceChildren(box);
+  box.append(buttons);
   buttons.className = "buttons";
   const press = (text, act) => {
     const button = document.createElement("button");
@@ -25,7 +27,7 @@ export async function offer(node, entry, does) {
     else does.refused(`Not started: ${answer.error || "no reason given by the server"}`);
   };
   if (entry.resume) press("Continue with the next step", () => start(entry.resume));
-  if (entry.undo) press("Undo: restore the old parameters", () => start({ job: "undo", run: entry.name }));
+  if (entry.undo) press(entry.undo, () => start({ job: "undo", run: entry.name }));
   if (entry.again) press("Again with the same settings", () => does.again(entry.again));
   if (entry.files.length) {
     const link = document.createElement("a");
@@ -37,9 +39,8 @@ export async function offer(node, entry, does) {
   for (const before of old) {
     const where = before.file.slice(0, before.file.lastIndexOf("/") + 1);
     const after = entry.trials.find((trial) => trial.file.startsWith(where) && trial.file.endsWith("-step-after.csv"));
-    if (after) await picture(node, entry.name, before, after, does.read);
+    if (after) await picture(box, entry.name, before, after, does.read);
   }
-  node.append(buttons);
 }
 
 async function picture(node, name, before, after, read) {
@@ -55,11 +56,5 @@ async function picture(node, name, before, after, read) {
   caption.textContent = `The same step before and after: ${kind.name} from the start of the step [${kind.unit}] over time [s]`;
   figure.append(caption, chart);
   node.append(figure);
-  let plot = drawProof(chart, old, made, after.signal);
-  const scheme = matchMedia("(prefers-color-scheme: dark)");
-  scheme.addEventListener("change", function again() {
-    if (!chart.isConnected) { scheme.removeEventListener("change", again); return; }
-    plot.destroy();
-    plot = drawProof(chart, old, made, after.signal);
-  });
+  kept(chart, () => [drawProof(chart, old, made, after.signal)]);
 }

@@ -1,5 +1,5 @@
 // What is on disk: runs and dropped logs, their replay on the charts of the live view, and work on them.
-import { draw, forget, resize } from "./charts.js";
+import { draw, forget } from "./charts.js";
 import { offer } from "./result.js";
 import * as whatIf from "./whatif.js";
 import { empty, post, token } from "./state.js";
@@ -198,13 +198,13 @@ function step() {
   redraw();
 }
 
-function redraw() {
+export function redraw() {
+  if (!replay) return;
   const { rows, trial, at } = replay, first = rows[0][1], until = first + at * (rows[rows.length - 1][1] - first);
   let count = rows.findIndex((r) => r[1] > until);
   if (count < 0) count = rows.length;
   $("at").value = Math.round(at * 1000);
   say("at-time", `${(until - first).toFixed(1)} s`);
   say("play", replay.playing ? "Pause" : "Play");
-  resize();
   draw({ ...empty(), legs: [{ signal: trial.signal }], rows: rows.slice(0, Math.max(count, 1)) });
 }

@@ -13,7 +13,7 @@ function option(value, text) {
 
 export function make(fields, started) {
   table = fields;
-  $("job").replaceChildren(...fields.jobs.map((job) => option(job.name, job.title)));
+  $("job").replaceChildren(...fields.jobs.map((job) => option(job.name, job.title.split(": ")[0])));
   $("axis").replaceChildren(...fields.axes.map((axis) => option(axis.name, axis.name)));
   $("manoeuvre").replaceChildren(...fields.manoeuvres.map((kind) => option(kind.name, kind.name)));
   $("style").replaceChildren(...fields.styles.map((style) => option(style, style)));
@@ -145,6 +145,7 @@ function offer() {
   $("axis-row").hidden = !one;
   $("style-row").hidden = !["all", "tune"].includes(job);
   $("fly-rows").hidden = !flies;
+  $("job-help").textContent = table.jobs.find((each) => each.name === job).title.split(": ")[1];
   $("manoeuvre-help").textContent = `${kind.help}. Space: ${kind.room}.`;
   $("dry-row").hidden = job === "experiment";
   $("model-row").hidden = !["tune", "fly"].includes(job);

@@ -37,7 +37,7 @@ export async function show(of, doing) {
   redraw();
 }
 
-// After a change of the colours, or with other designs.
+// After a change of the colours or the width, or with other designs.
 export function redraw() {
   plots.forEach((plot) => plot.destroy());
   plots = [];
