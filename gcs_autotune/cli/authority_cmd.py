@@ -62,7 +62,7 @@ def _run(args: argparse.Namespace) -> int:
             f"Parameters: {args.save}{replaced}. To write them: gcs-autotune params restore {args.save} --connect URI"
         )
     if args.page is not None:
-        lines.append(write_page(document, args.page))
+        lines.append(write_page(document, args.page, *args.models, args.parameters, args.save))
     put_out(document, *lines, as_json=args.json)
     return 0
 

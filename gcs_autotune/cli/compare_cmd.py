@@ -34,7 +34,7 @@ def _run(args: argparse.Namespace) -> int:
 
     found = compare(args.runs, parameters=read_parameters(args), system=args.system_id)
     document = comparison_document(found, f"{datetime.now():%Y-%m-%d %H:%M}")
-    lines = [] if args.page is None else [write_page(document, args.page)]
+    lines = [] if args.page is None else [write_page(document, args.page, *args.runs, args.parameters)]
     put_out(document, *lines, as_json=args.json)
     return 0
 

@@ -136,7 +136,8 @@ def _run(args: argparse.Namespace) -> int:
         save_params(args.save, designed.values, comment=f"{args.loop} loop, designed from {designed.source}, not flown")
     document = designed_document(designed, datetime.now().isoformat(timespec="seconds"))
     if args.page is not None or not (args.no_page or args.json):
-        lines.append(write_page(document, args.page or fresh(Path(f"design-{args.loop}.html"))))
+        page = args.page or fresh(Path(f"design-{args.loop}.html"))
+        lines.append(write_page(document, page, args.model, args.parameters, args.save))
     put_out(document, *lines, as_json=args.json)
     return 0
 

@@ -40,7 +40,7 @@ def _run(args: argparse.Namespace) -> int:
     trials = [trial for path in args.runs for trial in load_runs(path)]
     sheets = [sheet for trial in trials for sheet in ship_figures(trial, ship, args.manoeuvre)]
     document = sheets_document(sheets)
-    lines = [] if args.page is None else [write_page(document, args.page)]
+    lines = [] if args.page is None else [write_page(document, args.page, *args.runs)]
     put_out(document, *lines, as_json=args.json)
     return 0
 

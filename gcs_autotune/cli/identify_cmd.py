@@ -193,7 +193,7 @@ def _run(args: argparse.Namespace) -> int:
     page = _page(args)
     if page is not None:
         with waiting(args, "writing the report"):
-            said.append(write_page(document, page))
+            said.append(write_page(document, page, *args.runs, *args.validate, begin, args.parameters, args.save))
     put_out(document, *said, as_json=args.json)
     return 0
 

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import codecs
 import itertools
+import os
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
@@ -56,22 +59,37 @@ def on_replacing(path: Path) -> str:
     return " (replaced an earlier file)" if is_there else ""
 
 
-def write_page(document: Document, path: Path) -> str:
-    """Write a report as a page and return the line that shows *path*.
+def write_page(document: Document, path: Path, *sources: Path | None) -> str:
+    """Write a report as a page with links to its *sources*, and return the line that shows *path*.
+
+    sources : files and run directories that the report stands on, and files written with it.
 
     Raises
     ------
     BadFile
         The file cannot be written.
     """
-    from gcs_autotune.report import to_html
+    from gcs_autotune.report import files_section, to_html
 
     replaced = on_replacing(path)
+    files = dict.fromkeys(file.resolve() for source in sources if source for file in _linked(source))
+    names = (Path(os.path.relpath(file, path.parent.resolve())).as_posix() for file in files if file != path.resolve())
+    links = files_section("", names, "Files of this report")
+    document = replace(document, sections=(*document.sections, *links))
     try:
         path.write_text(to_html(document), encoding="utf-8")
     except OSError as error:
         raise BadFile(f"{path} cannot be written: {error.strerror}") from error
     return f"Report: {path}{replaced}"
+
+
+def _linked(source: Path) -> Iterator[Path]:
+    """Yield a source of a report; of a directory its report, model and tables, because a server lists no directory."""
+    if not source.is_dir():
+        yield source
+        return
+    for pattern in ("*.html", "*.json", "*.csv", "trials/*.csv"):
+        yield from sorted(source.glob(pattern))
 
 
 def put_out(document: Document, *lines: str, as_json: bool = False) -> None:

@@ -72,7 +72,7 @@ from gcs_autotune.report.summaries import (
 )
 from gcs_autotune.report.toolkit.chart import script_digest
 from gcs_autotune.report.toolkit.data import to_json
-from gcs_autotune.report.toolkit.document import Document
+from gcs_autotune.report.toolkit.document import Document, files_section
 from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
@@ -128,6 +128,7 @@ __all__ = [
     "distance_figures",
     "effects_document",
     "figures_on",
+    "files_section",
     "fit_document",
     "flight_document",
     "format_factor",

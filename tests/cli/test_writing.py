@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 import io
+import re
 from datetime import datetime
 from pathlib import Path
+from urllib.parse import unquote, urljoin, urlsplit
 
 import numpy as np
 import pytest
 
 from gcs_autotune.cli import main
 from gcs_autotune.cli.command import run_directory
-from gcs_autotune.cli.writing import fresh, in_plain_signs, on_replacing
+from gcs_autotune.cli.writing import fresh, in_plain_signs, on_replacing, write_page
+from gcs_autotune.report import Document
 
 
 def record(path: Path) -> Path:
@@ -79,3 +82,33 @@ def test_a_terminal_without_utf_8_gets_words_for_the_signs_it_lacks() -> None:
         stream.write("30° ± 2 s² ψ")
         stream.flush()
         assert stream.buffer.getvalue().decode(encoding) == wanted
+
+
+def test_a_page_links_what_it_stands_on_relative_to_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pages").mkdir()
+    run = tmp_path / "runs" / "lake 1#2"
+    (run / "trials").mkdir(parents=True)
+    record(run / "trials" / "01-relay.csv")
+    for name in ("model.json", "report.html"):
+        (run / name).write_text("{}")
+    page = tmp_path / "pages" / "identify.html"
+    words = ["--dof=yaw", "--page=pages/identify.html", "--save=pages/model.json", "--quiet"]
+    assert main(["identify", "runs/lake 1#2/trials/01-relay.csv", *words]) == 0
+    assert files_of(page) == [run / "trials" / "01-relay.csv", tmp_path / "pages" / "model.json"]
+    write_page(Document("Comparison", ()), run / "compared.html", run, page)
+    assert files_of(run / "compared.html") == [
+        run / "report.html",
+        run / "model.json",
+        run / "trials" / "01-relay.csv",
+        page,
+    ]
+
+
+def files_of(page: Path) -> list[Path]:
+    """The files that a page links, each of which is there."""
+    (section,) = re.findall(r"<summary>Files of this report.*?</details>", page.read_text(encoding="utf-8"), re.DOTALL)
+    links = re.findall(r'href="([^"#][^"]*)"', section)
+    files = [Path(unquote(urlsplit(urljoin(page.as_uri(), link)).path)) for link in links]
+    assert all(file.is_file() for file in files)
+    return files

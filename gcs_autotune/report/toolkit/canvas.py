@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 __all__ = [
     "AFTER",
@@ -194,7 +195,7 @@ def to_svg(figure: Figure, name: str, description: str) -> Markup:
     """
     stream = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    figure.savefig(stream, format="svg", metadata=nothing)
+    figure.savefig(stream, format="svg", metadata=nothing, bbox_inches=_whole(figure))
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -209,5 +210,20 @@ def to_svg(figure: Figure, name: str, description: str) -> Markup:
     text = _COLOUR.sub(lambda found: f"{found[1]}var(--plot-{PENS[found[2]]}, {found[2]})", text)
     return Markup(text.replace("xlink:href", "href"))
 
+
+def _whole(figure: Figure) -> Bbox | None:
+    """Return the area of *figure* [in] with everything that is drawn beyond its edge; None if nothing is.
+
+    A second axis on the right and a legend of two rows are.
+    """
+    from matplotlib.transforms import Bbox
+
+    sheet, drawn = figure.bbox_inches, figure.get_tightbbox()
+    whole = Bbox.union([sheet, drawn])
+    return whole if max(abs(whole.extents - sheet.extents)) > _OVER else None
+
+
+_OVER = 0.02
+"""Length beyond the edge of a figure that is only the width of a line [in]. Project choice."""
 
 _COLOUR = re.compile(rf"((?:fill|stroke): ?)({'|'.join(PENS)})\b")

@@ -209,8 +209,10 @@ def notes(texts: tuple[str, ...]) -> Iterator[Note]:
     return (Note(text) for text in texts)
 
 
-def files_section(directory: str, files: Iterable[str]) -> Iterator[Section]:
-    """Yield a folded section with links to the *files* beside a page; *directory*: that of the run, to share it."""
+def files_section(directory: str, files: Iterable[str], title: str = "Files of this run") -> Iterator[Section]:
+    """Yield a folded section with links to the *files*, relative to the page; *directory*: that of the run, to share
+    it.
+    """
     links = tuple(Note(name, kind="bullet", file=name) for name in files)
     share = Note(
         f"gcs-autotune share {directory}" if directory else "",
@@ -218,7 +220,7 @@ def files_section(directory: str, files: Iterable[str]) -> Iterator[Section]:
         kind="command",
     )
     if links:
-        yield Section("files", "Files of this run", (*links, share), detail=True, facts=IN_RESULT, folded=True)
+        yield Section("files", title, (*links, share), detail=True, facts=IN_RESULT, folded=True)
 
 
 def bullets(texts: tuple[str, ...]) -> Iterator[Note]:
