@@ -220,7 +220,8 @@ def _whole(figure: Figure) -> Bbox | None:
 
     sheet, drawn = figure.bbox_inches, figure.get_tightbbox()
     whole = Bbox.union([sheet, drawn])
-    return whole if max(abs(whole.extents - sheet.extents)) > _OVER else None
+    over = max(abs(a - b) for a, b in zip(whole.extents, sheet.extents, strict=True))
+    return whole if over > _OVER else None
 
 
 _OVER = 0.02
