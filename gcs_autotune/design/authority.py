@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.laws.rover_speed import pulse_of
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, ExtendedModel, ExtendedSimulator, passage_of
+from gcs_autotune.notebook import Displayed
 
 __all__ = [
     "ASTERN",
@@ -317,7 +318,7 @@ class Missing:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Authority:
+class Authority(Displayed):
     """What a craft can do. ``figures``: by slug, only those that the inputs determine."""
 
     models: CraftModels
@@ -768,6 +769,13 @@ def _assumed(craft: CraftModels) -> Iterator[str]:
         )
     if not craft.coupled and craft.yaw and craft.surge is not None:
         yield "Speed and turning come from separate models. Loss of speed in the turn is not included."
+    speeds = [model.speed for model in craft.yaw if math.isfinite(model.speed)]
+    if not craft.coupled and craft.steers_by_speed and speeds:
+        flown = " and ".join(f"{speed:.3g}" for speed in speeds)
+        yield (
+            f"The turn rates are those of the heading runs at {flown} m/s. They are shown up to {NEAR_SPEED:.0%} "
+            "beyond these speeds, with the same value."
+        )
     if not craft.coupled and craft.yaw and craft.skid:
         yield "The turn rates hold at the speed that was flown. At full steering the two thrusters share their output."
     for model in dict.fromkeys([*craft.yaw, *([craft.surge] if craft.surge else [])]):

@@ -33,7 +33,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True)
-class Hunting:
+class Hunting(Displayed):
     """Residual motion long after a step.
 
     - ``amplitude``, ``offset`` [rad or m]: amplitude of the oscillation, and offset from the target.
@@ -53,7 +53,7 @@ class Hunting:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class Change(Displayed):
     """Change of one parameter.
 
     It contains the vehicle's own name and unit, old and new value, documented range, and reason.
@@ -78,7 +78,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Margins:
+class Margins(Displayed):
     """Stability of a loop opened at the actuator: gain margin (ratio), phase margin [rad], delay margin [s]."""
 
     gain: float
@@ -88,7 +88,7 @@ class Margins:
 
 
 @dataclass(frozen=True, slots=True)
-class StepMetrics:
+class StepMetrics(Displayed):
     """Metrics of a step. A lower value is better for all.
 
     - ``itae`` [s^2]: integral of time times absolute error, per unit step.
@@ -153,7 +153,7 @@ class Ruler(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
+class Prediction(Displayed):
     """A step simulated on the identified model with one set of gains: arrays (n,), position in rad or m.
 
     ``halves``: step and step back up to the end of the simulation, if they are flown one after the other.
@@ -189,6 +189,8 @@ class Proposal(Displayed):
     - ``beside``: prediction for another mode that uses the same gains, or None.
     - ``limit``: why the margins miss the specification, if a slow loop of the autopilot is the reason.
     """
+    - ``is_matched``: whether the gains follow ``wanted``. Otherwise they minimise the ITAE, and ``wanted`` only started
+      the search.
 
     axis: str
     law: str
@@ -212,6 +214,7 @@ class Proposal(Displayed):
 
     @property
     def new(self) -> Mapping[str, float]:
+    is_matched: bool = True
         """Parameter name -> new value."""
         return {c.parameter: c.new for c in self.changes}
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.design.result import StepMetrics
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["Verdict", "is_better", "is_calmer", "is_followed", "is_no_worse", "scatter_of"]
 
@@ -57,7 +58,7 @@ Project choice.
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(Displayed):
     """Decision whether to keep the new gains, with every reason for and against as text."""
 
     better: bool

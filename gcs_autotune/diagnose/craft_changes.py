@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gcs_autotune.chi_square import threshold
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import AxisFit
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["CHANGES", "CraftChange", "CraftComparison", "compare_craft"]
 
@@ -66,7 +67,7 @@ CHANGES: Sequence[CraftChange] = (
 
 
 @dataclass(frozen=True, slots=True)
-class CraftComparison:
+class CraftComparison(Displayed):
     """Comparison of a fit with the reference fit of the same motion.
 
     Attributes
