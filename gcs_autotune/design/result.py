@@ -100,6 +100,8 @@ class StepMetrics(Displayed):
     - ``travel``: total variation of the actuator [fraction of full] per second.
     - ``hidden_by_noise``: whether ``settling`` is NaN because the noise of single readings exceeds the band, although
       the motion ended inside it.
+    - ``span`` [s]: how long the step was recorded, of several the shortest. Within it, but not always later, ``rise``
+      and ``settling`` are known.
     """
 
     itae: float
@@ -110,6 +112,7 @@ class StepMetrics(Displayed):
     travel: float
     oscillation: float = 0.0
     hidden_by_noise: bool = False
+    span: float = math.nan
 
 
 class Beside(NamedTuple):
@@ -186,11 +189,11 @@ class Proposal(Displayed):
       flown steps have in common). Empty: as long as the predictions.
     - ``ruler``: measurement properties with which the metrics are calculated.
     - ``spread``: largest relative increase of the predicted ITAE within the 95 % region.
+    - ``is_matched``: whether the gains follow ``wanted``. Otherwise they minimise the ITAE, and ``wanted`` only started
+      the search.
     - ``beside``: prediction for another mode that uses the same gains, or None.
     - ``limit``: why the margins miss the specification, if a slow loop of the autopilot is the reason.
     """
-    - ``is_matched``: whether the gains follow ``wanted``. Otherwise they minimise the ITAE, and ``wanted`` only started
-      the search.
 
     axis: str
     law: str
@@ -211,10 +214,10 @@ class Proposal(Displayed):
     ruler: Ruler = field(default_factory=Ruler)
     beside: Beside | None = None
     limit: str = ""
+    is_matched: bool = True
 
     @property
     def new(self) -> Mapping[str, float]:
-    is_matched: bool = True
         """Parameter name -> new value."""
         return {c.parameter: c.new for c in self.changes}
 
