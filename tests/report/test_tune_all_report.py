@@ -32,3 +32,16 @@ def test_no_name_of_a_gain_is_cut_and_every_error_has_its_unit() -> None:
     shown = " ".join(text(simulated=True).split())
     assert "ATC_STR_RAT_FF 0.2 -> 1.93" in shown and "…" not in shown
     assert "193 -> 16.3 s²" in shown and "6.9 -> 3.5 m" in shown
+
+
+@pytest.mark.parametrize(
+    ("link", "resumed"),
+    [
+        ("tcp:1.2.3.4:5760", "--connect tcp:1.2.3.4:5760 --resume"),
+        ("sitl:blueboat", "--connect 'sitl:blueboat?param=ATC_STR_RAT_FF=1.93' --resume"),
+        ("sitl:blueboat?seed=2", "--connect 'sitl:blueboat?seed=2&param=ATC_STR_RAT_FF=1.93' --resume"),
+    ],
+)
+def test_a_simulated_vehicle_is_resumed_with_the_gains_it_had(link: str, resumed: str) -> None:
+    story = JobStory("2026-11-20T20:12:00", "boat", True, link, "j", (KEPT, JobStep("line")), stopped="stopped")
+    assert resumed in story.resume

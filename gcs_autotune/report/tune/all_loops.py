@@ -100,7 +100,16 @@ class JobStory:
         """The command that continues at the next step that is not done; empty if all are."""
         if all(step.is_done for step in self.steps) and not self.stopped:
             return ""
-        return f"gcs-autotune tune all{self.options} --connect {shlex.quote(self.link)} --resume {_path(self)}"
+        return f"gcs-autotune tune all{self.options} --connect {shlex.quote(self._link_now)} --resume {_path(self)}"
+
+    @property
+    def _link_now(self) -> str:
+        """The link of a resumed job. A simulated vehicle ends with its run and starts with the gains kept so far."""
+        if not self.link.startswith("sitl:"):
+            return self.link
+        kept = [(n, new) for step in self.steps if step.ending == "kept" for n, (_, new) in (step.gains or {}).items()]
+        pieces = "&".join(f"param={name}={value:.9g}" for name, value in kept)
+        return f"{self.link}{'&' if '?' in self.link else '?'}{pieces}" if pieces else self.link
 
     @property
     def ending(self) -> str:
