@@ -118,7 +118,7 @@ def _span_note(span: float) -> str:
     """Return a sentence on the time [s] over which steps are measured; empty if it is unknown."""
     if not math.isfinite(span):
         return ""
-    return f"Measured over at least {format_seconds(span)} after each step; remaining error: over the last third of it."
+    return f"Over at least {format_seconds(span)} after each step; remaining error: over the last third."
 
 
 def beside_table(story: TuneStory) -> Table:

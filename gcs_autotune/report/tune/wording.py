@@ -137,7 +137,9 @@ def _settling_words(metrics: StepMetrics) -> str:
         return f"settled after {format_seconds(metrics.settling)}"
     if metrics.hidden_by_noise:
         return "settling time unknown: readings leave the 5 % band by noise"
-    return f"settled {not_reached(metrics)}"
+    if math.isfinite(metrics.span):
+        return f"not settled in {format_seconds(metrics.span)}"
+    return "not settled within the 5 % band at the end of the record"
 
 
 def settling_cell(metrics: StepMetrics) -> str:
