@@ -46,7 +46,7 @@ PLAIN_EVERY = 5.0
 BAR = 5
 """Width of the bar [characters], so that the signal still fits into 80 columns. Project choice."""
 
-ONCE = ("link: ", "vehicle: ")
+ONCE = ("link: ", "vehicle: ", "the autopilot's gyro filter ")
 """Beginnings of sentences that every step of a job repeats. They are shown again only if they have changed."""
 
 STALE = 1.0
