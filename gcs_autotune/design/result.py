@@ -100,8 +100,8 @@ class StepMetrics(Displayed):
     - ``travel``: total variation of the actuator [fraction of full] per second.
     - ``hidden_by_noise``: whether ``settling`` is NaN because the noise of single readings exceeds the band, although
       the motion ended inside it.
-    - ``span`` [s]: how long the step was recorded, of several the shortest. Within it, but not always later, ``rise``
-      and ``settling`` are known.
+    - ``span`` [s]: length of the record after the step, of several steps the shortest. A NaN of ``rise`` or
+      ``settling`` means "not within this time".
     """
 
     itae: float

@@ -284,7 +284,7 @@ class QuadraticActuator(Characteristic):
 
     It is proportional to the command at share 0, and to ``n|n|`` at share 1. ``u_ref`` is the largest command of the
     runs. The curve is the affine thruster ``a |n| n + b n`` of Miskovic2010, (2.7), with a gain of 1 at
-    ``u_ref``.
+    that command.
     """
 
     slug = "quadratic-actuator"

@@ -79,10 +79,8 @@ class ModelFile(Displayed):
         values = {**base.values, **{own.label_of(name): value for own in effects for name, value in own.values.items()}}
         names = [*(n for n in self.names if n in values), *(n for n in values if n not in self.names)]
         covariance = np.zeros((len(names), len(names)))
-        known = [(names.index(n), i) for i, n in enumerate(self.names) if n in values]
-        for row, i in known:
-            for column, j in known:
-                covariance[row, column] = self.covariance[i, j]
+        fitted = [i for i, n in enumerate(self.names) if n in values]  # they come first in *names*
+        covariance[: len(fitted), : len(fitted)] = self.covariance[np.ix_(fitted, fitted)]
         std, inputs = np.sqrt(np.maximum(np.diag(covariance), 0.0)), self.inputs
         parameters = {
             name: Parameter(

@@ -163,7 +163,6 @@ def _gains_document(d: DesignedGains, when: str) -> Document:
         if proposal.changes
         else f"The present gains of the {proposal.axis} loop stay: no others are better."
     )
-    follow = follows(proposal) if proposal.changes else ""
     at = f" at {d.speed:.2g} m/s" if d.speed else ""
     labels = ("present", "new") if proposal.changes else ("present",)
     analyses = (d.before, d.after)[: len(labels)]
@@ -178,7 +177,7 @@ def _gains_document(d: DesignedGains, when: str) -> Document:
                 (
                     Note(f"Old values: {d.present_from}."),
                     gains_table(d.gains),
-                    Note(follow),
+                    Note(follows(proposal)),
                     *_remarks(d),
                 ),
                 facts=IN_RESULT,

@@ -337,3 +337,18 @@ def test_a_thrust_curve_is_stated_for_the_largest_output_and_beyond_the_dead_zon
     )
     said = " ".join(model_sentences(replace(stories.fit(), effects=effects)))
     assert "The force at output x beyond the dead zone is (1 - q) x + q x²/0.3 with q = 0.3" in said
+
+
+def test_an_actuator_of_a_model_that_lacks_a_term_has_no_standard_error() -> None:
+    zone = Parameter("dead-zone@N.width", 0.0558, "1", 0.0005)
+    plain = stories.fit()
+    bent = replace(
+        plain,
+        effects=(EffectInstance("dead-zone", "N", {"width": 0.0558}),),
+        parameters={**plain.parameters, zone.name: zone},
+        covariance=np.diag([*np.diag(plain.covariance), zone.std**2]),
+    )
+    t = np.linspace(0.0, 100.0, 2000)
+    for slow, told in ((0.0, "0.0558 ± 0.0005"), (0.02, "about 0.056")):
+        trace = Trace("relay-1", t, noise(0.004) + slow * np.sin(0.4 * t), 0.0 * t, 0.0 * t, "psi", "rad")
+        assert f"no force below {told} of full" in " ".join(model_sentences(replace(bent, traces=(trace,))))

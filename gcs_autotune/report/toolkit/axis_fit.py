@@ -263,9 +263,15 @@ def remainder_sentence(left: Remainder, unit: str) -> str:
 
 
 def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
-    """Return a sentence on an actuator effect, with its number rounded to its standard error."""
+    """Return a sentence on an actuator effect, with its number rounded to its standard error.
+
+    If more than noise is unexplained, the model lacks a term. The standard error is then too small, and is left out.
+    """
+    lacks_a_term = any(left.unexplained > left.noise for left in fit.remainder.values())
 
     def number(name: str) -> str:
+        if lacks_a_term:
+            return f"about {format_number(own[name], 2)}"
         found = fit.parameters.get(own.label_of(name))
         return format_value(own[name], math.nan if found is None else found.std)
 

@@ -179,6 +179,8 @@ def safety(proposal: Proposal) -> str:
 
 def follows(proposal: Proposal) -> str:
     """Return a sentence on what the closed loop follows, as far as the ranges of the gains permit."""
+    if not proposal.changes:
+        return f"No other gains are better (law {proposal.law})."
     if not proposal.is_matched:
         return f"The gains are those of the smallest predicted error (ITAE) of the step (law {proposal.law})."
     wanted = proposal.wanted
