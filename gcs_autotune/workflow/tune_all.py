@@ -273,7 +273,8 @@ class _Job:
             "restores the old ones otherwise"
         )
         yield Intention(f"write {written}", "Writes", written)
-        modes = " and ".join(sorted({mode for mission in left.values() for mode in mission.modes}))
+        used = sorted({mode for mission in left.values() for mode in mission.modes})
+        modes = " and ".join(filter(None, (", ".join(used[:-1]), *used[-1:])))
         in_modes = f"use modes {modes}, and return to {craft.mode} after each step"
         yield Intention(in_modes, "Modes", f"{modes}, then {craft.mode} again")
 

@@ -210,14 +210,16 @@ def _sections(story: JobStory) -> Iterator[Section]:
 def _details(story: JobStory) -> Iterator[Part]:
     announced, took = story.seconds
     if took:
-        yield Note(f"Announced {format_seconds(announced)}, took {format_seconds(took)} of the vehicle's time.")
+        times = f"announced {format_seconds(announced)}, took {format_seconds(took)} of the vehicle's time"
+        yield Note(f"Completed steps: {times}.")
     yield from bullets(tuple(f"{s.name}: {s.directory}/report.html" for s in story.steps if s.directory))
     yield Section("announced", "Announced before the start", tuple(bullets(story.announced)))
 
 
 def _rows(step: JobStep) -> Iterator[tuple[str, ...]]:
     measured = [_pair(step, *names) for names in (("itae", "rms"), ("overshoot", "corners"), ("settling", ""))]
-    gains = [(name, " -> ".join(map(format_number, pair))) for name, pair in (step.gains or {}).items()]
+    proposed = {} if step.ending == "aborted" else step.gains or {}  # those of an aborted step were not proved
+    gains = [(name, " -> ".join(map(format_number, pair))) for name, pair in proposed.items()]
     for k, (name, change) in enumerate(gains or [("", "")]):
         first = k == 0
         cells = measured if first else ["", "", ""]

@@ -182,7 +182,7 @@ def follows(proposal: Proposal) -> str:
     if not proposal.changes:
         return f"No other gains are better (law {proposal.law})."
     if not proposal.is_matched:
-        return f"The gains are those of the smallest predicted error (ITAE) of the step (law {proposal.law})."
+        return f"The control law is {proposal.law}."
     wanted = proposal.wanted
     return (
         f"The gains are matched, within their ranges, to a {wanted.kind.capitalize()} reference model of "
