@@ -34,8 +34,9 @@ from gcs_autotune.csv_table import (
 )
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import BadFile, MissingChannel, UsageError
-from gcs_autotune.notebook import pandas_module
+from gcs_autotune.notebook import Display, Displayed, Table, pandas_module
 from gcs_autotune.plain_json import plain_data
+from gcs_autotune.rounding import format_number
 from gcs_autotune.sname import INPUTS, column_unit, parse_header
 from gcs_autotune.untrusted_text import visible
 
@@ -71,7 +72,7 @@ HALF_A_STAMP = 0.5e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Channel:
+class Channel(Displayed):
     """One signal in SI units.
 
     t, values : (n,) float64; non-decreasing stamps [s] as recorded, and values in ``unit``.
@@ -97,7 +98,7 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Mark(Displayed):
     """An event in a trial, e.g. ``Mark(12.3, "switch", {"x": 0.18, "N": 0.3})``."""
 
     t: float
@@ -106,7 +107,7 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trial:
+class Trial(Displayed):
     """One recorded manoeuvre.
 
     ``ending`` is ``completed``, ``stopped``, ``aborted`` or ``imported``; ``meta`` contains the conditions (manoeuvre
@@ -136,6 +137,20 @@ class Trial:
 
     def __contains__(self, name: object) -> bool:
         return name in self.channels
+
+    def _display(self) -> Display:
+        rows = [
+            (
+                name,
+                channel.unit,
+                str(len(channel)),
+                *(format_number(float(f(channel.values))) if len(channel) else "" for f in (np.nanmin, np.nanmax)),
+            )
+            for name, channel in self.channels.items()
+        ]
+        title = f"Run '{self.name}', {format_number(self.duration)} s, {self.ending}"
+        table = Table(("channel", "unit", "samples", "least", "greatest"), tuple(rows))
+        return Display(title, (table,) if rows else (), (self.reason,) if self.reason else ())
 
     @property
     def start(self) -> float:

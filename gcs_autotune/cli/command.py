@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
@@ -451,7 +450,7 @@ def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str =
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")
     name = f"{now:%Y%m%d-%H%M%S}-{label}-{what or args.axis}"
     directory = Path(args.out) if args.out is not None else fresh(Path("runs") / name)
-    args.directory, args.uri = directory, uri
+    args.directory = directory
     return directory
 
 
@@ -482,17 +481,12 @@ def settings_of(
 
 
 def what_remains(args: argparse.Namespace) -> Iterator[str]:
-    """Yield what a run that ended early has left on disk, and the command that continues a plan.
-
-    A tune states itself which of its records it can use again.
-    """
+    """Yield what a run that ended early has left on disk. The run itself states how to continue it."""
     directory: Path | None = getattr(args, "directory", None)
-    if directory is None or not any(directory.glob("trials/*.csv")):
+    if directory is None:
         return
-    from gcs_autotune.workflow import PLAN_FILE
-
     page = directory / "report.html"
-    yield f"Report: {page}" if page.exists() else f"Recorded in {directory}"
-    if (directory / PLAN_FILE).exists():
-        words = ["gcs-autotune", "fly", "--connect", args.uri, "--resume", str(directory)]
-        yield f"To continue: {shlex.join(words)}"
+    if page.exists():
+        yield f"Report: {page}"
+    elif any(directory.glob("trials/*.csv")):
+        yield f"Recorded in {directory}"

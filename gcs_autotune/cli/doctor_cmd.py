@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -92,7 +94,11 @@ def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
 
 
 def _print(sign: str, what: str, text: str) -> None:
-    sys.stdout.write(f"{sign} {what:9s} {visible(text)}\n")
+    line = f"{sign} {what:9s} {visible(text)}"
+    if sys.stdout.isatty():
+        width = shutil.get_terminal_size().columns
+        line = textwrap.fill(line, width, subsequent_indent=12 * " ", break_long_words=False, break_on_hyphens=False)
+    sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
 
 

@@ -104,7 +104,7 @@ def _hold(args: argparse.Namespace, connection: Connection) -> int:
     from gcs_autotune.workflow import HoldSettings, TuneSettings, hold, load_models
 
     now = datetime.now()
-    tune = settings_of(TuneSettings, args, connection, now)
+    tune = settings_of(TuneSettings, args, connection, now, f"hold-{args.what}")
     settings = HoldSettings(
         args.what,
         tune,

@@ -102,8 +102,11 @@ def _study(args: argparse.Namespace) -> int:
             progress=lambda done, total: bar("cases", done, total),
         )
     found = progress_of(folder)
-    lost = f"; {found.failed} failed, {found.given_up} given up. `study report {folder}` shows why"
-    sys.stdout.write(f"{visible(plan.title)}: {len(plan)} cases in {folder}{lost if found.done < len(plan) else ''}\n")
+    lost = f", {found.failed} failed, {found.given_up} given up" if found.done < len(plan) else ""
+    sys.stdout.write(
+        f"{visible(plan.title)}: {found.done} of {len(plan)} cases done{lost}. The results are in the folder {folder}\n"
+        f"Next: gcs-autotune study report {shlex.quote(str(folder))}\n"
+    )
     return 0
 
 

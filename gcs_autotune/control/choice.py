@@ -18,6 +18,7 @@ from gcs_autotune.control.ipd import Uncertainty, design_ipd, stability_bound
 from gcs_autotune.control.reference_model import ReferenceModel, reference_model
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 
 __all__ = [
     "LEAST_MARGINS",
@@ -51,7 +52,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class LoopMargins:
+class LoopMargins(Displayed):
     """Margins of a loop with its delay.
 
     ``gain``: factor by which the gain may grow or shrink, infinite if any may be; ``phase`` [rad]; ``vector``: least
@@ -67,7 +68,7 @@ LEAST_MARGINS = LoopMargins(1.0, 0.0, LEAST_VECTOR_MARGIN)
 
 
 @dataclass(frozen=True, slots=True)
-class OwnDesign:
+class OwnDesign(Displayed):
     """A law with what it promises.
 
     Attributes

@@ -14,12 +14,13 @@ from gcs_autotune.control.ipd import design_ipd
 from gcs_autotune.control.reference_model import ReferenceModel
 from gcs_autotune.control.wall_filter import WallEstimate, WallFilter, WallReading
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["DistanceController", "DistanceLaw", "design_distance"]
 
 
 @dataclass(frozen=True, slots=True)
-class DistanceLaw:
+class DistanceLaw(Displayed):
     """Laws of angle (input ``N``) and distance (input ``-X``), and the models that the filter predicts with.
 
     The distance falls with the speed ahead, so the sign of its law is opposite to that of the thrust. (8.42) prints

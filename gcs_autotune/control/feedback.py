@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from gcs_autotune.control.structure import Structure
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import SingleDof, TransferFunction
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import wrap
 
 __all__ = ["TRACKING_TIME", "FeedbackController", "FeedbackLaw"]
@@ -21,7 +22,7 @@ TRACKING_TIME = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class FeedbackLaw:
+class FeedbackLaw(Displayed):
     """Gains of a controller of one motion, in units of its input per rad or m.
 
     Attributes

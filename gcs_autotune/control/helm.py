@@ -17,6 +17,7 @@ from gcs_autotune.control.line import LINE_LAWS, DirectLine, Line, LineOfHeading
 from gcs_autotune.control.position import POSITION_LAWS, Pose, PositionController, PositionTarget
 from gcs_autotune.control.structure import STRUCTURES
 from gcs_autotune.craft import Actuate, Observation
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["Helm", "PoseHelm", "Reach", "SteeredHelm", "helm_for", "reach_of"]
 
@@ -29,7 +30,7 @@ LEAST_THRUST = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class Reach(Displayed):
     """What a craft can do.
 
     ``speed``: greatest speed that its loops use [m/s]; ``rate``: turn rate [rad/s]; ``sideways``: whether it thrusts

@@ -17,6 +17,7 @@ from gcs_autotune.control.feedback import FeedbackLaw
 from gcs_autotune.control.reference_model import ReferenceModel
 from gcs_autotune.control.structure import STRUCTURES
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -42,7 +43,7 @@ The relative errors must lie in (-1, 1) (Miskovic2010, eq. (8.19)-(8.20)).
 
 
 @dataclass(frozen=True, slots=True)
-class Uncertainty:
+class Uncertainty(Displayed):
     """Relative errors that the loop must tolerate, as positive fractions: inertia ``p_alpha`` and drag ``p_beta``."""
 
     p_alpha: float

@@ -21,6 +21,7 @@ from gcs_autotune.control.reference_model import reference_coefficients
 from gcs_autotune.control.structure import STRUCTURES
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof, TransferFunction
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import wrap
 
 __all__ = [
@@ -84,7 +85,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class DirectLine:
+class DirectLine(Displayed):
     """Line to turn rate, ``r_ref = -K_P sat(d) - K_D d_rate``: Miskovic2010, eq. (8.47), (8.58).
 
     Attributes
@@ -169,7 +170,7 @@ class LineOfHeading(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class IndirectLine:
+class IndirectLine(Displayed):
     """Line to heading through an existing heading loop: Miskovic2010, eq. (8.52), limited as (8.59).
 
     ``approach`` [rad] is the largest angle to the line. The memory is the integral, which stops at it by (8.29).

@@ -17,6 +17,7 @@ from scipy.linalg import expm
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import TransferFunction
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.registry import lookup
 
 __all__ = [
@@ -72,7 +73,7 @@ _UNIT_STEP = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class ReferenceModel:
+class ReferenceModel(Displayed):
     """The required closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` is its family."""
 
     kind: str
@@ -87,7 +88,7 @@ class ReferenceModel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReferenceStep:
+class ReferenceStep(Displayed):
     """Unit step of a reference model: position [1], velocity [1/s] and acceleration [1/s^2], each (n,)."""
 
     position: NDArray[np.float64]

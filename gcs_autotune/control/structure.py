@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gcs_autotune.models import SingleDof, TransferFunction
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["STRUCTURES", "Structure"]
 
@@ -14,7 +15,7 @@ ActsOn = Literal["error", "output"]
 
 
 @dataclass(frozen=True, slots=True)
-class Structure:
+class Structure(Displayed):
     """Which channels a controller has, and what each acts on.
 
     A channel on the *error* passes a step of the set-point on to the actuator; one on the *output* does not, which

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.crosscheck.windows import Series, Windows, gaps_of, windows_on
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["Comparison", "Expected", "compare"]
 
@@ -99,7 +100,7 @@ class Expected:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(Displayed):
     """Result of the comparison of a position with its rate.
 
     factor, std : ratio of the position's change to the integral of the rate, and its standard error.

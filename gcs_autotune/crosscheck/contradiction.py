@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gcs_autotune.notebook import Displayed
+
 __all__ = ["Contradiction"]
 
 
 @dataclass(frozen=True, slots=True)
-class Contradiction:
+class Contradiction(Displayed):
     """Two columns of one run that report the same motion differently.
 
     Attributes

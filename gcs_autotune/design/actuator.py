@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NoGainsMeetSpec
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["PERFECT", "Actuator", "ActuatorStep"]
 
@@ -53,7 +54,7 @@ class ActuatorStep(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Actuator:
+class Actuator(Displayed):
     """The actuator from output to force, with its elements in this order.
 
     Outputs are in the model's input unit, or in fractions of full output after :meth:`in_fractions`.

@@ -25,6 +25,7 @@ from gcs_autotune.design.result import Margins, Proposal
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.firmware import Axis
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["DiskMargin", "LoopAnalysis", "LoopResponse", "analyse", "analyse_own", "analyse_proposal"]
 
@@ -67,7 +68,7 @@ class LoopResponse:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LoopAnalysis:
+class LoopAnalysis(Displayed):
     """One loop with one set of gains.
 
     ``loop``: the open loop at the actuator, of the state of the craft with the smallest disk margin; ``poles`` (n,):

@@ -7,7 +7,7 @@ follows to first order from the covariance of the models. Sensors, waves, wind a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.laws.rover_speed import pulse_of
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, ExtendedModel, ExtendedSimulator, passage_of
+from gcs_autotune.notebook import Displayed
 
 __all__ = [
     "ASTERN",
@@ -317,7 +318,7 @@ class Missing:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Authority:
+class Authority(Displayed):
     """What a craft can do. ``figures``: by slug, only those that the inputs determine."""
 
     models: CraftModels
@@ -350,7 +351,9 @@ def authority_of(craft: CraftModels) -> Authority:
     known = {s: (v, math.sqrt(max(variance[s], 0.0))) for s, v in values.items() if math.isfinite(v)}
     rows = [row for row in _titles(alone) if row[0] in known]
     figures = {slug: AuthorityFigure(slug, title, *known[slug], unit, note) for slug, title, unit, note in rows}
-    return Authority(craft, figures, tuple(_circles(known)), tuple(_missing(craft, figures)), tuple(_assumed(craft)))
+    return Authority(
+        craft, figures, tuple(_circles(known)), tuple(_missing(craft, figures)), tuple(_assumed(craft, known))
+    )
 
 
 def _slopes(craft: CraftModels, member: FlownModel, name: str, by: float, slugs: Sequence[str]) -> Array:
@@ -760,7 +763,8 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
         )
 
 
-def _assumed(craft: CraftModels) -> Iterator[str]:
+def _assumed(craft: CraftModels, known: Collection[str]) -> Iterator[str]:
+    turns = any(slug.startswith(("turn-rate", "circle-")) for slug in known)
     if craft.rover and not any(name.startswith("SERVO") for name in craft.settings):
         yield (
             "The vehicle's outputs are unknown. It is taken as a boat with a rudder that steers fully at any throttle. "
@@ -768,7 +772,14 @@ def _assumed(craft: CraftModels) -> Iterator[str]:
         )
     if not craft.coupled and craft.yaw and craft.surge is not None:
         yield "Speed and turning come from separate models. Loss of speed in the turn is not included."
-    if not craft.coupled and craft.yaw and craft.skid:
+    speeds = [model.speed for model in craft.yaw if math.isfinite(model.speed)]
+    if turns and not craft.coupled and craft.steers_by_speed and speeds:
+        flown = " and ".join(f"{speed:.3g}" for speed in speeds)
+        yield (
+            f"The turn rates are those of the heading runs at {flown} m/s. They are shown up to {NEAR_SPEED:.0%} "
+            "beyond these speeds, with the same value."
+        )
+    if turns and not craft.coupled and craft.skid:
         yield "The turn rates hold at the speed that was flown. At full steering the two thrusters share their output."
     for model in dict.fromkeys([*craft.yaw, *([craft.surge] if craft.surge else [])]):
         if not model.flown:

@@ -14,6 +14,7 @@ from gcs_autotune.design.authority import ASTERN, CURVE, DEAD_ZONE, RESERVE, SID
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.laws.rover_steering import GRAVITY
 from gcs_autotune.design.motor_law import MOST_ASYMMETRY, MOST_FLOOR, law_of_effects
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["ParameterLimit", "limits_for", "rudder_trim"]
 
@@ -28,7 +29,7 @@ RUDDER = 26
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterLimit:
+class ParameterLimit(Displayed):
     """A proposed value of one parameter, in its own unit, with its rule. ``present``: NaN if unknown."""
 
     name: str

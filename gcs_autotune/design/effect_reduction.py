@@ -14,6 +14,7 @@ import numpy as np
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.effects import SUBTRACTED, EffectInstance
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import Dof
 
 __all__ = ["Draft", "Remark", "take"]
@@ -29,7 +30,7 @@ Project choice: a battery is changed before thrust falls below it.
 
 
 @dataclass(frozen=True, slots=True)
-class Remark:
+class Remark(Displayed):
     """Remark about one effect of a model.
 
     - ``slug``, ``place``: the effect and where it acts.
@@ -106,7 +107,10 @@ def _lag(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 
 def _limit(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, limit=min(draft.actuator.limit, own["limit"]))
-    return "the simulated step clips the output at this limit", "check SERVOn_MIN and SERVOn_MAX"
+    return (
+        "the simulated step clips the output at this limit",
+        "thrust that flattens gradually gives such a limit too. Otherwise check SERVOn_MIN and SERVOn_MAX",
+    )
 
 
 def _rate(draft: Draft, own: EffectInstance) -> tuple[str, str]:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
 from gcs_autotune.design.result import Change
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.notebook import Displayed
 
 __all__ = [
     "Linearity",
@@ -93,7 +94,7 @@ class MotorLaw:
 
 
 @dataclass(frozen=True, slots=True)
-class Linearity:
+class Linearity(Displayed):
     """How far thrust is from proportional to the command.
 
     ``commands``, ``thrusts`` (n,): command [fraction], and thrust relative to the best proportional one. ``departure``:
@@ -152,7 +153,7 @@ def is_more_linear(before: Linearity, after: Linearity) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class MotorFit:
+class MotorFit(Displayed):
     """The motor law for a measured thrust curve.
 
     ``law`` has only the parameters that the Bayesian information criterion supports. ``closest`` has all of them, and

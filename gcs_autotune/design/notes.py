@@ -157,9 +157,10 @@ def _on_the_specification(problem: DesignProblem, axis: Axis, shown: GainCandida
     if is_refined:
         settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
         yield (
-            "the gains minimise the predicted tracking error (ITAE), with actuator saturation. The search started "
-            f"from the present gains or from gains matched to a {shown.wanted.kind} step settling in {settled:.1f} "
-            "s. Set a settling time to get the matched gains"
+            "the gains minimise the predicted tracking error (ITAE), with actuator saturation. The search started from "
+            "the best of several sets: the present gains, gains spread over the ranges, and gains matched to a "
+            f"{shown.wanted.kind.capitalize()} step settling in {settled:.1f} s. Set a settling time to get "
+            "the matched gains"
         )
         return
     use, velocity = problem.demand(problem.model, shown.wanted)

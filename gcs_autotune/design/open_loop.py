@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.notebook import Displayed
+
 if TYPE_CHECKING:
     from control import TransferFunction
 
@@ -33,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rational:
+class Rational(Displayed):
     """Rational function ``num(s)/den(s)``, with coefficients in falling powers of s."""
 
     num: Array
@@ -60,7 +62,7 @@ class Rational:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OpenLoop:
+class OpenLoop(Displayed):
     """Open loop ``L(s) = rational(s) * exp(-delay*s)`` with negative feedback, and ``delay`` in s."""
 
     rational: Rational

@@ -27,6 +27,7 @@ from gcs_autotune.design.spec import Spec
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.firmware import Gain
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 
 __all__ = [
     "LOITER_CONTEXT",
@@ -67,7 +68,7 @@ LOOPS = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class PositionDesign:
+class PositionDesign(Displayed):
     """Gains by parameter, their ``margins`` at the worst point of both regions, and those of the ``present`` gains."""
 
     gains: Mapping[str, float]

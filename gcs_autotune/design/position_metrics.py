@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.verdict import Verdict
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["UNSTABLE", "PositionMetrics", "Stay", "holds_better", "position_metrics"]
 
@@ -46,7 +47,7 @@ class Stay:
 
 
 @dataclass(frozen=True, slots=True)
-class PositionMetrics:
+class PositionMetrics(Displayed):
     """Figures of a step out and back, and of holding; infinite for an unstable loop.
 
     ``itae``: integral of time and distance from the target, relative to the step [s^2]. ``rise``: time to

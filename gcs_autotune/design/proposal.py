@@ -36,6 +36,7 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import ParameterMissing, UsageError
 from gcs_autotune.firmware import Axis, Gain
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.registry import lookup
 
 __all__ = ["ProvisionalGains", "design", "design_from", "problem_of", "provisional"]
@@ -60,7 +61,7 @@ SAME = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProvisionalGains:
+class ProvisionalGains(Displayed):
     """Approximate gains for the present model, calculated while experiments are flown.
 
     - ``wanted``: the reference model.
@@ -160,6 +161,7 @@ def design(
         ruler=ruler_of(spec),
         beside=beside,
         limit=limit,
+        is_matched=bool(changes) and not is_refined,
     )
 
 
@@ -401,7 +403,7 @@ def _reason(law: Law, gain: Gain, after: GainCandidate, is_refined: bool) -> str
     reason = f"{gain.meaning}: " + (
         "chosen for the smallest predicted tracking error (ITAE) of the step"
         if is_refined
-        else f"matched to a {wanted.kind} step settling in {settled:.1f} s"
+        else f"matched, within its range, to a {wanted.kind.capitalize()} step settling in {settled:.1f} s"
     )
     if new in (gain.low, gain.high):
         reason += f", limited to the documented {'minimum' if new == gain.low else 'maximum'}"

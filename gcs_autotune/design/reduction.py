@@ -17,6 +17,7 @@ from gcs_autotune.design.effect_reduction import Draft, Remark, take
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import DOFS, Dof
 
 __all__ = ["Reduction", "Remark", "reduce"]
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reduction:
+class Reduction(Displayed):
     """A model reduced to one axis.
 
     - ``model``, ``actuator``: model and actuator of the axis, in the unit of the input ``channel``.

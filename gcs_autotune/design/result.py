@@ -33,7 +33,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True)
-class Hunting:
+class Hunting(Displayed):
     """Residual motion long after a step.
 
     - ``amplitude``, ``offset`` [rad or m]: amplitude of the oscillation, and offset from the target.
@@ -53,7 +53,7 @@ class Hunting:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class Change(Displayed):
     """Change of one parameter.
 
     It contains the vehicle's own name and unit, old and new value, documented range, and reason.
@@ -78,7 +78,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Margins:
+class Margins(Displayed):
     """Stability of a loop opened at the actuator: gain margin (ratio), phase margin [rad], delay margin [s]."""
 
     gain: float
@@ -88,7 +88,7 @@ class Margins:
 
 
 @dataclass(frozen=True, slots=True)
-class StepMetrics:
+class StepMetrics(Displayed):
     """Metrics of a step. A lower value is better for all.
 
     - ``itae`` [s^2]: integral of time times absolute error, per unit step.
@@ -100,6 +100,8 @@ class StepMetrics:
     - ``travel``: total variation of the actuator [fraction of full] per second.
     - ``hidden_by_noise``: whether ``settling`` is NaN because the noise of single readings exceeds the band, although
       the motion ended inside it.
+    - ``span`` [s]: length of the record after the step, of several steps the shortest. A NaN of ``rise`` or
+      ``settling`` means "not within this time".
     """
 
     itae: float
@@ -110,6 +112,7 @@ class StepMetrics:
     travel: float
     oscillation: float = 0.0
     hidden_by_noise: bool = False
+    span: float = math.nan
 
 
 class Beside(NamedTuple):
@@ -153,7 +156,7 @@ class Ruler(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
+class Prediction(Displayed):
     """A step simulated on the identified model with one set of gains: arrays (n,), position in rad or m.
 
     ``halves``: step and step back up to the end of the simulation, if they are flown one after the other.
@@ -186,6 +189,8 @@ class Proposal(Displayed):
       flown steps have in common). Empty: as long as the predictions.
     - ``ruler``: measurement properties with which the metrics are calculated.
     - ``spread``: largest relative increase of the predicted ITAE within the 95 % region.
+    - ``is_matched``: whether the gains follow ``wanted``. Otherwise they minimise the ITAE, and ``wanted`` only started
+      the search.
     - ``beside``: prediction for another mode that uses the same gains, or None.
     - ``limit``: why the margins miss the specification, if a slow loop of the autopilot is the reason.
     """
@@ -209,6 +214,7 @@ class Proposal(Displayed):
     ruler: Ruler = field(default_factory=Ruler)
     beside: Beside | None = None
     limit: str = ""
+    is_matched: bool = True
 
     @property
     def new(self) -> Mapping[str, float]:

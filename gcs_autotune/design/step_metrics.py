@@ -73,8 +73,8 @@ def noise_floor(noise_std: float, quantum: float) -> float:
 
 
 def combine(found: Sequence[StepMetrics]) -> StepMetrics:
-    """Return the combined metrics of steps in both directions: the mean of error, travel and times, and the worst
-    of the others.
+    """Return the combined metrics of steps in both directions: the mean of error, travel and times, the shortest span,
+    and the worst of the others.
     """
     if not found:
         return StepMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
@@ -82,7 +82,7 @@ def combine(found: Sequence[StepMetrics]) -> StepMetrics:
     worst = {n: max(getattr(m, n) for m in found) for n in ("overshoot", "steady_error", "oscillation")}
     unsettled = [m for m in found if math.isnan(m.settling)]
     hidden = bool(unsettled) and all(m.hidden_by_noise for m in unsettled)
-    return StepMetrics(**mean, **worst, hidden_by_noise=hidden)
+    return StepMetrics(**mean, **worst, hidden_by_noise=hidden, span=min(m.span for m in found))
 
 
 def step_metrics(
@@ -136,6 +136,7 @@ def step_metrics(
         travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
         oscillation=swing,
         hidden_by_noise=hidden,
+        span=float(seconds[-1]),
     )
 
 

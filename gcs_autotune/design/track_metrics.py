@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.design.verdict import Verdict
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["TrackMetrics", "follows_better", "track_metrics"]
 
@@ -27,7 +28,7 @@ TIME_RATIO = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class TrackMetrics:
+class TrackMetrics(Displayed):
     """Distances from the route [m]: from the leg under way or the one before it, whichever is nearer.
 
     ``rms`` over all legs; ``late`` in their second halves; ``settled`` in their third quarters, where the boat has left

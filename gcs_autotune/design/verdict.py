@@ -1,7 +1,7 @@
 """Decide whether to keep new gains: the step with the new gains must be better than the step with the old ones.
 
 New gains are kept only if every criterion is met; otherwise the old ones are restored. The ITAE must be clearly lower,
-without more overshoot, oscillation, steady error or actuator travel.
+without more overshoot, oscillation, remaining error or actuator travel.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.design.result import StepMetrics
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["Verdict", "is_better", "is_calmer", "is_followed", "is_no_worse", "scatter_of"]
 
@@ -41,7 +42,7 @@ Project choice. With an ITAE at most 5 % higher, gains are still better if the o
 """
 NOT_WORSE, ALIKE = 1.1, 0.03
 """Limits of a change that has another aim: the ratio of the new to the old ITAE, and the difference of overshoot,
-oscillation or steady error [fraction of the step]. Project choice: speed steps with the same gains differ as much.
+oscillation or remaining error [fraction of the step]. Project choice: speed steps with the same gains differ as much.
 """
 TIMES = 3.0
 """Largest difference of two measurements with the same gains, in standard deviations of one half.
@@ -57,7 +58,7 @@ Project choice.
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(Displayed):
     """Decision whether to keep the new gains, with every reason for and against as text."""
 
     better: bool
@@ -101,7 +102,7 @@ def is_better(
         _itae(before, after, other, slower),
         _limit("overshoot", after.overshoot, OVERSHOOT + free_overshoot, before.overshoot, over),
         _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
-        _limit("steady error", after.steady_error, STEADY_ERROR, before.steady_error, off),
+        _limit("remaining error", after.steady_error, STEADY_ERROR, before.steady_error, off),
         _travel(before, after),
         _settles(before, after),
     ]
@@ -121,7 +122,7 @@ def is_no_worse(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, f
         (good, f"tracking error (ITAE) {old:.3g} -> {new:.3g} s^2{tail}"),
         _limit("overshoot", after.overshoot, OVERSHOOT, before.overshoot, over),
         _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
-        _limit("steady error", after.steady_error, STEADY_ERROR, before.steady_error, off),
+        _limit("remaining error", after.steady_error, STEADY_ERROR, before.steady_error, off),
         _travel(before, after),
     ]
     return Verdict(all(good for good, _ in lines), tuple(text for _, text in lines))
@@ -195,7 +196,7 @@ def _settles(before: StepMetrics, after: StepMetrics) -> tuple[bool, str]:
     if math.isfinite(after.settling):
         return True, f"settled after {after.settling:.1f} s"
     if after.hidden_by_noise:
-        return True, "settling time not measurable, because the noise exceeds the 5 % band"
+        return True, "settling time not measurable, because readings leave the 5 % band by noise"
     if math.isfinite(before.settling):
         return False, f"not settled within 5 %, although the old gains settled in {before.settling:.1f} s"
     return True, "neither step settled within 5 % during its record"

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gcs_autotune.chi_square import threshold
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import AxisFit
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["CHANGES", "CraftChange", "CraftComparison", "compare_craft"]
 
@@ -66,7 +67,7 @@ CHANGES: Sequence[CraftChange] = (
 
 
 @dataclass(frozen=True, slots=True)
-class CraftComparison:
+class CraftComparison(Displayed):
     """Comparison of a fit with the reference fit of the same motion.
 
     Attributes
@@ -96,12 +97,7 @@ class CraftComparison:
                 f"changed ({', '.join(self.outside) or 'all together'}). No single cause explains the change. "
                 "Tune again"
             )
-        said = [
-            f"{c.name} {'by ' + format(size, '+.3g') if c.name == 'trim' else 'x ' + format(size, '.2f')} "
-            f"({c.more if (size > 0.0 if c.name == 'trim' else size > 1.0) else c.less}; {c.slug})"
-            for c, size in self.causes
-        ]
-        return " and ".join(said)
+        return " and ".join(_told(change, size) for change, size in self.causes)
 
     def to_dict(self) -> dict[str, object]:
         """Return the comparison as plain data for a JSON file."""
@@ -114,6 +110,14 @@ class CraftComparison:
             "causes": [{"name": c.name, "effect": c.slug, "size": size} for c, size in self.causes],
             "told": self.told,
         }
+
+
+def _told(change: CraftChange, size: float) -> str:
+    """Return the number that changed and its size, with causes that would have this effect."""
+    if change.name == "trim":
+        return f"trim by {size:+.3g} ({change.more if size > 0.0 else change.less}; effect {change.slug})"
+    example = change.more if size > 1.0 else change.less
+    return f"{change.name} x {size:.2f} (for example: {example}; effect {change.slug})"
 
 
 NAMES = ("inertia", "drag", "trim")

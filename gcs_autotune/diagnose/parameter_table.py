@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.csv_table import cells_of, numbers_of
 from gcs_autotune.errors import BadFile, NotInformative
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = [
@@ -145,7 +146,7 @@ MATTERS = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ParameterTable:
+class ParameterTable(Displayed):
     """Identified parameters, one row per experiment.
 
     level : (n,) input, with its sign if it has one. inertia, drag : (n,) in any unit; ``drag`` is that of the assumed
@@ -167,7 +168,7 @@ class ParameterTable:
 
 
 @dataclass(frozen=True, slots=True)
-class TableFinding:
+class TableFinding(Displayed):
     """The answer to one question about a table.
 
     ``share``: relative difference of the quantity there from elsewhere (0.2: 20 %); for ``drag-order`` the exponent of

@@ -72,7 +72,7 @@ its numbers include no effect, so it is not a hint either.
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class Value(Displayed):
     """One number of an effect, with its standard error (NaN if unknown)."""
 
     value: float
@@ -81,7 +81,7 @@ class Value:
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorReduction:
+class ErrorReduction(Displayed):
     """Held-out simulation error of one signal before and after a change of the model: rms [unit], their ratio and its
     95 % interval.
 
@@ -110,7 +110,7 @@ class ErrorReduction:
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class Number(Displayed):
     """One number of the supplied model compared with the runs, with name, sign and unit of the owner's file.
 
     ``given``: the model's value. ``given_std``: its standard error if the model states one, else 0. ``value``: the
@@ -137,7 +137,7 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Numbers:
+class Numbers(Displayed):
     """The supplied model's numbers compared with the runs, the wrong ones first.
 
     ``of``: numbers of a ``"model"``, or of the plain model fitted to a ``"simulation"`` and to the runs. ``gains``:
@@ -167,7 +167,7 @@ class Numbers:
 
 
 @dataclass(frozen=True, slots=True)
-class Ranked:
+class Ranked(Displayed):
     """One candidate compared with the base model and the causes found before it.
 
     ``gain``: relative reduction of the held-out error, all signals together (0.3: by 30 %). ``p_value``: corrected for
@@ -189,7 +189,7 @@ class Ranked:
 
 
 @dataclass(frozen=True, slots=True)
-class Cause:
+class Cause(Displayed):
     """An identified cause: an accepted effect with its numbers and its reduction of the held-out error."""
 
     effect: EffectInstance
@@ -215,7 +215,7 @@ class Cause:
 
 
 @dataclass(frozen=True, slots=True)
-class Hint:
+class Hint(Displayed):
     """A possible cause that the runs support too weakly to identify it.
 
     ``gained``: log-likelihood gained on the fitted runs. ``unseen``: log-likelihood gained on each held-out fold, if
@@ -242,7 +242,7 @@ class Hint:
 
 
 @dataclass(frozen=True, slots=True)
-class Signature:
+class Signature(Displayed):
     """Description of the residuals: one finding per line, the strongest first, with its test statistic."""
 
     findings: tuple[str, ...] = ()
@@ -251,7 +251,7 @@ class Signature:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Portrait:
+class Portrait(Displayed):
     """Plot data of one model's residuals: free-run traces, and per signal the residual against related quantities.
 
     ``against``: name (``"time"``, ``"psi"``, ``"r"``, ``"N"`` ...) -> (x (n,), residual (n,), unit of x) of the signal
@@ -272,7 +272,7 @@ class Portrait:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MissingCurve:
+class MissingCurve(Displayed):
     """The missing force (n,) over ``over`` with a 95 % band between runs.
 
     ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: fraction of the force's power about
@@ -300,7 +300,7 @@ class MissingCurve:
 
 
 @dataclass(frozen=True, slots=True)
-class Waves:
+class Waves(Displayed):
     """Waves during the runs.
 
     ``period`` [s] and ``damping`` (ratio): those of the frequency band. ``swing`` [m, rad]: standard deviation of the
@@ -314,7 +314,7 @@ class Waves:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MissingForce:
+class MissingForce(Displayed):
     """The force or moment that the model lacks in one degree of freedom and that no cause explains.
 
     ``size`` [unit]: its standard deviation. ``memory`` [s]: its time constant. ``share``: its size relative to the

@@ -283,7 +283,8 @@ class QuadraticActuator(Characteristic):
     """Effect: the output is ``(1 - share) u + share u|u|/u_ref``.
 
     It is proportional to the command at share 0, and to ``n|n|`` at share 1. ``u_ref`` is the largest command of the
-    runs. The curve is the affine thruster ``a |n| n + b n`` of Miskovic2010, (2.7), with a gain of 1 at full command.
+    runs. The curve is the affine thruster ``a |n| n + b n`` of Miskovic2010, (2.7), with a gain of 1 at
+    that command.
     """
 
     slug = "quadratic-actuator"
@@ -291,7 +292,7 @@ class QuadraticActuator(Characteristic):
     title = "Thrust curve"
     meaning = "thrust is proportional to the square of the command (n|n|), so half command gives less than half thrust"
     plain = "Half the {command} gives your {craft} less than half the force. It gives {simulation} half."
-    parameters = (Quantity("share", "1", "quadratic fraction of the thrust at full command"),)
+    parameters = (Quantity("share", "1", "quadratic fraction of the thrust at the largest command"),)
     grows_with = ("share",)
     shown_by = "residual against command: curved, with too little thrust at small commands and too much at large ones"
     mistaken_for = ("dead-zone", "quadratic-drag", "saturation", "speed-dependent-steering")

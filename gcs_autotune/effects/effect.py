@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects.summary import DataSummary
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.trial import Channel
 
 __all__ = [
@@ -70,7 +71,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True)
-class EffectInstance:
+class EffectInstance(Displayed):
     """An effect at one place, with values, as an element of an extended model.
 
     - ``slug``: name of the effect.
@@ -171,7 +172,7 @@ class EffectResidual:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EffectCurve:
+class EffectCurve(Displayed):
     """Plot data of an effect: ``y`` over ``x``, with axis labels; ``polar`` if ``x`` is a heading [rad].
 
     ``plain`` (n,): the curve without the effect, for comparison. None means zero.

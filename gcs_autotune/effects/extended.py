@@ -20,6 +20,7 @@ from gcs_autotune.effects.effect import Drive, EffectInstance, Observed
 from gcs_autotune.effects.table import EFFECTS
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models import CoupledModel, Form, Simulator
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Channel
 from gcs_autotune_files.model import CoupledData, ExtendedData
@@ -42,7 +43,7 @@ PATIENCE = 70
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passage:
+class Passage(Displayed):
     """One stretch of a run, in the format for simulations.
 
     - ``t_in`` (j,): stamps of the inputs [s].
@@ -322,7 +323,7 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True, slots=True)
-class ExtendedModel:
+class ExtendedModel(Displayed):
     """A coupled model with the effects between it and the measurements, in the order of the table of effects.
 
     - ``amplitude``: full output of each input in the units of the runs (:attr:`.effect.DataSummary.full`), empty if

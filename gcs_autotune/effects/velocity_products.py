@@ -23,6 +23,7 @@ import numpy as np
 from gcs_autotune.effects.effect import Drive, Effect, EffectInstance, Quantity
 from gcs_autotune.effects.summary import DataSummary, force_scale, force_unit, sense, top_speed
 from gcs_autotune.models import FORCES, SEEN, STATES, Form, Term, inertia_of, term_of
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -52,7 +53,7 @@ Factor = tuple[str, bool]
 
 
 @dataclass(frozen=True, slots=True)
-class ProductTerm:
+class ProductTerm(Displayed):
     """A force or moment per product of velocities.
 
     - ``derivative``: SNAME name of the term.

@@ -18,6 +18,7 @@ from gcs_autotune.design import reduce
 from gcs_autotune.effects import ExtendedModel, grid_step
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
@@ -38,7 +39,7 @@ Project choice: single samples during a step then do not count.
 
 
 @dataclass(frozen=True, slots=True)
-class DofComparison:
+class DofComparison(Displayed):
     """Step responses of two models to the largest and to the smallest applied input, SI and radians.
 
     - ``steady``: steady velocity of each model under ``largest``.

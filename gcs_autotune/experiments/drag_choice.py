@@ -15,6 +15,7 @@ import numpy as np
 
 from gcs_autotune.experiments.cross_validation import amplitudes_of, cross_validated, folds_of
 from gcs_autotune.identify import AxisFit, Decision, Structure, fit_axis, structure_of, validate
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import signal_meaning
 from gcs_autotune.trial import Trial
 
@@ -41,7 +42,7 @@ class ScoredDrag:
 
 
 @dataclass(frozen=True, slots=True)
-class AxisChoice:
+class AxisChoice(Displayed):
     """The drag structure of a fit, and the result of each criterion.
 
     ``signal``: name of the signal for which the held-out errors are calculated.

@@ -29,6 +29,7 @@ from gcs_autotune.identify import METHODS, Case, Fit, Model, validate
 from gcs_autotune.identify.problems import Limits
 from gcs_autotune.identify.signals import prepare_form
 from gcs_autotune.models import RIGID_BODY, CoupledModel, Form, inertia_of
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
@@ -118,7 +119,7 @@ class ScoredForm:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FormChoice:
+class FormChoice(Displayed):
     """The selection among all forms that were tried.
 
     - ``chosen``: the selected form with its scores.

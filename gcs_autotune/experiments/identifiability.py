@@ -22,6 +22,7 @@ from gcs_autotune.experiments.scales import Scales, scales_of
 from gcs_autotune.identify import Doubt, Fit, Model
 from gcs_autotune.identify.problems import BLIND, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.models import STATES, inertia_of
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
@@ -227,7 +228,7 @@ MEMBER = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Identifiability:
+class Identifiability(Displayed):
     """Identifiability of a fit's parameters from runs.
 
     - ``relative`` (p,): standard errors divided by sizes (see :mod:`.scales`).

@@ -31,6 +31,7 @@ from gcs_autotune.experiments.preview import (
 from gcs_autotune.identify import Fit, Model
 from gcs_autotune.identify.problems import FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
@@ -83,7 +84,7 @@ class Ranking:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RankedManoeuvre:
+class RankedManoeuvre(Displayed):
     """Ranked manoeuvres, best first.
 
     - ``now``: identifiability from the existing runs.
@@ -199,7 +200,7 @@ UNTOLD = 1e3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PrecisionGain:
+class PrecisionGain(Displayed):
     """Expected effect of a manoeuvre on the required precision.
 
     - ``relative``: name -> expected standard error divided by the value of the parameter.

@@ -20,6 +20,7 @@ from gcs_autotune import chi_square
 from gcs_autotune.experiments.scales import scales_of
 from gcs_autotune.identify import Fit, Model
 from gcs_autotune.identify.problems import MostLikely, fitted_model_of, information_on
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
@@ -44,7 +45,7 @@ Project choice.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profile:
+class Profile(Displayed):
     """Profile likelihood of one parameter.
 
     - ``values`` (k,): values of the parameter, increasing.

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+from gcs_autotune.notebook import Displayed
+
 __all__ = ["Doubt", "Grade", "once"]
 
 Grade = Literal["distrust", "caution", "note"]
@@ -71,7 +73,7 @@ NOTES = frozenset(
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class Doubt(Displayed):
     """A reason not to trust a result.
 
     - ``slug``: its short name.

@@ -64,7 +64,7 @@ record at once.
 
 
 @dataclass(frozen=True, slots=True)
-class ResidualStatistics:
+class ResidualStatistics(Displayed):
     """Statistics of the residuals (measured minus simulated) of one signal in one run.
 
     - ``n``: number of samples.

@@ -19,8 +19,9 @@ from gcs_autotune.documents import conformed, load_json, model_file
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, as_extended
-from gcs_autotune.identify.result import Fit, Model
+from gcs_autotune.identify.result import Fit, Model, Parameter
 from gcs_autotune.models import CoupledModel, SingleDof
+from gcs_autotune.notebook import Display, Displayed, parameter_tables
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.sname import DOFS
 from gcs_autotune_files import Refused
@@ -43,7 +44,7 @@ INSIDE = ("model", "extended_model", "base_model")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ModelFile:
+class ModelFile(Displayed):
     """A model read from a file, with its uncertainty.
 
     - ``model``: the model as a coupled model with effects, whatever the file contains.
@@ -72,6 +73,28 @@ class ModelFile:
         dof = self.axis.axis
         words = dict(zip(dof.derivative_names(), zip(PHYSICAL, SIGNS, strict=True), strict=True))
         return words | ({dof.restoring_derivative: ("restoring", -1.0)} if dof.restored else {})
+
+    def _display(self) -> Display:
+        base, effects = self.model.base, self.model.effects
+        values = {**base.values, **{own.label_of(name): value for own in effects for name, value in own.values.items()}}
+        names = [*(n for n in self.names if n in values), *(n for n in values if n not in self.names)]
+        covariance = np.zeros((len(names), len(names)))
+        fitted = [i for i, n in enumerate(self.names) if n in values]  # they come first in *names*
+        covariance[: len(fitted), : len(fitted)] = self.covariance[np.ix_(fitted, fitted)]
+        std, inputs = np.sqrt(np.maximum(np.diag(covariance), 0.0)), self.inputs
+        parameters = {
+            name: Parameter(
+                name,
+                float(values[name]),
+                base.form.unit_of(name, inputs) if name in base.values else "",
+                float(s),
+                "fitted" if s > 0.0 else "fixed",
+            )
+            for name, s in zip(names, std, strict=True)
+        }
+        told = ", ".join(f"{name} [{unit}]" for name, unit in inputs.items())
+        title = f"Model file '{self.name}': {base.form.title}{f'; inputs {told}' if told else ''}"
+        return Display(title, tuple(t for t in parameter_tables(parameters, covariance) if t.rows))
 
 
 def save_model(fit: Fit[Model], path: Path) -> None:

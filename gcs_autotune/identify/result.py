@@ -41,7 +41,7 @@ Status = Literal["fitted", "absent", "fixed", "at_bound"]
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(Displayed):
     """One identified parameter.
 
     - ``std``: standard error, 0 if the structure or the user fixed the value.
@@ -59,7 +59,7 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class LimitCycle:
+class LimitCycle(Displayed):
     """Limit cycle of one relay experiment (Miskovic2010, 6.6-6.7).
 
     - ``C``: relay output [input unit]. It is negative if the high position of the relay has the lower input.
@@ -94,7 +94,7 @@ class LimitCycle:
 
 
 @dataclass(frozen=True, slots=True)
-class IsoEstimate:
+class IsoEstimate(Displayed):
     """Result of IS-O for one limit cycle. Both drag structures come from the same reading (Miskovic2010, Table 6.3).
 
     - ``cycle``: the limit cycle.
@@ -115,7 +115,7 @@ class IsoEstimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(Displayed):
     """Decision between linear and quadratic drag from two experiments (Miskovic2010 (7.1)-(7.2)).
 
     - ``sigma_*`` [%]: relative differences of the parameters between the experiments.
@@ -131,7 +131,7 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True)
-class StructureFit:
+class StructureFit(Displayed):
     """One drag structure fitted by output error, with the numbers by which the structures are compared."""
 
     structure: Structure
@@ -143,7 +143,7 @@ class StructureFit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trace:
+class Trace(Displayed):
     """Measured and fitted values of one signal in one run, for plots.
 
     All arrays are (n,), in SI units.

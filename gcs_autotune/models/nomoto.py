@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.models.single_dof import SingleDof
 from gcs_autotune.models.transfer_function import TransferFunction
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["Nomoto1", "Nomoto2"]
 
 
 @dataclass(frozen=True, slots=True)
-class Nomoto1:
+class Nomoto1(Displayed):
     """Nomoto's first-order model ``K exp(-s delay) / (T s + 1)`` from input to velocity.
 
     - ``K`` [velocity unit per input unit], ``T`` [s]: gain and time constant.
@@ -67,7 +68,7 @@ class Nomoto1:
 
 
 @dataclass(frozen=True, slots=True)
-class Nomoto2:
+class Nomoto2(Displayed):
     """Nomoto's second-order model ``K (T_3 s + 1) exp(-s delay) / ((T_1 s + 1)(T_2 s + 1))`` from input to velocity.
 
     - ``K`` [velocity unit per input unit]: gain.

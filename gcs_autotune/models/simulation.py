@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.jit import called, entry_without_lock, pasted
 from gcs_autotune.models.single_dof import SingleDof
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["COLUMNS", "SimulatedMotion", "explicit_parameters", "simulate", "simulate_explicit"]
 
@@ -55,7 +56,7 @@ STEPS_PER_SAMPLE = 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SimulatedMotion:
+class SimulatedMotion(Displayed):
     """A simulated run at the requested stamps.
 
     - ``eta``, ``nu`` (n,): position [rad or m] and velocity [rad/s or m/s].

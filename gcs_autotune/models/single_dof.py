@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gcs_autotune.documents import conformed
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune_files.model import SingleDofData
 
@@ -22,7 +23,7 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True, slots=True)
-class SingleDof:
+class SingleDof(Displayed):
     """Identified model of one degree of freedom.
 
     - ``dof``: name of the degree of freedom.

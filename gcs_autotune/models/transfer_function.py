@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gcs_autotune.notebook import Displayed
+
 if TYPE_CHECKING:
     import control
 
@@ -16,7 +18,7 @@ __all__ = ["TransferFunction"]
 
 
 @dataclass(frozen=True, slots=True)
-class TransferFunction:
+class TransferFunction(Displayed):
     """A transfer function with integrators and delay.
 
     - ``numerator``: coefficients b_0..b_m in rising powers of s (Miskovic2010 (6.7)).

@@ -14,6 +14,7 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.logs import Recording, SampleStore, cut_runs, record
 from gcs_autotune.navigation.sensors import readings_of, store_of
 from gcs_autotune.navigation.solution import RATE, Mounting, Navigation, navigate
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Trial, load_trial
 
@@ -33,7 +34,7 @@ LATE = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NavigatedLog:
+class NavigatedLog(Displayed):
     """Solution of a file: one ``Navigation`` per stretch, the runs with its signals, and the rms differences from the
     autopilot's estimator by signal (SI units; empty without one). ``lacks``: signals that the sensors do not determine.
     """

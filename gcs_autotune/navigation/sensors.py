@@ -13,6 +13,7 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.frames import flat
 from gcs_autotune.logs import SampleStore
 from gcs_autotune.navigation import kernel
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.trial import Trial
 
 __all__ = ["ARMED", "SENSORS", "Inertial", "Readings", "Sensor", "Series", "readings_of", "store_of"]
@@ -91,7 +92,7 @@ class Inertial:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Readings:
+class Readings(Displayed):
     """What a log contains for navigation.
 
     - ``name``: its file. ``stretches``: inertial samples without gaps. ``series``: measurement -> samples.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.navigation import kernel
 from gcs_autotune.navigation.sensors import ARMED, DELAYED, SENSORS, Inertial, Readings, Sensor
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sensor import noise_of
 
 __all__ = ["ANGLES", "CONSTANTS", "Constant", "Mounting", "Navigation", "SensorNoise", "navigate"]
@@ -106,7 +107,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Navigation:
+class Navigation(Displayed):
     """Navigation solution of one stretch, at the centre of gravity.
 
     - ``t`` (k,) [s]; ``values``, ``stds``: signal -> (k,), of x y z phi theta psi u v w p q r in SI units.

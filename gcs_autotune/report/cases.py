@@ -269,4 +269,5 @@ def _bad_cases(study: CaseStudy) -> Iterator[Section]:
     why = Table(("cases", "reason"), "rl", tuple((str(n), reason) for reason, n in study.failures.items()), shown=10)
     yield Section("failures", "Failed cases", (why,), facts=IN_RESULT)
     parts: Sequence[Note] = [Note(w.command, f"{w.values}: {w.outcome}", kind="command") for w in study.worst]
-    yield Section("worst", "Worst cases", tuple(parts), facts=IN_RESULT)
+    title = "Worst cases" if len(study.worst) < study.cases else "All cases, the worst first"
+    yield Section("worst", title, tuple(parts), facts=IN_RESULT)

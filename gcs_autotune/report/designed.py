@@ -37,7 +37,7 @@ from gcs_autotune.report.toolkit.wording import (
 )
 from gcs_autotune.report.tune.bode import draw_bode, loop_margins
 from gcs_autotune.report.tune.tables import gains_table, metrics_table
-from gcs_autotune.report.tune.wording import safety
+from gcs_autotune.report.tune.wording import follows, safety
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -157,16 +157,13 @@ def designed_document(designed: Designed, when: str = "") -> Document:
 
 
 def _gains_document(d: DesignedGains, when: str) -> Document:
-    proposal, wanted = d.proposal, d.proposal.wanted
+    proposal = d.proposal
     text = (
         f"New gains for the {proposal.axis} loop; nothing was written."
         if proposal.changes
         else f"The present gains of the {proposal.axis} loop stay: no others are better."
     )
     at = f" at {d.speed:.2g} m/s" if d.speed else ""
-    follow = (
-        f"{wanted.kind.capitalize()} model function of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law})."
-    )
     labels = ("present", "new") if proposal.changes else ("present",)
     analyses = (d.before, d.after)[: len(labels)]
     return Document(
@@ -177,7 +174,12 @@ def _gains_document(d: DesignedGains, when: str) -> Document:
             Section(
                 "gains",
                 "Gains",
-                (Note(f"Old values: {d.present_from}."), gains_table(d.gains), Note(follow), *_remarks(d)),
+                (
+                    Note(f"Old values: {d.present_from}."),
+                    gains_table(d.gains),
+                    Note(follows(proposal)),
+                    *_remarks(d),
+                ),
                 facts=IN_RESULT,
             ),
             Section(

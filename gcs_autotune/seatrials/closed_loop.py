@@ -101,6 +101,11 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
         if full > OFTEN:
             cause = f"the {actuator} was at its limit for {100.0 * full:.0f} % of the time, so the loop was not linear"
             notes.append(Doubt("saturated", cause, "use a smaller --set-point and --second-set-point"))
+    step, record = _step_figures(loop), sum(part.duration for part in parts)
+    slowest = max((figure.reading.value for figure in known(*step)), default=NAN)
+    if slowest > record:
+        notes.append(_slower_than_the_relays(slowest, record))
+        step, omega_n, zeta, overshoot = (), NAN, NAN, NAN
     if omega_std >= omega_n or zeta_std >= zeta:  # figures that nobody knows are left out
         omega_n = omega_std = zeta = NAN
     cycles = [cycle for part in parts for cycle in loop_cycles(part)]
@@ -108,7 +113,7 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
         judged("natural-frequency", "natural frequency of the closed loop", Reading(omega_n, omega_std, "1/s")),
         judged("damping", "damping ratio", Reading(zeta, zeta_std)),
         judged("overshoot", "step overshoot", Reading(overshoot, overshoot_std)),
-        *_step_figures(loop),
+        *step,
         judged("explained", "fit of the closed-loop model", Reading(whole, NAN)),
         judged("a1", "a_1", Reading(loop.denominator[1], NAN, "s")),
         judged("a2", "a_2", Reading(loop.denominator[2], NAN, "s^2")),
@@ -141,6 +146,16 @@ def _oscillates(run: Trial, axis: AxisKind, amplitude: float, period: float) -> 
         f"Lower its gains, or run gcs-autotune tune {axis.name}"
     )
     return Sheet(run.name, "set-point-relay", f"closed {axis.name} loop", figures, verdict, ())
+
+
+def _slower_than_the_relays(seconds: float, record: float) -> Doubt:
+    """Return the doubt about a step of the model that takes longer [s] than the *record* of all relays [s].
+
+    A relay takes several periods, and a period several rise times. So the loop itself is faster than that. The slow
+    part belongs to the fit, because noise or a small drift leaves it undetermined.
+    """
+    cause = f"a step of the model takes {seconds:.0f} s, but the relays took only {record:.0f} s"
+    return Doubt("slower-than-relays", cause, "repeat in calmer water or with a larger --set-point")
 
 
 def _not_linear(explained: Sequence[float]) -> Doubt:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.open_loop import Reading
+from gcs_autotune.notebook import Displayed
 
 __all__ = [
     "Criterion",
@@ -73,7 +74,7 @@ class Criterion:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class Figure(Displayed):
     """One figure of a sea trial, with its criterion if there is one.
 
     The verdict is ``open`` without a criterion, and also if the limit is within two standard errors of the value.
@@ -169,7 +170,7 @@ class Particulars:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sheet:
+class Sheet(Displayed):
     """The figures of one manoeuvre in one run.
 
     ``verdict``: conclusion about the craft as text, empty if there is none. ``shape``: the manoeuvre's diagram, if it

@@ -311,7 +311,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
         found.append(
             Doubt(
                 "slow-sampling",
-                f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times in a half period",
+                f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times between two rudder orders",
                 "record the heading at a higher rate",
             )
         )

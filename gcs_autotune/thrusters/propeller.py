@@ -31,7 +31,7 @@ TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OpenWaterTest:
+class OpenWaterTest(Displayed):
     """Runs of one propeller in an open-water test, all arrays (k,).
 
     - ``n`` [rad/s]: rotation speed.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.csv_table import cells_of, numbers_of
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import parse_header, to_si
 from gcs_autotune.thrusters.propeller import OpenWaterTest
 from gcs_autotune.trial import Trial
@@ -52,7 +53,7 @@ _RAW = {"us": "us", "pwm": "us"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PullTest:
+class PullTest(Displayed):
     """Pulls of one thruster: ``command`` (n,) in ``unit``, and ``force`` (n,) [N], positive along the thruster."""
 
     name: str

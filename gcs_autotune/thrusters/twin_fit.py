@@ -42,7 +42,7 @@ _PULSE_NEUTRAL = 1500.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TwinTest:
+class TwinTest(Displayed):
     """Pulls of a craft with two thrusters, all arrays (k,).
 
     - ``port``, ``starboard``: commands in ``unit``, 0 without thrust.

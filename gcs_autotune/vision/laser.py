@@ -21,6 +21,7 @@ from gcs_autotune.control import WallReading
 from gcs_autotune.csv_table import cells_of, numbers_of
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import BadFile, NotInformative
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.sname import parse_header, to_si
 from gcs_autotune.trial import Channel, Trial
@@ -113,7 +114,7 @@ _BEYOND = 0.15
 
 
 @dataclass(frozen=True, slots=True)
-class LaserReading:
+class LaserReading(Displayed):
     """One picture: lengths of the two beams [m], NaN if not measured. ``searched`` is as in :class:`Dots`."""
 
     number: int
@@ -139,7 +140,7 @@ class LaserReading:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
+class Calibration(Displayed):
     """A calibrated module, and the table it was made from.
 
     distances : (n,) [m]. pixels : (n, 2) distances of the dots from the centre [pixels], port and starboard.

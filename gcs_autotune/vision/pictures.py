@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.csv_table import cells_of, numbers_of
 from gcs_autotune.errors import BadFile
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import parse_header, to_si
 from gcs_autotune.vision.opencv import opencv
 
@@ -28,7 +29,7 @@ _DIGITS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class Picture(Displayed):
     """One picture: its number from 1, its time [s], and ``bgr`` (height, width, 3): blue, green, red, 0 to 255."""
 
     number: int

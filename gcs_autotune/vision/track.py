@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.smoothing import local_polynomials
 from gcs_autotune.sname import INPUTS
 from gcs_autotune.trial import Channel, Trial
@@ -40,7 +41,7 @@ _WIDTH = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class Track(Displayed):
     """What a video shows. t : (n,) [s] of the video. x, y : (n,) [m]. psi : (n,) [rad], continuous.
 
     lost : number of pictures without the marker. by_line : whether bow and stern may be exchanged.
@@ -56,7 +57,7 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracked:
+class Tracked(Displayed):
     """The run, the time of the log minus that of the video [s], and the correlation of the yaw rates, if used."""
 
     run: Trial

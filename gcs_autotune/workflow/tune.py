@@ -137,7 +137,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
         writes="write no parameter (dry run)" if settings.dry_run else changes,
         held=log.parameters_before,
         finish=partial(read_back, loop.read, visit),
-        way_on=lambda error: way_on(settings, log.finished, error),
+        way_on=lambda error: "" if settings.agreed else way_on(settings, log.finished, error),
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from gcs_autotune.axes import AXES, axis_kind
+from gcs_autotune.axes import AXES, axis_kind, excitation_of
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import (
     BadFile,
@@ -39,7 +39,7 @@ from gcs_autotune.tunables import TUNABLES, Tunable
 from gcs_autotune.workflow.announcement import battery, exactly, styled
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.excursion import overhead
-from gcs_autotune.workflow.experiments import speed_for
+from gcs_autotune.workflow.experiments import SHALLOW, WORKING_DEPTH, speed_for
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, MissionLog, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
@@ -252,10 +252,14 @@ class _Job:
             if step.ending == "rejected":
                 yield Intention(f"not tune {step.name}: {step.reason}", f"Not {step.name}", step.reason)
         for name, mission in left.items():
-            yield Intention(f"move for {name}: {mission.movements}")
+            yield Intention(f"move for {name}: {mission.movements}", name.capitalize(), mission.movements)
             space = mission.needs[0]
             told = space if isinstance(space, Intention) else Intention(space)
-            yield Intention(f"{told.text} (for {name})", name.capitalize(), told.brief or told.text)
+            yield Intention(f"{told.text} (for {name})", "Space", told.brief or told.text)
+        deep = [name for name in left if excitation_of(axis_kind(TUNABLES[name].axis).dof).below_surface]
+        if deep and not craft.firmware.floats:
+            dive = f"to {WORKING_DEPTH:g} m before {' and '.join(deep)}, if it is shallower than {SHALLOW:g} m by then"
+            yield Intention(f"dive {dive}", "Dive", dive)
         seconds = sum(step.seconds for step in flown)
         each = ", ".join(f"{step.name} {exactly(step.seconds)}" for step in flown)
         brief = f"about {exactly(seconds)} of the vehicle's time"
@@ -269,7 +273,8 @@ class _Job:
             "restores the old ones otherwise"
         )
         yield Intention(f"write {written}", "Writes", written)
-        modes = ", ".join(sorted({mode for mission in left.values() for mode in mission.modes}))
+        used = sorted({mode for mission in left.values() for mode in mission.modes})
+        modes = " and ".join(filter(None, (", ".join(used[:-1]), *used[-1:])))
         in_modes = f"use modes {modes}, and return to {craft.mode} after each step"
         yield Intention(in_modes, "Modes", f"{modes}, then {craft.mode} again")
 

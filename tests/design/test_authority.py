@@ -64,6 +64,7 @@ def test_a_rudder_turns_only_at_the_speeds_that_were_flown() -> None:
     one = found(RUDDER)
     assert [c.throttle for c in one.circles] == [0.5]
     assert any("--throttle 0.25" in row.fly for row in one.missing)
+    assert "The turn rates are those of the heading runs at 2 m/s." in " ".join(one.assumed)
     two = found(RUDDER, yaw(1.0, alpha=4.0), yaw(2.0))
     assert [c.throttle for c in two.circles] == [0.25, 0.5]
     assert two.figures["steerage"].value == pytest.approx(2.0 * math.sqrt(0.03), rel=0.01)

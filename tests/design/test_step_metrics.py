@@ -366,7 +366,7 @@ def test_a_clearly_better_step_is_kept() -> None:
         (replace(GOOD, itae=math.nan), "could not be measured"),
         (replace(GOOD, itae=1.0, overshoot=0.2), "overshoot"),
         (replace(GOOD, itae=1.0, oscillation=0.2), "remaining oscillation"),
-        (replace(GOOD, itae=1.0, steady_error=0.2), "steady error"),
+        (replace(GOOD, itae=1.0, steady_error=0.2), "remaining error"),
         (replace(GOOD, itae=1.0, travel=2.0), "travel"),
         (replace(GOOD, itae=1.0, settling=math.nan), "not settled"),
     ],

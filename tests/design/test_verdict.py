@@ -60,7 +60,7 @@ def test_the_reason_tells_old_new_and_by_how_much() -> None:
             {},
             {"settling": NEITHER, "hidden_by_noise": True},
             True,
-            "settling time not measurable, because the noise exceeds",
+            "settling time not measurable, because readings leave",
         ),
         ({}, {"itae": NEITHER}, False, "the tracking error of the new step could not be measured"),
         ({"itae": NEITHER}, {}, True, "not measurable before"),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.observer import Progress
+from gcs_autotune.observer import Intention, Intentions, Progress
 from gcs_autotune.report import TerminalObserver
 from gcs_autotune.report.toolkit.live import describe_progress
 
@@ -142,3 +142,20 @@ def test_saying_something_before_any_progress_is_just_a_line(terminal):
     observer, out, _ = _observer(terminal=terminal)
     observer.say("link: sitl:videoray")
     assert out.getvalue() == "link: sitl:videoray\n"
+
+
+def test_a_step_of_a_job_announces_only_what_the_job_did_not():
+    style, space = Intention("design for style normal", "Style", "normal"), Intention("need 2 m", "Space", "2 m")
+    again = Intention("continue if messages stop")
+    observer, out, _ = _observer(terminal=True)
+    for writes in ("gains of two loops", "some of ATC_ANG_YAW_P", "some of PSC_POSZ_P"):
+        step = Intentions((style, space, again, Intention(f"write {writes}", "Writes", writes)))
+        observer.say("link: sitl:bluerov2")
+        observer.note(step)
+        for text in step.texts:
+            observer.say(f"will {text}")
+    shown = out.getvalue()
+    for once in ("link: sitl:bluerov2", "Style", "Space", "will continue if messages stop"):
+        assert shown.count(once) == 1
+    assert shown.count("Writes") == 3
+    assert "will write" not in shown

@@ -13,7 +13,7 @@ import pytest
 import report_stories as stories
 from matplotlib.figure import Figure
 
-from gcs_autotune.design import Margins
+from gcs_autotune.design import Margins, StepMetrics
 from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, Parameter, Trace, fit, is_of_one_axis, validate
@@ -35,8 +35,8 @@ from gcs_autotune.report.toolkit.axis_fit import (
 from gcs_autotune.report.toolkit.document import Remark
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, sentence
-from gcs_autotune.report.tune.tables import margins_table
-from gcs_autotune.report.tune.wording import safety
+from gcs_autotune.report.tune.tables import margins_table, metrics_table
+from gcs_autotune.report.tune.wording import follows, improvement, safety
 from gcs_autotune.trial import Channel, Trial
 
 
@@ -138,7 +138,7 @@ def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_t
     )
     assert model_words(bent) == "quadratic damping, with thrust curve"
     assert any("q = 0.82 ± 0.03" in said for said in model_sentences(bent))
-    assert ("share", "0.82 ± 0.03", "1", "quadratic fraction of the thrust at full command", "") in model_table(
+    assert ("share", "0.82 ± 0.03", "1", "quadratic fraction of the thrust at the largest command", "") in model_table(
         bent
     ).rows
 
@@ -311,3 +311,44 @@ def test_a_signal_at_the_beginning_of_a_sentence_keeps_its_name() -> None:
     assert sentence("psi and r disagree") == "psi and r disagree."
     assert sentence("a pause") == "A pause."
     assert sentence("the boat drifts") == "The boat drifts."
+
+
+def test_a_step_that_did_not_settle_says_in_which_time() -> None:
+    before = StepMetrics(3.5, 0.29, 1.8, math.nan, 0.26, 0.2, span=5.0)
+    after = StepMetrics(0.7, 0.02, 1.2, 1.9, 0.01, 0.6, span=5.1)
+    assert "settled after 1.9 s (before: not in 5.0 s)" in improvement(before, after, "measured")
+    assert "not settled in 5.0 s (before: 1.9 s)" in improvement(after, before, "measured")
+    table = metrics_table(before, after)
+    assert ("settling time (to within 5 %)", "not in 5.0 s", "1.9 s", "") in table.rows
+    assert table.note.startswith("Over at least 5.0 s after each step")
+
+
+def test_only_matched_gains_are_said_to_follow_a_reference_model() -> None:
+    proposal = stories.proposal()
+    assert "reference model" in follows(replace(proposal, is_matched=True))
+    assert "reference model" not in follows(replace(proposal, is_matched=False))
+    assert "No other gains are better" in follows(replace(proposal, changes=()))
+
+
+def test_a_thrust_curve_is_stated_for_the_largest_output_and_beyond_the_dead_zone() -> None:
+    effects = (
+        EffectInstance("dead-zone", "N", {"width": 0.06}),
+        EffectInstance("quadratic-actuator", "N", {"share": 0.3}, {"u_ref": 0.3}),
+    )
+    said = " ".join(model_sentences(replace(stories.fit(), effects=effects)))
+    assert "The force at output x beyond the dead zone is (1 - q) x + q x²/0.3 with q = 0.3" in said
+
+
+def test_an_actuator_of_a_model_that_lacks_a_term_has_no_standard_error() -> None:
+    zone = Parameter("dead-zone@N.width", 0.0558, "1", 0.0005)
+    plain = stories.fit()
+    bent = replace(
+        plain,
+        effects=(EffectInstance("dead-zone", "N", {"width": 0.0558}),),
+        parameters={**plain.parameters, zone.name: zone},
+        covariance=np.diag([*np.diag(plain.covariance), zone.std**2]),
+    )
+    t = np.linspace(0.0, 100.0, 2000)
+    for slow, told in ((0.0, "0.0558 ± 0.0005"), (0.02, "about 0.056")):
+        trace = Trace("relay-1", t, noise(0.004) + slow * np.sin(0.4 * t), 0.0 * t, 0.0 * t, "psi", "rad")
+        assert f"no force below {told} of full" in " ".join(model_sentences(replace(bent, traces=(trace,))))

@@ -1,5 +1,7 @@
 """The report of ``tune all`` as it is read on a terminal of 80 characters."""
 
+from dataclasses import replace
+
 import pytest
 
 from gcs_autotune.report.toolkit.terminal import render_text
@@ -32,3 +34,22 @@ def test_no_name_of_a_gain_is_cut_and_every_error_has_its_unit() -> None:
     shown = " ".join(text(simulated=True).split())
     assert "ATC_STR_RAT_FF 0.2 -> 1.93" in shown and "…" not in shown
     assert "193 -> 16.3 s²" in shown and "6.9 -> 3.5 m" in shown
+
+
+def test_gains_of_an_aborted_step_are_not_shown_as_changed() -> None:
+    aborted = replace(KEPT, ending="aborted", after=None)
+    shown = render_text(job_document(JobStory("", "boat", True, "sitl:blueboat", "j", (aborted,), stopped="stopped")))
+    assert "aborted" in shown and "ATC_STR_RAT_FF" not in shown
+
+
+@pytest.mark.parametrize(
+    ("link", "resumed"),
+    [
+        ("tcp:1.2.3.4:5760", "--connect tcp:1.2.3.4:5760 --resume"),
+        ("sitl:blueboat", "--connect 'sitl:blueboat?param=ATC_STR_RAT_FF=1.93' --resume"),
+        ("sitl:blueboat?seed=2", "--connect 'sitl:blueboat?seed=2&param=ATC_STR_RAT_FF=1.93' --resume"),
+    ],
+)
+def test_a_simulated_vehicle_is_resumed_with_the_gains_it_had(link: str, resumed: str) -> None:
+    story = JobStory("2026-11-20T20:12:00", "boat", True, link, "j", (KEPT, JobStep("line")), stopped="stopped")
+    assert resumed in story.resume

@@ -14,7 +14,7 @@ from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
 from gcs_autotune.models import TransferFunction
 from gcs_autotune.observer import SilentObserver
-from gcs_autotune.seatrials import ship_figures
+from gcs_autotune.seatrials import closed_loop, ship_figures
 from gcs_autotune.seatrials.closed_loop import _not_linear, _verdict, oscillation_of
 from gcs_autotune.trial import Channel, Mark, Trial
 from tests.manoeuvres.pond import PondCraft, answered, at_rest
@@ -186,3 +186,15 @@ def test_one_relay_is_too_few_for_the_loop() -> None:
     second = [m for m in run.marks if m.kind == "relay"][1]
     with pytest.raises(NotInformative, match="has 1 relay on"):
         ship_figures(replace(run, marks=tuple(m for m in run.marks if m is not second)))
+
+
+def test_a_step_that_takes_longer_than_the_relays_is_left_out_with_its_damping(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a BlueBoat's tuned loop: 677 s to settle, read from 25 s of relays of five degrees."""
+    slow = np.poly([-0.005, -2.0 + 4.0j, -2.0 - 4.0j]).real[::-1]
+    loop = TransferFunction((1.0, 120.0), tuple(slow / slow[0]))
+    monkeypatch.setattr(closed_loop, "_loop", lambda *_: (loop, [0.95, 0.95, 0.95], np.array([0.1, 0.01, 0.0])))
+    (sheet,) = ship_figures(swung(0.0, (1.0, 1.0, 1e-6), 0.0))
+    assert [doubt.slug for doubt in sheet.doubts] == ["slower-than-relays"]
+    assert "but the relays took only 120 s" in sheet.doubts[0].cause
+    assert not {"damping", "overshoot", "rise", "settling"} & {figure.slug for figure in sheet.figures}
+    assert "do not determine the damping" in sheet.verdict

@@ -216,6 +216,7 @@ def test_a_job_is_stopped_resumed_and_put_back_as_a_whole(tmp_path, plainly) -> 
         "ATC_RAT",
         "ATC_ANG",
     }
+    assert sum("--resume" in text for text in bench.said) == 1
     story = bench.tune(resume=bench.job)
     assert "using from" in " ".join(bench.said)
     assert bench.endings == {"heading": "kept", "depth": "kept"}

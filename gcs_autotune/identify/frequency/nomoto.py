@@ -19,6 +19,8 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.frequency.response import FrequencyResponse
 from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.models import Nomoto1, Nomoto2
+from gcs_autotune.notebook import Display, Displayed, Table
+from gcs_autotune.rounding import format_value
 
 __all__ = ["EVIDENCE", "NomotoFit", "fit_nomoto"]
 
@@ -39,7 +41,7 @@ EVIDENCE = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NomotoFit:
+class NomotoFit(Displayed):
     """A Nomoto model fitted to a frequency response.
 
     - ``model``: the fitted model of first or second order.
@@ -60,6 +62,15 @@ class NomotoFit:
     def to_dict(self) -> dict[str, Any]:
         """Return the fit as data for JSON."""
         return {"model": self.model.to_dict(), "std": dict(self.std), "misfit": self.misfit, "bic": self.bic}
+
+    def _display(self) -> Display:
+        order = "first" if isinstance(self.model, Nomoto1) else "second"
+        rows = [
+            (name, format_value(getattr(self.model, name), std), "velocity per input" if name == "K" else "s")
+            for name, std in self.std.items()
+        ]
+        title = f"Nomoto model of {order} order; {self.misfit:.1%} of the motion is not explained"
+        return Display(title, (Table(("parameter", "value ± standard error", "unit"), tuple(rows)),))
 
 
 def fit_nomoto(response: FrequencyResponse, order: int = 1, delay: float | None = None) -> NomotoFit:

@@ -19,6 +19,7 @@ from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.free_run import run_freely
 from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["FrequencyResponse", "Sampled", "mending", "sampled", "together", "trusted"]
@@ -34,7 +35,7 @@ frequencies. Project choice.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrequencyResponse:
+class FrequencyResponse(Displayed):
     """Frequency response from input to *velocity*, as arrays (k,).
 
     - ``omega`` [rad/s]: frequencies, ascending.

@@ -19,6 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gcs_autotune.notebook import Displayed
+
 __all__ = ["RunLikelihood", "RunLikelihoods", "RunOffset", "integrate_out"]
 
 Array = NDArray[np.float64]
@@ -34,7 +36,7 @@ to 7. Project choice.
 
 
 @dataclass(frozen=True, slots=True)
-class RunOffset:
+class RunOffset(Displayed):
     """Constant force per inertia and relative change of thrust of one run, with their standard errors."""
 
     run: str

@@ -39,6 +39,7 @@ from msgspec import Meta, Struct
 from gcs_autotune.documents import conformed, load_toml
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models import Form, form_from
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.registry import lookup, same_name
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
@@ -162,7 +163,7 @@ class Final:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class Plan(Displayed):
     """A plan with its steps in order.
 
     - ``known``: name -> value of constants of the craft, in SI units.

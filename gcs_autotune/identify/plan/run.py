@@ -22,6 +22,7 @@ from gcs_autotune.identify.plan.plan import Plan, PlanStep
 from gcs_autotune.identify.result import Fit, Model, Parameter
 from gcs_autotune.identify.signals.preparation import prepare_form
 from gcs_autotune.models import CoupledModel, Form, unit_of
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.rounding import format_value
 from gcs_autotune.trial import Trial
 
@@ -54,7 +55,7 @@ class StepResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlanResult:
+class PlanResult(Displayed):
     """Result of a plan.
 
     - ``parameters``: estimates from the joint fit of all runs.

@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.relay.iso import quadratic_drag, relay, relay_bias
 from gcs_autotune.models import SingleDof
+from gcs_autotune.notebook import Displayed
 
 __all__ = ["PredictedCycle", "predict_cycle"]
 
@@ -28,7 +29,7 @@ SLOWEST, FASTEST = 1e-6, 1e9
 
 
 @dataclass(frozen=True, slots=True)
-class PredictedCycle:
+class PredictedCycle(Displayed):
     """The limit cycle of a relay: amplitude ``X_m`` and mean ``x_0`` [rad or m], frequency ``omega`` [rad/s].
 
     ``C`` [input] and ``x_a`` [rad or m]: output and hysteresis of the relay. ``drag``: equivalent constant drag.

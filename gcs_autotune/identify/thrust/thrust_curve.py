@@ -279,7 +279,7 @@ def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = No
         share, (at, part) = effect_number(found, QUADRATIC), _bent_at_half(found)
         sure = share.value > _STDS * share.std
         square = f"{part:.0%} of the force is proportional to the square of the command at {at:.0%} of full"
-    levels = f". It pushes no harder beyond {effect_number(found, LEVEL).value:.0%}" if LEVEL in has else ""
+    levels = f". It pushes little harder beyond {effect_number(found, LEVEL).value:.0%}" if LEVEL in has else ""
     if DEAD_ZONE in has:
         what = f"an actuator that does nothing below {effect_number(found, DEAD_ZONE).value:.1%} of full"
         if _lost(found) == 0.0:

@@ -46,6 +46,7 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.compass import COEFFICIENTS
 from gcs_autotune.models.coupled.lever_arm import LEVER_ARM
+from gcs_autotune.notebook import Displayed
 
 __all__ = [
     "DEPTH",
@@ -117,7 +118,7 @@ _NAME = re.compile(r"^(?P<force>[XYZKMN])_(?P<rest>.+)$")
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class Term(Displayed):
     """A force ``coefficient * factors`` in one row. ``factors`` are at most three codes of :mod:`.kernel`."""
 
     row: int
@@ -125,7 +126,7 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True)
-class Inertia:
+class Inertia(Displayed):
     """An added-mass derivative. Its value times -1 is the element (row, column) of M."""
 
     row: int

@@ -29,6 +29,7 @@ from typing import Any
 from gcs_autotune.documents import conformed, load_toml
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.models.coupled.derivatives import FORCES, RIGID_BODY, SPECIAL, inertia_of, term_of, unit_of
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import DOFS
 from gcs_autotune_files import parse
 from gcs_autotune_files.model import FormData
@@ -39,7 +40,7 @@ _ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class Form(Displayed):
     """The structure of a coupled model.
 
     - ``dofs``: degrees of freedom in SNAME order.

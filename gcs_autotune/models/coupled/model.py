@@ -20,6 +20,7 @@ from gcs_autotune.models.coupled.form import Form, form_of
 from gcs_autotune.models.coupled.lever_arm import LEVER_ARM, SHOWN_OFF_CENTRE, seen_off_centre
 from gcs_autotune.models.coupled.linear_kernel import linear_program_of, linear_sweep
 from gcs_autotune.models.coupled.program import inertia_matrix, program_of, states_of
+from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import DOFS
 from gcs_autotune_files.model import CoupledData
 
@@ -239,7 +240,7 @@ class Simulator:
 
 
 @dataclass(frozen=True, slots=True)
-class CoupledModel:
+class CoupledModel(Displayed):
     """A model of several degrees of freedom: a form and a value for each of its parameters."""
 
     form: Form

@@ -24,6 +24,8 @@ def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
     return f"Hypothesis: {text}" if diagnosis.verdict == "partly-explained" else text[0].upper() + text[1:]
 
 
+NEARLY_ALL = 0.99
+"""Explained fraction above which a rounded 100 % would contradict a verdict that part of the error remains."""
 STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "positive"}
 """Least penalised gain in log-likelihood -> adjective for the strength of evidence. Kass1995, section 3.2, state twice
 these values.
@@ -36,7 +38,8 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
         text = "The cause is slight: adding it to the model hardly changes the prediction. "
         yield Note(text + gain_sentence(cause.gain), "Effect in practice")
     if math.isfinite(cause.share):
-        share = format_share(cause.share)
+        partly = diagnosis.verdict == "partly-explained" and cause.share > NEARLY_ALL
+        share = "nearly all" if partly else format_share(cause.share)
         if diagnosis.missing is None:
             text = f"This cause removes {share} of the squared prediction error above the noise."
             yield Note(text, "Explained on held-out data")

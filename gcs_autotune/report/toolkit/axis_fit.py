@@ -263,21 +263,33 @@ def remainder_sentence(left: Remainder, unit: str) -> str:
 
 
 def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
-    """Return a sentence on an actuator effect, with its number rounded to its standard error."""
+    """Return a sentence on an actuator effect, with its number rounded to its standard error.
+
+    If more than noise is unexplained, the model lacks a term. The standard error is then too small, and is left out.
+    """
+    lacks_a_term = any(left.unexplained > left.noise for left in fit.remainder.values())
 
     def number(name: str) -> str:
+        if lacks_a_term:
+            return f"about {format_number(own[name], 2)}"
         found = fit.parameters.get(own.label_of(name))
         return format_value(own[name], math.nan if found is None else found.std)
 
     if own.slug == "quadratic-actuator":
+        largest = own.constants["u_ref"]
+        over = "" if largest == 1.0 else f"/{format_number(largest, 3)}"
+        beyond = " beyond the dead zone" if any(e.slug == "dead-zone" for e in fit.effects) else ""
         return (
-            f"The force at output x is (1 - q) x + q x² with q = {number('share')}. q = 0 is proportional; q = 1 is "
-            "quadratic, like a plain propeller."
+            f"The force at output x{beyond} is (1 - q) x + q x²{over} with q = {number('share')}. q = 0 is "
+            "proportional; q = 1 is quadratic, like a plain propeller."
         )
     if own.slug == "dead-zone":
         return f"The actuator has a dead zone: no force below {number('width')} of full output."
     if own.slug == "saturation":
-        return f"The actuator saturates at {number('limit')} of full output."
+        return (
+            f"The fit limits the force at {number('limit')} of full output. Thrust that flattens gradually gives such "
+            "a limit too."
+        )
     values = ", ".join(f"{name} {number(name)}" for name in own.values)
     return f"Actuator: {_effect_title(own)}, {values}."
 

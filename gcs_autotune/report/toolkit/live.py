@@ -48,6 +48,9 @@ PLAIN_EVERY = 5.0
 BAR = 5
 """Width of the bar [characters], so that the signal still fits into 80 columns. Project choice."""
 
+ONCE = ("link: ", "vehicle: ", "the autopilot's gyro filter ")
+"""Beginnings of sentences that every step of a job repeats. They are shown again only if they have changed."""
+
 STALE = 1.0
 """Age of the last message [s] above which the line begins with the silence of the link: ten control periods. Project
 choice.
@@ -146,7 +149,8 @@ class TerminalObserver:
         self._leg = ("", "")
         self._line_open = False
         self._began = math.nan
-        self._shown: frozenset[str] = frozenset()
+        self._shown: set[str] = set()
+        self._announced: set[str] = set()
 
     def __enter__(self) -> TerminalObserver:
         return self
@@ -171,6 +175,8 @@ class TerminalObserver:
         """Show a sentence on a separate line."""
         if text in self._shown:
             return
+        if text.startswith(ONCE) and not self._verbose:
+            self._shown.add(text)
         self._erase()
         self._console.print(Text(self._typeset(text)))
 
@@ -191,17 +197,22 @@ class TerminalObserver:
             self.say(f"vehicle message: {quoted([fact.text])}")
 
     def _announce(self, intentions: Intentions) -> None:
-        """Show a table, one row per intention with its brief. The sentences of these rows are then not said again."""
+        """Show a table, one row per intention with its brief. The sentences of these rows are then not said again.
+
+        An intention that was announced before, for the whole job, is not shown again.
+        """
         if self._verbose:
             return
         self._erase()
-        rows = [each for each in intentions.each if each.row]
+        known = [each for each in intentions.each if (each.brief or each.text) in self._announced]
+        rows = [each for each in intentions.each if each.row and each not in known]
         table = Table.grid(padding=(0, 2))
         table.add_column(style="bold", no_wrap=True)
         for each in rows:
             table.add_row(Text(each.row), Text(self._typeset(each.brief)))
         self._console.print(table)
-        self._shown = frozenset(f"will {each.text}" for each in rows)
+        self._shown |= {f"will {each.text}" for each in (*known, *rows)}
+        self._announced |= {each.brief or each.text for each in intentions.each}
 
     def close(self) -> None:
         """End the live line, so that other output starts on a new line. It may be called without a live line."""

@@ -100,7 +100,16 @@ class JobStory:
         """The command that continues at the next step that is not done; empty if all are."""
         if all(step.is_done for step in self.steps) and not self.stopped:
             return ""
-        return f"gcs-autotune tune all{self.options} --connect {shlex.quote(self.link)} --resume {_path(self)}"
+        return f"gcs-autotune tune all{self.options} --connect {shlex.quote(self._link_now)} --resume {_path(self)}"
+
+    @property
+    def _link_now(self) -> str:
+        """The link of a resumed job. A simulated vehicle ends with its run and starts with the gains kept so far."""
+        if not self.link.startswith("sitl:"):
+            return self.link
+        kept = [(n, new) for step in self.steps if step.ending == "kept" for n, (_, new) in (step.gains or {}).items()]
+        pieces = "&".join(f"param={name}={value:.9g}" for name, value in kept)
+        return f"{self.link}{'&' if '?' in self.link else '?'}{pieces}" if pieces else self.link
 
     @property
     def ending(self) -> str:
@@ -201,14 +210,16 @@ def _sections(story: JobStory) -> Iterator[Section]:
 def _details(story: JobStory) -> Iterator[Part]:
     announced, took = story.seconds
     if took:
-        yield Note(f"Announced {format_seconds(announced)}, took {format_seconds(took)} of the vehicle's time.")
+        times = f"announced {format_seconds(announced)}, took {format_seconds(took)} of the vehicle's time"
+        yield Note(f"Completed steps: {times}.")
     yield from bullets(tuple(f"{s.name}: {s.directory}/report.html" for s in story.steps if s.directory))
     yield Section("announced", "Announced before the start", tuple(bullets(story.announced)))
 
 
 def _rows(step: JobStep) -> Iterator[tuple[str, ...]]:
     measured = [_pair(step, *names) for names in (("itae", "rms"), ("overshoot", "corners"), ("settling", ""))]
-    gains = [(name, " -> ".join(map(format_number, pair))) for name, pair in (step.gains or {}).items()]
+    proposed = {} if step.ending == "aborted" else step.gains or {}  # those of an aborted step were not proved
+    gains = [(name, " -> ".join(map(format_number, pair))) for name, pair in proposed.items()]
     for k, (name, change) in enumerate(gains or [("", "")]):
         first = k == 0
         cells = measured if first else ["", "", ""]

@@ -33,7 +33,6 @@ from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
     format_change,
     format_moment,
-    format_number,
     format_percent,
     format_quantity,
     format_share,
@@ -67,6 +66,7 @@ from gcs_autotune.report.tune.tables import (
 from gcs_autotune.report.tune.wording import (
     PROOF_SENTENCE,
     bound_sentence,
+    follows,
     proof_command,
     safety,
     settling_cell,
@@ -187,12 +187,7 @@ def _design(story: TuneStory) -> Iterator[Section]:
     proposal = story.proposal
     if proposal is None:
         return
-    wanted = proposal.wanted
-    how = (
-        f"The gains make the closed loop follow a {wanted.kind.capitalize()} reference model with a characteristic "
-        f"frequency of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law}). The range is from the "
-        "firmware's documentation."
-    )
+    how = f"{follows(proposal)} The range is from the firmware's documentation."
     notes = (Note(sentence(note)) for note in proposal.notes)
     predicted = () if story.metrics_after is None else (_predicted(proposal),)
     yield Section("design", "Design", (Note(how, kind="quiet"), *notes, *predicted), detail=True, facts=IN_RESULT)

@@ -378,7 +378,8 @@ def _draw_predictions(top: Axes, bottom: Axes, size: float | None, story: TuneSt
     target = _predicted(new, "target").y
     if size is not None and not (len(target) and np.isclose(target[-1], size, rtol=0.01)):
         return
-    _line(top, _predicted(new, "wanted"), story.stepped, WANTED, "wanted", width=1.0)
+    if story.proposal.is_matched:
+        _line(top, _predicted(new, "wanted"), story.stepped, WANTED, "reference model", width=1.0)
     _line(top, _predicted(new, "position"), story.stepped, AFTER, "after, predicted", style=":")
     if size is None:
         _line(top, _predicted(old, "position"), story.stepped, BEFORE, "before, predicted", style=":")

@@ -20,7 +20,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_share,
 )
 from gcs_autotune.report.tune.story import TuneStory
-from gcs_autotune.report.tune.wording import settling_cell
+from gcs_autotune.report.tune.wording import not_reached, settling_cell
 
 __all__ = [
     "changed_parameters",
@@ -38,7 +38,7 @@ __all__ = [
 _METRICS: tuple[tuple[str, str, Callable[[StepMetrics], str]], ...] = (
     ("itae", "tracking error (ITAE per unit step)", lambda m: _with_unit(m.itae, "s²")),
     ("overshoot", "overshoot", lambda m: format_share(m.overshoot)),
-    ("rise", "rise time (10 to 90 %)", lambda m: format_seconds(m.rise, "not reached")),
+    ("rise", "rise time (10 to 90 %)", lambda m: format_seconds(m.rise, not_reached(m))),
     ("settling", "settling time (to within 5 %)", settling_cell),
     ("steady_error", "remaining error", lambda m: format_share(m.steady_error)),
     ("travel", "actuator travel per second", lambda m: format_share(m.travel)),
@@ -110,7 +110,15 @@ def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Tabl
                 format_change(old, new),
             )
         )
-    return Table(("lower is better", "before", "after", "change"), "lrrr", tuple(rows))
+    span = min(before.span, after.span)
+    return Table(("lower is better", "before", "after", "change"), "lrrr", tuple(rows), _span_note(span))
+
+
+def _span_note(span: float) -> str:
+    """Return a sentence on the time [s] over which steps are measured; empty if it is unknown."""
+    if not math.isfinite(span):
+        return ""
+    return f"Over at least {format_seconds(span)} after each step; remaining error: over the last third."
 
 
 def beside_table(story: TuneStory) -> Table:
@@ -174,7 +182,8 @@ def thrust_table(before: Linearity, after: Linearity | None) -> Table:
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:
     found = () if metrics is None else _METRICS
     rows = tuple((label, show(metrics)) for _, label, show in found if metrics is not None)
-    return Table(("lower is better", "present gains"), "lr", rows)
+    note = _span_note(math.nan if metrics is None else metrics.span)
+    return Table(("lower is better", "present gains"), "lr", rows, note)
 
 
 def margins_table(proposal: Proposal) -> Table:

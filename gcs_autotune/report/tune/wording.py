@@ -24,7 +24,9 @@ __all__ = [
     "PROOF_SENTENCE",
     "SIMULATED_UNDO",
     "bound_sentence",
+    "follows",
     "improvement",
+    "not_reached",
     "parameters_sentence",
     "proof_command",
     "safety",
@@ -85,7 +87,7 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
     return (
         f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
         f"{format_share(after.overshoot)} (before: {format_share(before.overshoot)}); "
-        f"{_settling_words(after)} (before: {settling_cell(before).replace('not reached', 'not settled')})."
+        f"{_settling_words(after)} (before: {settling_cell(before)})."
     )
 
 
@@ -134,13 +136,20 @@ def _settling_words(metrics: StepMetrics) -> str:
     if math.isfinite(metrics.settling):
         return f"settled after {format_seconds(metrics.settling)}"
     if metrics.hidden_by_noise:
-        return "settling time unknown: the noise exceeds the 5 % band"
+        return "settling time unknown: readings leave the 5 % band by noise"
+    if math.isfinite(metrics.span):
+        return f"not settled in {format_seconds(metrics.span)}"
     return "not settled within the 5 % band at the end of the record"
 
 
 def settling_cell(metrics: StepMetrics) -> str:
     """Return the text of a table cell: the settling time, or the reason why there is none."""
-    return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else "not reached")
+    return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else not_reached(metrics))
+
+
+def not_reached(metrics: StepMetrics) -> str:
+    """Return the text for a time that the record of a step does not contain: the craft may get there later."""
+    return f"not in {format_seconds(metrics.span)}" if math.isfinite(metrics.span) else "not reached"
 
 
 def _change_words(before: float, after: float) -> str:
@@ -165,6 +174,19 @@ def safety(proposal: Proposal) -> str:
     return (
         "With the new gains the loop is stable over the whole 95 % region of the identified model. "
         f"Margins at its worst point: {_margin_words(worst)}."
+    )
+
+
+def follows(proposal: Proposal) -> str:
+    """Return a sentence on what the closed loop follows, as far as the ranges of the gains permit."""
+    if not proposal.changes:
+        return f"No other gains are better (law {proposal.law})."
+    if not proposal.is_matched:
+        return f"The control law is {proposal.law}."
+    wanted = proposal.wanted
+    return (
+        f"The gains are matched, within their ranges, to a {wanted.kind.capitalize()} reference model of "
+        f"{format_number(wanted.omega_0, 3)} rad/s (law {proposal.law})."
     )
 
 
