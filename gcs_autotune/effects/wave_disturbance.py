@@ -169,6 +169,8 @@ def _alone(kin: Mapping[str, _Kin], red: Mapping[str, float], low: float, high: 
 def _with_drift(kin: Mapping[str, _Kin], red: Mapping[str, float], low: float, high: float) -> Accepted | None:
     """Return a band beside a slow force, or None if it is not better than *red* noise, or red noise beside that
     force."""
+    if sum(cost(None, own.records) for own in kin.values()) - sum(red.values()) < BETTER:
+        return None  # nothing varies slowly
     slow = {s: _slow(own, low, high) for s, own in kin.items()}
     left = {s: own.whitened(slow[s]) for s, own in kin.items()}
     rest = [math.log(0.1), *([1.0] * len(kin)), math.log(0.3)]
