@@ -266,8 +266,8 @@ def _counted(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, f
     if craft.kind == "boat":  # nothing drives its sway: the mass in that equation is counted as one
         values = {n: v / craft.inertia["sway"] if n in ("Y_ur", "Y_r", "Y") else v for n, v in values.items()}
         values = {n: v for n, v in values.items() if n not in ("N_v", "Y_rdot")}  # sway follows yaw: not to be told
-    if values.get("gamma"):  # a sea: the book knows the band, and the drift force by another name
-        values = {"amplitude": values["amplitude"]}
+    if values.get("gamma"):  # a sea: the book knows the band, the drift by its variation, and its mean by another name
+        values = {n: values[n] for n in ("amplitude", "drift") if values[n]}
     if hidden.slug == "shallow-water":  # the book counts from the middle of the track
         (x, y), T = ([_middle(f[n] for f in files) for n in "xy"]), values.pop("draught")
         under = values.pop("depth") - T + values["north"] * x + values["east"] * y

@@ -1,5 +1,5 @@
 """A narrow-band force on a craft, with white measurement noise: damped oscillator, the craft's lag, and a Kalman
-filter.
+filter. A slowly varying force can be part of the model.
 
 The force is white noise through ``K s / (s^2 + 2 zeta omega s + omega^2)`` (Fossen2011, (8.118)). The velocity follows
 the force with the craft's time constant, and the position is the integral of the velocity. Let ``x`` be the
@@ -7,13 +7,18 @@ oscillator's position and ``z`` its lagged value, ``T z' = x - z``. A measured p
 velocity is ``x - z``, each with white noise. The discrete model is exact. If the model is right, the prediction errors
 of the filter are white. The determinant of the covariance is the product of the variances of the prediction errors
 (Harvey1989, section 3.4).
+
+The slow force is the second-order drift of irregular waves. It follows the square of their envelope (Newman1974). For
+an oscillator of damping ratio zeta, the autocorrelation of that square is ``exp(-2 zeta omega tau)``. The slow force is
+therefore an Ornstein-Uhlenbeck process. Velocity and position follow it with the craft's lag. The position would not be
+stationary, so it decays over the length of the record.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -29,6 +34,8 @@ Record = tuple[Array, Array]
 
 DEAF = 0.03
 """Least damping ratio of an oscillator that the craft's own motion excites, see :func:`driven`. Project choice."""
+APART = 1e-3
+"""Least relative difference of the decay rates of slow force, velocity and position. Project choice."""
 SETTLED = 20
 """Number of samples after which the filter's gain counts as stationary, for even stamps. Project choice."""
 
@@ -42,6 +49,9 @@ class Oscillator:
     - ``lag`` [s]: time constant of the craft.
     - ``rho``: variance of the oscillation relative to that of the noise.
     - ``rate``: whether a velocity is measured, not a position.
+    - ``slow``: variance of the velocity that the slow force would hold, in units of the velocity (or of the position
+      over the lag), relative to the variance of the noise.
+    - ``fade`` [1/s]: decay rate of the autocorrelation of the slow force.
     """
 
     omega: float
@@ -49,6 +59,8 @@ class Oscillator:
     lag: float
     rate: bool
     rho: float
+    slow: float = 0.0
+    fade: float = 1.0
 
     @property
     def share(self) -> float:
@@ -57,6 +69,12 @@ class Oscillator:
         For a velocity the relative variance is one minus this value.
         """
         return _lagged(self.omega, self.zeta, self.lag)[0]
+
+    def drifting(self, ratio: float) -> Oscillator:
+        """Return the model with the drift of the waves: a slow force of *ratio* times the rms of their force."""
+        seen = 1.0 - self.share if self.rate else self.share
+        slow = (ratio * self.omega * self.lag) ** 2 * self.rho / seen
+        return replace(self, slow=slow, fade=2.0 * self.zeta * self.omega)
 
 
 def whitened(law: Oscillator, t: Array, columns: Array) -> tuple[Array, Array]:
@@ -72,6 +90,8 @@ def whitened(law: Oscillator, t: Array, columns: Array) -> tuple[Array, Array]:
         law.lag,
         law.rate,
         law.rho,
+        law.slow,
+        law.fade,
     )
     deviation = np.sqrt(S)
     return E / deviation[:, None], deviation
@@ -146,63 +166,115 @@ def _step(omega: float, zeta: float, lag: float, dt: float, F: Array) -> None:
 
 
 @njit(cache=True)
+def _wander(fade: float, lag: float, leak: float, dt: float, F: Array) -> None:
+    """Fill the last three rows of *F* (6, 6) with the transition matrix of slow force, velocity and position over *dt*.
+
+    Each decays at its own rate and drives the next. The rates must differ.
+    """
+    a, b, c = fade, 1.0 / lag, leak
+    ea, eb, ec = np.exp(-a * dt), np.exp(-b * dt), np.exp(-c * dt)
+    F[3, 3], F[4, 4], F[5, 5] = ea, eb, ec
+    F[4, 3], F[5, 4] = b * (ea - eb) / (b - a), b * (eb - ec) / (c - b)
+    F[5, 3] = b * b * (ea / ((b - a) * (c - a)) + eb / ((a - b) * (c - b)) + ec / ((a - c) * (b - c)))
+
+
+@njit(cache=True)
+def _stationary(omega: float, zeta: float, lag: float, rate: bool, rho: float, slow: float, rates: Array) -> Array:
+    """Return the stationary covariance (3, 3) of the oscillator and its lag, or (6, 6) with the slow force."""
+    s0, s1 = _lagged(omega, zeta, lag)
+    scale = rho / (1.0 - s0 if rate else s0)
+    P = np.zeros((6, 6) if slow > 0.0 else (3, 3))
+    P[0, 0] = P[1, 1] = scale
+    P[0, 2] = P[2, 0] = P[2, 2] = scale * s0
+    P[1, 2] = P[2, 1] = scale * s1
+    if slow > 0.0:
+        a, b, c = rates
+        P[3, 3] = slow
+        P[3, 4] = P[4, 3] = P[4, 4] = slow * b / (a + b)
+        P[3, 5] = P[5, 3] = b * P[3, 4] / (a + c)
+        P[4, 5] = P[5, 4] = b * (P[3, 5] + P[4, 4]) / (b + c)
+        P[5, 5] = b * P[4, 5] / c
+    return P
+
+
+@njit(cache=True)
 def _innovations(
-    t: Array, Y: Array, omega: float, zeta: float, lag: float, rate: bool, rho: float
+    t: Array, Y: Array, omega: float, zeta: float, lag: float, rate: bool, rho: float, slow: float, fade: float
 ) -> tuple[Array, Array]:
     n, k = Y.shape
     E, S = np.empty((n, k)), np.empty(n)
-    s0, s1 = _lagged(omega, zeta, lag)
-    scale = rho / (1.0 - s0 if rate else s0)
-    stationary = scale * np.array([[1.0, 0.0, s0], [0.0, 1.0, s1], [s0, s1, s0]])
-    P, x, g = stationary.copy(), np.zeros((3, k)), np.zeros(3)
-    F, Q, A = np.eye(3), np.zeros((3, 3)), np.zeros((3, 3))
-    first, third = (1.0, -1.0) if rate else (0.0, 1.0)
+    rates = np.array([fade, 1.0 / lag, 1.0 / max(t[-1] - t[0], 1e-9)])
+    for i in range(3):
+        for j in range(i):
+            if abs(rates[i] - rates[j]) < APART * rates[j]:
+                rates[i] = (1.0 + 2.0 * APART) * rates[j]
+    stationary = _stationary(omega, zeta, lag, rate, rho, slow, rates)
+    m = len(stationary)
+    P, x, g = stationary.copy(), np.zeros((m, k)), np.zeros(m)
+    F, Q, A = np.eye(m), np.zeros((m, m)), np.zeros((m, m))
+    seen = np.array([1.0, 0.0, -1.0, 0.0, 1.0, 0.0] if rate else [0.0, 0.0, 1.0, 0.0, 0.0, 1.0])[:m]
     last, s, settled = -1.0, 0.0, False
     for i in range(n):
         if i > 0:
             dt = t[i] - t[i - 1]
             if abs(dt - last) > 1e-9:
                 _step(omega, zeta, lag, dt, F)
+                if m > 3:
+                    _wander(rates[0], 1.0 / rates[1], rates[2], dt, F)
                 last, settled = dt, False
-                for a in range(3):
-                    for b in range(3):
-                        total = 0.0
-                        for c in range(3):
-                            total += F[a, c] * stationary[c, b]
-                        A[a, b] = total
-                for a in range(3):
-                    for b in range(3):
-                        Q[a, b] = stationary[a, b]
-                        for c in range(3):
-                            Q[a, b] -= A[a, c] * F[b, c]
+                _carried(F, stationary, A, Q)
+                for a in range(m):
+                    for b in range(m):
+                        Q[a, b] = stationary[a, b] - Q[a, b]
             if not settled:
-                for a in range(3):
-                    for b in range(3):
-                        A[a, b] = F[a, 0] * P[0, b] + F[a, 1] * P[1, b] + F[a, 2] * P[2, b]
-                for a in range(3):
-                    for b in range(3):
-                        P[a, b] = Q[a, b] + A[a, 0] * F[b, 0] + A[a, 1] * F[b, 1] + A[a, 2] * F[b, 2]
+                _carried(F, P, A, P)
+                for a in range(m):
+                    for b in range(m):
+                        P[a, b] += Q[a, b]
             for j in range(k):
-                x0, x1, x2 = x[0, j], x[1, j], x[2, j]
-                x[0, j] = F[0, 0] * x0 + F[0, 1] * x1
-                x[1, j] = F[1, 0] * x0 + F[1, 1] * x1
-                x[2, j] = F[2, 0] * x0 + F[2, 1] * x1 + F[2, 2] * x2
+                for first in range(0, m, 3):
+                    x0, x1, x2 = x[first, j], x[first + 1, j], x[first + 2, j]
+                    for a in range(first, first + 3):
+                        x[a, j] = F[a, first] * x0 + F[a, first + 1] * x1 + F[a, first + 2] * x2
         if not settled:
             before = s
-            for a in range(3):
-                g[a] = first * P[a, 0] + third * P[a, 2]
-            s = max(first * g[0] + third * g[2], 0.0) + 1.0
-            for a in range(3):
-                for b in range(3):
+            s = 1.0
+            for a in range(m):
+                g[a] = 0.0
+                for b in range(m):
+                    g[a] += P[a, b] * seen[b]
+            for a in range(m):
+                s += seen[a] * g[a]
+            s = max(s, 1.0)
+            for a in range(m):
+                for b in range(m):
                     P[a, b] -= g[a] * g[b] / s
             settled = i > SETTLED and abs(s - before) < 1e-12 * s
         S[i] = s
         for j in range(k):
-            e = Y[i, j] - first * x[0, j] - third * x[2, j]
+            e = Y[i, j]
+            for a in range(m):
+                e -= seen[a] * x[a, j]
             E[i, j] = e
-            for a in range(3):
+            for a in range(m):
                 x[a, j] += g[a] / s * e
     return E, S
+
+
+@njit(cache=True)
+def _carried(F: Array, P: Array, A: Array, out: Array) -> None:
+    """Fill *out* (m, m) with ``F P F'``. *F* consists of blocks (3, 3) on the diagonal. *A* (m, m) is overwritten."""
+    m = len(P)
+    for a in range(m):
+        first = 3 * (a // 3)
+        for b in range(m):
+            A[a, b] = F[a, first] * P[first, b] + F[a, first + 1] * P[first + 1, b] + F[a, first + 2] * P[first + 2, b]
+    for b in range(m):
+        first = 3 * (b // 3)
+        for a in range(m):
+            out[a, b] = (
+                A[a, first] * F[b, first] + A[a, first + 1] * F[b, first + 1] + A[a, first + 2] * F[b, first + 2]
+            )
 
 
 @njit(cache=True)

@@ -5,6 +5,7 @@ accepted under these conditions:
 
 - its damping ratio is below a quarter, and the run contains several periods;
 - it is better than red noise, and the sensors' noise is visible;
+- if a slowly varying force is present too, it is better than this force alone;
 - it is no response of the craft to its own motion. It must not be proportional to the predicted motion, its rate, its
   square or its past, nor excited by it.
 """
@@ -68,14 +69,16 @@ class Band:
     - ``zeta``: damping ratio.
     - ``laws``: signal -> model of the oscillation in it.
     - ``rms``: signal -> rms of the oscillation in it.
-    - ``std``: standard errors of the logarithms of frequency, damping ratio and rms.
+    - ``std``: standard errors of the logarithms of frequency, damping ratio, rms and ``drift``.
+    - ``drift``: rms of the slow force over that of the wave force, 0 if there is no slow force.
     """
 
     omega: float
     zeta: float
     laws: Mapping[str, Oscillator]
     rms: Mapping[str, float]
-    std: tuple[float, float, float]
+    std: tuple[float, float, float, float]
+    drift: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +93,17 @@ class _Kin:
         """Return the model of the signal; the lag is limited to the range in which it matters."""
         return Oscillator(omega, zeta, min(max(self.lag, 0.02 / omega), 50.0 / omega), self.rate, rho)
 
-    def cost(self, log_omega: float, log_zeta: float, log_rho: float) -> float:
-        return cost(self.law(math.exp(log_omega), math.exp(log_zeta), math.exp(log_rho)), self.records)
+    def cost(self, log_omega: float, log_zeta: float, log_rho: float, drift: float = 0.0) -> float:
+        law = self.law(math.exp(log_omega), math.exp(log_zeta), math.exp(log_rho))
+        return cost(law.drifting(drift) if drift else law, self.records)
+
+    def slow(self, fade: float, size: float) -> Oscillator:
+        """Return the model of a slow force without waves; *size* and *fade* as in :class:`.Oscillator`."""
+        return Oscillator(fade, BROAD, min(max(self.lag, 0.02 / fade), 50.0 / fade), self.rate, 0.0, size, fade)
+
+    def whitened(self, law: Oscillator) -> _Kin:
+        """Return the one-step prediction errors of the records by the model *law*."""
+        return replace(self, records=[(t, whitened(law, t, error[:, None])[0][:, 0]) for t, error in self.records])
 
 
 def band_of(left: Sequence[EffectResidual], *, velocity: str, lag: float) -> Band | None:
@@ -115,35 +127,79 @@ def band_of(left: Sequence[EffectResidual], *, velocity: str, lag: float) -> Ban
     low, high = 2.0 * math.pi * PERIODS / longest, FASTEST * math.pi / interval
     if low >= 0.5 * high:
         return None
-    p, value = _fitted(kin, low, high)
-    omega, zeta = math.exp(p[0]), math.exp(p[1])
-    if zeta > NARROW or not 1.03 * low < omega < 0.97 * high or _broad(kin, low) - value < BETTER:
+    red = {s: _broad(own, low) for s, own in kin.items()}
+    found = _alone(kin, red, low, high) or _with_drift(kin, red, low, high)
+    if found is None:
         return None
-    laws = {s: own.law(omega, zeta, math.exp(r)) for (s, own), r in zip(kin.items(), p[2:], strict=True)}
+    p, before = found
+    omega, zeta, drift = math.exp(p[0]), math.exp(p[1]), _drift_of(p, kin)
+    laws = {s: own.law(omega, zeta, math.exp(r)) for (s, own), r in zip(kin.items(), p[2:], strict=False)}
+    laws = {s: law.drifting(drift) if drift else law for s, law in laws.items()}
     if max(_foreseen(law, kin[s].records) for s, law in laws.items()) < SMOOTH:
         return None
     gain = own = allowed = 0.0
     for s, law in laws.items():
         more, regressors = _own_gain(law, kin[s].records, groups[s])
-        gain += cost(None, kin[s].records) - cost(law, kin[s].records)
+        gain += before[s] - cost(law, kin[s].records)
         own += more
         allowed += CHANCE * regressors
     if own > max(OWN * gain, allowed):
         return None
-    # What is seen beyond the noise; the law's own variance is little known when the band is so narrow.
     rms = {s: _rms_of_band(law, kin[s].records) for s, law in laws.items()}
     seconds = max(sum(float(t[-1] - t[0]) for t, _ in own.records) for own in kin.values())
     few = 0.5 / math.sqrt(max(seconds * zeta * omega, 1.0))
-    return Band(omega, zeta, laws, rms, (*_errors(kin, p), few))
+    of_omega, of_zeta, of_drift = _errors(kin, p)
+    return Band(omega, zeta, laws, rms, (of_omega, of_zeta, few, of_drift), drift)
+
+
+Accepted = tuple[Array, Mapping[str, float]]
+"""Logarithms of omega, zeta, rho per signal, and of the drift if there is one, of an accepted band; the cost of every
+signal without the band."""
+
+
+def _alone(kin: Mapping[str, _Kin], red: Mapping[str, float], low: float, high: float) -> Accepted | None:
+    """Return a band without a slow force, or None if it is not better than *red* noise."""
+    starts = [np.array([math.log(omega), math.log(0.04), *([1.0] * len(kin))]) for omega in _peaks(kin, low, high)]
+    p, value = _fitted(kin, low, high, starts)
+    if not _is_narrow(p, low, high) or sum(red.values()) - value < BETTER:
+        return None
+    return p, {s: cost(None, own.records) for s, own in kin.items()}
+
+
+def _with_drift(kin: Mapping[str, _Kin], red: Mapping[str, float], low: float, high: float) -> Accepted | None:
+    """Return a band beside a slow force, or None if it is not better than *red* noise, or red noise beside that
+    force."""
+    if sum(cost(None, own.records) for own in kin.values()) - sum(red.values()) < BETTER:
+        return None  # nothing varies slowly
+    slow = {s: _slow(own, low, high) for s, own in kin.items()}
+    left = {s: own.whitened(slow[s]) for s, own in kin.items()}
+    rest = [math.log(0.1), *([1.0] * len(kin)), math.log(0.3)]
+    starts = [np.array([math.log(omega), *rest]) for omega in _peaks(left, low, high)]
+    p, value = _fitted(kin, low, high, starts)
+    if not _is_narrow(p, low, high):
+        return None
+    before = {s: min(red[s], _peakless(own, slow[s], low, high)) for s, own in kin.items()}
+    return (p, before) if sum(before.values()) - value > BETTER else None
+
+
+def _is_narrow(p: Array, low: float, high: float) -> bool:
+    return math.exp(p[1]) <= NARROW and 1.03 * low < math.exp(p[0]) < 0.97 * high
+
+
+def _drift_of(p: Array, kin: Mapping[str, _Kin]) -> float:
+    return math.exp(p[-1]) if len(p) > 2 + len(kin) else 0.0
 
 
 def _total(p: Array, kin: Mapping[str, _Kin]) -> float:
-    return sum(own.cost(p[0], p[1], r) for r, own in zip(p[2:], kin.values(), strict=True))
+    drift = _drift_of(p, kin)
+    return sum(own.cost(p[0], p[1], r, drift) for r, own in zip(p[2:], kin.values(), strict=False))
 
 
-def _fitted(kin: Mapping[str, _Kin], low: float, high: float) -> tuple[Array, float]:
-    """Return log omega, log zeta and log rho per signal, with their cost, from fits started at the highest peaks."""
+def _fitted(kin: Mapping[str, _Kin], low: float, high: float, starts: Sequence[Array]) -> tuple[Array, float]:
+    """Return log omega, log zeta, log rho per signal, and log drift if *starts* have it, of the best fit and its
+    cost."""
     span = [(math.log(low), math.log(high)), (math.log(5e-4), math.log(0.35)), *([(-6.0, 16.0)] * len(kin))]
+    span += [(-6.0, 4.0)] * (len(starts[0]) - len(span))
     floor, ceiling = np.array([a for a, _ in span]), np.array([b for _, b in span])
 
     def bounded(p: Array) -> float:
@@ -151,19 +207,64 @@ def _fitted(kin: Mapping[str, _Kin], low: float, high: float) -> tuple[Array, fl
         return _total(inside, kin) + 1e3 * float(np.sum((p - inside) ** 2))
 
     best: tuple[Array, float] | None = None
-    for omega in _peaks(kin, low, high):
-        start = np.array([math.log(omega), math.log(0.04), *([1.0] * len(kin))])
-        steps = np.diag([0.05, 0.7, *([1.0] * len(kin))])
+    for start in starts:
+        steps = np.diag([0.05, 0.7, *([1.0] * (len(start) - 2))])
         found = minimize(
             bounded,
             start,
             method="Nelder-Mead",
-            options={"initial_simplex": np.vstack([start, start + steps]), "xatol": 1e-3, "fatol": 0.02, "maxfev": 250},
+            options={
+                "initial_simplex": np.vstack([start, start + steps]),
+                "xatol": 1e-3,
+                "fatol": 0.02,
+                "maxfev": 250 + 100 * (len(start) - 2 - len(kin)),
+            },
         )
         if best is None or float(found.fun) < best[1]:
             best = np.clip(found.x, floor, ceiling), float(found.fun)
     assert best is not None
     return best
+
+
+def _slow(own: _Kin, low: float, high: float) -> Oscillator:
+    """Return the best model of a slow force without waves."""
+    edges = np.array([[math.log(0.1 * low), math.log(high)], [-6.0, 16.0]])
+    starts = [np.array([math.log(fade), 1.0]) for fade in (0.3 * low, 3.0 * low)]
+    found, _ = _roughly(lambda p: cost(own.slow(*np.exp(p).tolist()), own.records), starts, edges, 80)
+    fade, size = np.exp(found).tolist()
+    return own.slow(fade, size)
+
+
+def _peakless(own: _Kin, slow: Oscillator, low: float, high: float) -> float:
+    """Return the cost of a slow force with an oscillator beside it that has too much damping for a peak."""
+
+    def of(p: Array) -> float:
+        omega, rho, fade, size = np.exp(p).tolist()
+        return cost(replace(own.law(omega, BROAD, rho), slow=size, fade=fade), own.records)
+
+    red, decay = [math.log(0.02 * low), math.log(high)], [math.log(0.1 * low), math.log(high)]
+    edges = np.array([red, [-6.0, 16.0], decay, [-6.0, 16.0]])
+    known = [math.log(slow.fade), math.log(slow.slow)]
+    starts = [np.array([math.log(omega), 0.0, *known]) for omega in (low, 8.0 * low)]
+    return min(cost(slow, own.records), _roughly(of, starts, edges, 150)[1])
+
+
+def _roughly(of: Callable[[Array], float], starts: Sequence[Array], edges: Array, most: int) -> tuple[Array, float]:
+    """Return the best point (k,) and value of *of* from several starts, with at most *most* evaluations each.
+
+    edges (k, 2): range of each coordinate.
+    """
+
+    def bounded(p: Array) -> float:
+        inside = np.clip(p, edges[:, 0], edges[:, 1])
+        return of(inside) + 1e3 * float(np.sum((p - inside) ** 2))
+
+    ends = [
+        minimize(bounded, start, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.1, "maxfev": most})
+        for start in starts
+    ]
+    best = min(ends, key=lambda end: float(end.fun))
+    return np.clip(best.x, edges[:, 0], edges[:, 1]), float(best.fun)
 
 
 def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
@@ -182,27 +283,12 @@ def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
     return first if abs(first[1] / first[0] - 1.0) > 0.05 else first[:1]
 
 
-def _broad(kin: Mapping[str, _Kin], low: float) -> float:
+def _broad(own: _Kin, low: float) -> float:
     """Return the cost of red noise plus white noise: an oscillator with too much damping for a peak."""
-    total = 0.0
-    for own in kin.values():
-        found = [cost(None, own.records)]
-        for omega in (low, 8.0 * low):
-            start = np.array([math.log(omega), 1.0])
-            ended = minimize(
-                _red(own, low), start, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.1, "maxfev": 80}
-            )
-            found.append(float(ended.fun))
-        total += min(found)
-    return total
-
-
-def _red(own: _Kin, low: float) -> Callable[[Array], float]:
-    def of(p: Array) -> float:
-        inside = np.clip(p, [math.log(0.02 * low), -6.0], [math.log(100.0 * low), 16.0])
-        return own.cost(inside[0], math.log(BROAD), inside[1]) + 1e3 * float(np.sum((p - inside) ** 2))
-
-    return of
+    edges = np.array([[math.log(0.02 * low), math.log(100.0 * low)], [-6.0, 16.0]])
+    starts = [np.array([math.log(omega), 1.0]) for omega in (low, 8.0 * low)]
+    red = _roughly(lambda p: own.cost(p[0], math.log(BROAD), p[1]), starts, edges, 80)[1]
+    return min(cost(None, own.records), red)
 
 
 def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[EffectResidual]) -> tuple[float, int]:
@@ -245,13 +331,17 @@ def _with_motion(law: Oscillator, x: EffectResidual) -> Array:
 
 
 def _rms_of_band(law: Oscillator, records: Sequence[Record]) -> float:
-    """Return the rms of the oscillation: that of the records with the white noise subtracted."""
+    """Return the rms of the oscillation: that of the records with the white noise subtracted.
+
+    The model's own variance is less certain, because the band is narrow. It is used if there is a slow force too.
+    """
     white, every = _joined(law, records)
-    return math.sqrt(max(float(np.mean(every**2) - np.mean(white**2)), 0.0))
+    noise = float(np.mean(white**2))
+    return math.sqrt(law.rho * noise if law.slow else max(float(np.mean(every**2)) - noise, 0.0))
 
 
-def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float]:
-    """Return standard errors of log omega and log zeta, from the curvature of the likelihood."""
+def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float, float]:
+    """Return standard errors of log omega, log zeta and of the last number, from the curvature of the likelihood."""
     k, h = len(p), np.full(len(p), 0.05)
     h[0] = min(0.02, 0.3 * math.exp(p[1]))
     H = np.empty((k, k))
@@ -266,17 +356,22 @@ def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float]:
                     f[a, b] = _total(at, kin)
             H[i, j] = H[j, i] = (f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4.0 * h[i] * h[j])
     variances = np.diag(np.linalg.pinv(0.5 * H))
-    found = [math.sqrt(v) if v > 0.0 else math.nan for v in variances[:2]]
-    return found[0], found[1]
+    found = [math.sqrt(v) if v > 0.0 else math.nan for v in variances]
+    return found[0], found[1], found[-1]
 
 
 class WaveDisturbance(Effect):
     """Effect: a narrow-band force on one degree of freedom, with rms ``amplitude``, ``frequency`` and damping
-    ``bandwidth``.
+    ``bandwidth``; and ``drift``, the rms of the second-order force that varies slowly with the square of the envelope.
 
     No simulation predicts the phase of the force. The force is estimated from the residuals of position and velocity,
-    and judged by predicting one sample ahead. A sea of many frequencies is one band. The steady part of its force, the
-    drift, is not part of this effect: it looks like ``input-bias`` or ``wind-load``.
+    and judged by predicting one sample ahead. A sea of many frequencies is one band. ``drift`` is estimated if a slow
+    force beside the band is supported.
+
+    The mean of the second-order force is not part of this effect. On one heading it enters the equation of motion as
+    the constant force ``X_0`` does, whatever the speed. So no run tells it from ``input-bias``, and on several headings
+    it looks like ``wind-load``. In a long-crested sea, the square of the envelope has an exponential distribution. The
+    mean is then as large as ``drift``, which a constant force of another origin is only by chance.
 
     The force follows from the motion with the base model's inertia and drag (``DataSummary.base``). Without these,
     ``amplitude`` is not calculated.
@@ -290,11 +385,12 @@ class WaveDisturbance(Effect):
         Quantity("amplitude", INPUT, "rms of the force"),
         Quantity("frequency", "rad/s", "frequency of encounter"),
         Quantity("bandwidth", "1", "damping ratio: 0 is a pure tone, 0.2 an irregular sea"),
+        Quantity("drift", INPUT, "rms of the slow second-order force; in long-crested waves, its mean too"),
     )
     shown_by = "one peak in the residual's spectrum, unrelated to the commands"
-    mistaken_for = ("backlash", "measurement-delay", "tether-pull")
+    mistaken_for = ("backlash", "measurement-delay", "tether-pull", "input-bias")
     separated_by = "a few minutes without command on each of two headings. Waves keep the craft oscillating"
-    fixed = ("amplitude", "frequency", "bandwidth")
+    fixed = ("amplitude", "frequency", "bandwidth", "drift")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return the names of the degrees of freedom with a measured signal."""
@@ -323,16 +419,20 @@ class WaveDisturbance(Effect):
         mine = [x for x in left if x.signal in (dof.position, dof.velocity)]
         band = band_of(mine, velocity=dof.velocity, lag=lag)
         kept = {n: v for n, v in effect.constants.items() if n in ("inertia", "lag")}
+        effect = replace(effect, values={n: v for n, v in effect.values.items() if n != "drift"})
         if band is None:
             silent = {"amplitude": 0.0} if "inertia" in kept else {}
             return replace(effect.with_values(silent), constants=kept)
         found = {"frequency": band.omega, "bandwidth": band.zeta}
         if "inertia" in kept:
             found["amplitude"] = _force(band, effect)
+            found |= {"drift": band.drift * found["amplitude"]} if band.drift else {}
         ratios = {f"ratio {s}": law.rho for s, law in band.laws.items()}
         # The lag as it was used: a time constant far from the period makes no difference and is not taken at its word.
         used = {"filter": next(iter(band.laws.values())).lag}
-        errors = {f"std {n}": e for n, e in zip(("frequency", "bandwidth", "amplitude"), band.std, strict=True)}
+        ratios |= {"drift ratio": band.drift} if band.drift else {}
+        names = ("frequency", "bandwidth", "amplitude", "drift")
+        errors = {f"std {n}": e for n, e in zip(names, band.std, strict=True)}
         return replace(effect.with_values(found), constants={**kept, **used, **ratios, **errors})
 
     def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
@@ -345,6 +445,7 @@ class WaveDisturbance(Effect):
             return left.error, columns, 0.0
         rate = left.signal == DOFS[effect.place].velocity
         law = Oscillator(effect["frequency"], effect["bandwidth"], effect.constants["filter"], rate, rho)
+        law = law.drifting(effect.constants.get("drift ratio", 0.0))
         white, deviation = whitened(law, left.t, np.column_stack([left.error, columns]))
         settled = deviation[-1]
         white *= settled
@@ -361,6 +462,8 @@ class WaveDisturbance(Effect):
         if "amplitude" in effect.values:
             relative = math.hypot(effect.constants["std amplitude"], effect.constants["std frequency"])
             found["amplitude"] = effect["amplitude"] * relative
+            if "drift" in effect.values:
+                found["drift"] = effect["drift"] * math.hypot(relative, effect.constants["std drift"])
         return found
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
@@ -378,9 +481,9 @@ class WaveDisturbance(Effect):
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
         """Return the unit of the parameter *name*.
 
-        For ``amplitude`` it is that of the force, or else that of the input.
+        For ``amplitude`` and ``drift`` it is that of the force, or else that of the input.
         """
-        if name != "amplitude":
+        if name not in ("amplitude", "drift"):
             return next(q.unit for q in self.parameters if q.name == name)
         return data.inputs.get(DOFS[place].force, next(iter(data.inputs.values()), "1"))
 

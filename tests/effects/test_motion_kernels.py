@@ -195,7 +195,7 @@ def test_a_spring_under_held_pushes_swings_as_an_integrator_says(omega: float, z
 
 
 def covariance_of(law: Oscillator, t: np.ndarray) -> np.ndarray:
-    """Return the covariance (n, n) of all samples at once, relative to the noise, from a Lyapunov equation."""
+    """Return the covariance (n, n) of all samples at once, relative to the noise, from Lyapunov equations."""
     A = np.array(
         [
             [0.0, law.omega, 0.0],
@@ -207,8 +207,16 @@ def covariance_of(law: Oscillator, t: np.ndarray) -> np.ndarray:
     assert law.share == pytest.approx(stationary[2, 2] / stationary[0, 0])
     seen = np.array([1.0, 0.0, -1.0]) if law.rate else np.array([0.0, 0.0, 1.0])
     stationary *= law.rho / (seen @ stationary @ seen)
+    leak = 1.0 / (t[-1] - t[0])
+    slow = np.array([[-law.fade, 0.0, 0.0], [1.0 / law.lag, -1.0 / law.lag, 0.0], [0.0, 1.0 / law.lag, -leak]])
+    wanders = solve_continuous_lyapunov(slow, -np.diag([2.0 * law.fade * law.slow, 0.0, 0.0]))
+    last = np.array([0.0, 1.0, 0.0] if law.rate else [0.0, 0.0, 1.0])
+    return np.eye(len(t)) + _covariance(A, stationary, seen, t) + _covariance(slow, wanders, last, t)
+
+
+def _covariance(A: np.ndarray, stationary: np.ndarray, seen: np.ndarray, t: np.ndarray) -> np.ndarray:
     over = [expm(A * gap) for gap in np.diff(t)]
-    C = np.eye(len(t))
+    C = np.zeros((len(t), len(t)))
     for j in range(len(t)):
         state = stationary @ seen
         C[j, j] += seen @ state
@@ -235,6 +243,27 @@ def test_a_narrow_band_is_whitened_as_its_covariance_says(rate: bool) -> None:
     kept = [i for i in range(1, len(t)) if deviation[i] == deviation[i - 1]]
     assert kept[0] > SETTLED_AT, "a gain is kept after so many samples only"
     assert len(kept) > 3
+
+
+@pytest.mark.parametrize("fade", [0.05, 1.0 / LAW.lag])
+@pytest.mark.parametrize("rate", [False, True])
+def test_a_band_beside_a_slow_force_is_whitened_as_its_covariance_says(rate: bool, fade: float) -> None:
+    """The second decay rate is that of the craft, which the filter keeps apart by two thousandths."""
+    law, t = replace(LAW, rate=rate, slow=2.0, fade=fade), np.concatenate([[3.0], 3.0 + np.cumsum(GAPS)])
+    L = cholesky(covariance_of(law, t), lower=True)
+    columns = np.random.default_rng(8).normal(size=(len(t), 2))
+    E, deviation = whitened(law, t, columns)
+    assert deviation == pytest.approx(np.diag(L), rel=3e-3)
+    assert pytest.approx(np.linalg.solve(L, columns), abs=1e-2) == E
+
+
+def test_the_drift_of_waves_is_a_slow_force_of_the_same_size_in_speed_and_position() -> None:
+    """Per lag squared, its variance is that of the wave force times the square of the ratio."""
+    for rate in (False, True):
+        law = replace(LAW, rate=rate).drifting(0.5)
+        waves = law.omega**2 * law.rho / (1.0 - law.share if rate else law.share)
+        assert law.slow / law.lag**2 == pytest.approx(0.25 * waves)
+        assert law.fade == 2.0 * law.zeta * law.omega
 
 
 @pytest.mark.parametrize("rate", [False, True])

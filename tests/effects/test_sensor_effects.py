@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.signal import lfilter
 from scipy.stats import kurtosis, multivariate_normal, norm
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual, Observed, grid_step
@@ -366,9 +367,12 @@ def test_one_sample_off_in_noise_free_readings_is_seen() -> None:
 
 
 def wavy(
-    n: int, frequency: float, bandwidth: float, force: float, seed: int, noise: float = 0.01
+    n: int, frequency: float, bandwidth: float, force: float, seed: int, noise: float = 0.01, drift: float = 0.0
 ) -> list[EffectResidual]:
-    """Return what a narrow-band moment leaves of heading and rate of ``2 r' + r = N``, by exact fine steps."""
+    """Return what a narrow-band moment leaves of heading and rate of ``2 r' + r = N``, by exact fine steps.
+
+    drift : rms of a further moment, which follows the square of the envelope about its mean.
+    """
     rng = np.random.default_rng(seed)
     w, z = frequency, bandwidth
     A = np.array([[0.0, w, 0.0, 0.0], [-w, -2 * z * w, 0.0, 0.0], [0.0, 0.5 * force, -0.5, 0.0], [0.0, 0.0, 1.0, 0.0]])
@@ -380,6 +384,7 @@ def wavy(
     for i in range(5 * (n + 200)):
         x = F @ x
         x[1] += kick * rng.standard_normal()
+        x[2] += 0.5 * dt * drift * (0.5 * (x[0] ** 2 + x[1] ** 2) - 1.0)
         if i >= 1000 and i % 5 == 0:
             out.append(x[2:].copy())
     rows = np.array(out)
@@ -403,6 +408,21 @@ def test_waves_are_found_with_their_force_frequency_and_bandwidth(frequency: flo
         mine = [x for x in rests if x.signal == signal]
         with_it, without = cost_of("wave-disturbance", own, mine)
         assert with_it < without - 100.0
+        white = np.concatenate([effect.judge(own, x, np.zeros((600, 1)))[0] for x in mine])
+        rho = np.correlate(white, white, "full")[len(white) : len(white) + 8] / (white @ white)
+        assert len(white) * float(np.sum(rho**2)) < 30.0
+
+
+def test_waves_are_found_beside_the_slow_force_that_follows_their_envelope() -> None:
+    effect = EFFECTS["wave-disturbance"]
+    rests = [x for k in range(3) for x in wavy(600, 2.0, 0.1, 0.1, 40 + k, drift=0.1)]
+    own = effect.learn(begun("wave-disturbance", "yaw", data_summary("psi", "r")), rests)
+    std = effect.uncertainty(own, rests)
+    for name, true in (("frequency", 2.0), ("bandwidth", 0.1), ("amplitude", 0.1), ("drift", 0.1)):
+        assert std[name] < 0.5 * true
+        assert abs(own[name] - true) < 3.0 * std[name], name
+    for signal in ("psi", "r"):
+        mine = [x for x in rests if x.signal == signal]
         white = np.concatenate([effect.judge(own, x, np.zeros((600, 1)))[0] for x in mine])
         rho = np.correlate(white, white, "full")[len(white) : len(white) + 8] / (white @ white)
         assert len(white) * float(np.sum(rho**2)) < 30.0
@@ -454,12 +474,14 @@ def colours(seed: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         x += 0.1 * v
         ringing[i] = x
     walk = np.cumsum(0.01 * rng.standard_normal(n))
+    slow = lfilter([0.03], [1.0, -0.97], lfilter([0.05], [1.0, -0.95], 0.3 * rng.standard_normal(n)))
     noise = 0.01 * rng.standard_normal(n)
     return {
         "late": (late + noise, motion),
         "weak": (0.2 * np.abs(relay) * relay + noise, relay),
         "relay phase": (np.r_[np.zeros(5), relay[:-5]] - relay + noise, relay),
         "ringing after its own motion": (ringing + noise, motion),
+        "slow force": (slow + noise, motion),
         "random walk": (walk - walk.mean() + noise, motion),
         "white": (noise, motion),
     }
