@@ -94,9 +94,8 @@ class Actuator(Displayed):
     @property
     def is_plain(self) -> bool:
         """Whether the static curve is linear. The actuator may still have a lag, limits or a decreasing gain."""
-        return self == replace(
-            PERFECT, limit=self.limit, rate=self.rate, lag=self.lag, reference=self.reference, weakest=self.weakest
-        )
+        bends = self.backlash, self.dead_zone, self.square, self.dither, self.subtracted, self.ahead, self.astern
+        return bends == (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 
     @property
     def lost(self) -> float:

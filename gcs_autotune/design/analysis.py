@@ -171,8 +171,7 @@ def _own_loop(law: FeedbackLaw, model: SingleDof) -> OpenLoop:
     """Return the loop opened at the actuator; quadratic drag counts as compensated."""
     K_I = law.K_I if law.structure.integral else 0.0
     K_D = law.K_D if law.structure.derivative else 0.0
-    poles = np.array([model.alpha, model.beta, 0.0, 0.0])
-    return OpenLoop(Rational(np.array([K_D, law.K_P, K_I]), poles), model.delay)
+    return OpenLoop(Rational((K_D, law.K_P, K_I), (model.alpha, model.beta, 0.0, 0.0)), model.delay)
 
 
 def _response(

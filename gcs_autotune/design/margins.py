@@ -73,12 +73,13 @@ def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margi
         return []
     found = np.empty((len(plants), 4))
     response = controller.at(_S)
-    without_zero = differentiated(controller)
+    paths = controller, differentiated(controller)
+    plain, without_zero = ((np.array(path.num), np.array(path.den)) for path in paths)
     for row, plant in zip(found, plants, strict=True):
-        path = without_zero if plant.restoring else controller
+        num, den = without_zero if plant.restoring else plain
         top, bottom = _delayed(*plant[1:])
-        closed = np.zeros(max(len(top) + len(path.num), len(bottom) + len(path.den)) - 1)
-        rational = (path.num, path.den, top, bottom, float(plant.gain), closed)
+        closed = np.zeros(max(len(top) + len(num), len(bottom) + len(den)) - 1)
+        rational = (num, den, top, bottom, float(plant.gain), closed)
         _read_off(*rational, response, _response(*plant[1:]), GRID, row)
     return [Margins(g, p, d, stable=True) if stable else _NONE for g, p, d, stable in found.tolist()]
 

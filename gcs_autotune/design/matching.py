@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,9 +182,14 @@ def output_noise(problem: DesignProblem, settings: Settings) -> float:
     spec = problem.spec
     if spec.jitter == 0.0:
         return 0.0
-    omega = np.linspace(0.02, 1.0, 50) * math.tau * spec.noise_bandwidth
-    size = np.abs(problem.law.position_path(settings, problem.speed).at((1j * omega).astype(np.complex128)))
+    size = np.abs(problem.law.position_path(settings, problem.speed).at(_noise_axis(spec.noise_bandwidth)))
     return float(spec.jitter * np.sqrt(np.mean(size**2)))
+
+
+@lru_cache(maxsize=16)
+def _noise_axis(bandwidth: float) -> NDArray[np.complex128]:
+    """Return complex frequencies (50,) [rad/s] up to *bandwidth* [Hz]."""
+    return (1j * np.linspace(0.02, 1.0, 50) * math.tau * bandwidth).astype(np.complex128)
 
 
 def match(problem: DesignProblem, wanted: ReferenceModel, start: Settings | None = None) -> dict[str, float]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.jit import entry
 from gcs_autotune.notebook import Displayed
 
 if TYPE_CHECKING:
@@ -38,26 +40,25 @@ Array = NDArray[np.float64]
 class Rational(Displayed):
     """Rational function ``num(s)/den(s)``, with coefficients in falling powers of s."""
 
-    num: Array
-    den: Array
+    num: Sequence[float]
+    den: Sequence[float]
 
     def __add__(self, other: Rational) -> Rational:
         """Return the sum; common integrators are counted once, so that no false pole at zero appears."""
-        mine, n = _split(self.den.tolist())
-        theirs, m = _split(other.den.tolist())
-        left = _product(self.num.tolist(), theirs) + [0.0] * (m - n)
-        right = _product(other.num.tolist(), mine) + [0.0] * (n - m)
-        return Rational(np.array(_sum(left, right)), np.array(_product(mine, theirs) + [0.0] * max(n, m)))
+        mine, n = _split(self.den)
+        theirs, m = _split(other.den)
+        left = _product(self.num, theirs) + [0.0] * (m - n)
+        right = _product(other.num, mine) + [0.0] * (n - m)
+        return Rational(_sum(left, right), _product(mine, theirs) + [0.0] * max(n, m))
 
     def __mul__(self, other: Rational) -> Rational:
-        return Rational(
-            np.array(_product(self.num.tolist(), other.num.tolist())),
-            np.array(_product(self.den.tolist(), other.den.tolist())),
-        )
+        return Rational(_product(self.num, other.num), _product(self.den, other.den))
 
     def at(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the values (n,) of the function at the complex frequencies *s* (n,) [rad/s]."""
-        value: NDArray[np.complex128] = np.polyval(self.num, s) / np.polyval(self.den, s)
+        num, den = (np.array(each, dtype=np.float64) for each in (self.num, self.den))
+        value = np.empty_like(s)
+        _evaluate(num, den, s, value)
         return value
 
 
@@ -76,10 +77,8 @@ class OpenLoop(Displayed):
 
     def closed_loop_poles(self, order: int = PADE_ORDER) -> NDArray[np.complex128]:
         """Return the poles of the closed loop [rad/s], with a Pade approximation of the delay of *order*."""
-        num, den = self.rational.num, self.rational.den
-        if self.delay > 0.0:
-            top, bottom = pade(self.delay, order)
-            num, den = np.convolve(num, top), np.convolve(den, bottom)
+        top, bottom = pade(self.delay, order)
+        num, den = np.convolve(self.rational.num, top), np.convolve(self.rational.den, bottom)
         poles: NDArray[np.complex128] = np.roots(np.polyadd(num, den)).astype(np.complex128)
         return poles
 
@@ -98,30 +97,30 @@ def open_loop(controller: Rational, alpha: float, drag: float, delay: float, res
     and *delay* [s]. Without a restoring moment the plant is ``1/(alpha s + drag)``.
     """
     if not restoring:
-        return OpenLoop(Rational(np.array([1.0]), np.array([alpha, drag])) * controller, delay)
-    return OpenLoop(Rational(np.array([1.0]), np.array([alpha, drag, restoring])) * differentiated(controller), delay)
+        return OpenLoop(Rational((1.0,), (alpha, drag)) * controller, delay)
+    return OpenLoop(Rational((1.0,), (alpha, drag, restoring)) * differentiated(controller), delay)
 
 
 def differentiated(rational: Rational) -> Rational:
     """Return *rational* times s. A pole at zero is cancelled, so that no false pole of a closed loop appears."""
     if rational.den[-1] == 0.0:
         return Rational(rational.num, rational.den[:-1])
-    return Rational(np.append(rational.num, 0.0), rational.den)
+    return Rational((*rational.num, 0.0), rational.den)
 
 
 def constant(gain: float) -> Rational:
     """Return a constant gain as a rational function."""
-    return Rational(np.array([gain]), np.array([1.0]))
+    return Rational((gain,), (1.0,))
 
 
 def integrator(gain: float = 1.0) -> Rational:
     """Return the integrator ``gain/s``."""
-    return Rational(np.array([gain]), np.array([1.0, 0.0]))
+    return Rational((gain,), (1.0, 0.0))
 
 
 def first_order(cutoff: float) -> Rational:
     """Return a first-order low-pass of *cutoff* [Hz]. Zero means no filter, as in ArduPilot's parameters."""
-    return constant(1.0) if cutoff <= 0.0 else Rational(np.array([1.0]), np.array([1.0 / (math.tau * cutoff), 1.0]))
+    return constant(1.0) if cutoff <= 0.0 else Rational((1.0,), (1.0 / (math.tau * cutoff), 1.0))
 
 
 def slow(time_constant: float) -> Rational:
@@ -134,10 +133,22 @@ def second_order(cutoff: float) -> Rational:
     if cutoff <= 0.0:
         return constant(1.0)
     w = math.tau * cutoff
-    return Rational(np.array([1.0]), np.array([1.0 / w**2, math.sqrt(2.0) / w, 1.0]))
+    return Rational((1.0,), (1.0 / w**2, math.sqrt(2.0) / w, 1.0))
 
 
-def _split(den: list[float]) -> tuple[list[float], int]:
+@entry
+def _evaluate(num: Array, den: Array, s: NDArray[np.complex128], value: NDArray[np.complex128]) -> None:
+    """Fill *value* (n,) with ``num(s)/den(s)`` at *s* (n,)."""
+    for i in range(len(s)):
+        top, bottom = 0.0j, 0.0j
+        for c in num:
+            top = top * s[i] + c
+        for c in den:
+            bottom = bottom * s[i] + c
+        value[i] = top / bottom
+
+
+def _split(den: Sequence[float]) -> tuple[Sequence[float], int]:
     """Return *den* without its poles at zero, and the number of these poles."""
     count = 0
     while den[-1 - count] == 0.0:
@@ -145,7 +156,7 @@ def _split(den: list[float]) -> tuple[list[float], int]:
     return den[: len(den) - count], count
 
 
-def _product(one: list[float], other: list[float]) -> list[float]:
+def _product(one: Sequence[float], other: Sequence[float]) -> list[float]:
     """Return the product of two short polynomials, ten times as fast as NumPy."""
     product = [0.0] * (len(one) + len(other) - 1)
     for i, a in enumerate(one):
@@ -185,7 +196,7 @@ def pid_path(p: float, i: float = 0.0, d: float = 0.0, *, error_cutoff: float, s
     if i > 0.0:
         pid = pid + integrator(i)
     if d > 0.0:
-        pid = pid + Rational(np.array([d, 0.0]), np.array([1.0])) * first_order(slope_cutoff)
+        pid = pid + Rational((d, 0.0), (1.0,)) * first_order(slope_cutoff)
     return pid * first_order(error_cutoff)
 
 

@@ -160,6 +160,6 @@ def _margins(
     P, V, I = (chosen[g.parameter] for g in gains)  # noqa: E741 - the integral gain's own name
     velocity = constant(V) + integrator(I)
     if values["PSC_VELXY_D"] > 0.0:
-        velocity += Rational(np.array([values["PSC_VELXY_D"], 0.0]), np.array([1.0]))
+        velocity += Rational((values["PSC_VELXY_D"], 0.0), (1.0,))
     loop = velocity * (constant(1.0) + integrator(P)) * first_order(values["PSC_VELXY_FLTE"])
     return worst(margins_of_each(constant(per_acceleration) * loop, plants))

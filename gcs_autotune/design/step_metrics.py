@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.control import SETTLED
 from gcs_autotune.design.result import StepMetrics
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.jit import entry
+from gcs_autotune.jit import called, entry
 
 __all__ = ["StepError", "combine", "error_behind", "noise_floor", "step_error", "step_metrics"]
 
@@ -128,9 +128,7 @@ def step_metrics(
     settling = _settling(seconds, share, band)
     hidden = math.isnan(settling) and _is_hidden(seconds, share, band, noise_std / abs(size))
     return StepMetrics(
-        itae=_error_over_time(seconds, 1.0 - share, noise_std / abs(size), floor, noise_time),
-        overshoot=max(0.0, float(share.max()) - 1.0 - floor),
-        rise=_crossing(seconds, share, 0.9) - _crossing(seconds, share, 0.1),
+        **_measured(seconds, share, noise_std / abs(size), floor, noise_time)._asdict(),
         settling=settling,
         steady_error=abs(float(np.mean(1.0 - share[last]))),
         travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
@@ -151,13 +149,10 @@ def step_error(
         The motion is not finite, or the step is within the noise.
     """
     floor = _floor_of(size, noise_std, quantum)
-    share = position / size
-    seconds = t - t[0]
-    itae = _error_over_time(seconds, 1.0 - share, noise_std / abs(size), floor, noise_time)
-    if not math.isfinite(itae):
+    found = _measured(t - t[0], position / size, noise_std / abs(size), floor, noise_time)
+    if not math.isfinite(found.itae):
         raise NotInformative("the simulated step contains samples that are not finite")
-    rise = _crossing(seconds, share, 0.9) - _crossing(seconds, share, 0.1)
-    return StepError(itae, max(0.0, float(share.max()) - 1.0 - floor), rise)
+    return found
 
 
 def _floor_of(size: float, noise_std: float, quantum: float) -> float:
@@ -171,15 +166,16 @@ def _floor_of(size: float, noise_std: float, quantum: float) -> float:
     return floor / abs(size)
 
 
-def _error_over_time(t: Array, error: Array, noise_std: float, floor: float, noise_time: float) -> float:
-    """Return the integral of time [s] times the part of *error* (n,) above *floor*.
+def _measured(t: Array, share: Array, noise_std: float, floor: float, noise_time: float) -> StepError:
+    """Return the metrics of a motion *share* (n,), relative to the step, at the times *t* (n,) [s] from 0.
 
-    noise_time [s] : interval to which the samples are thinned.
+    noise_time [s] : interval to which the samples are thinned for the ITAE.
     """
-    every = max(round(noise_time * (len(t) - 1) / float(t[-1])), 1)
-    t, error = t[::-every][::-1], error[::-every][::-1]
-    beyond = np.maximum(np.abs(error_behind(error, noise_std)) - floor, 0.0)
-    return float(np.trapezoid(t * beyond, t))
+    every, n = max(round(noise_time * (len(t) - 1) / float(t[-1])), 1), len(t)
+    levels, interval = (0.1, 0.9), INTERVAL * noise_std
+    work = np.empty((3, n + 1)), np.empty((2, n))
+    itae, peak, low, high = _read_step(t, share, every, levels, floor, interval, _HALVES, _PARABOLAS, *work)
+    return StepError(itae, max(0.0, peak - 1.0 - floor), high - low)
 
 
 def error_behind(error: Array, std: float) -> Array:
@@ -194,7 +190,7 @@ def error_behind(error: Array, std: float) -> Array:
     error = np.ascontiguousarray(error)  # one kind of array: the kernel is compiled for each kind
     found = error.copy()
     if std > 0.0:
-        _read_behind(error, np.zeros((3, len(error) + 1)), _HALVES, _PARABOLAS, INTERVAL * std, found)
+        _read_behind(error, np.empty((3, len(error) + 1)), _HALVES, _PARABOLAS, INTERVAL * std, found)
     return found
 
 
@@ -204,11 +200,12 @@ def _read_behind(
 ) -> None:
     """Fill *found* (n,) with the smoothed error, and *sums* (3, n + 1) with cumulative sums.
 
-    *sums* are those of *error* before each sample, times its index to the power 0, 1, 2; they must start with zeros.
+    *sums* are those of *error* before each sample, times its index to the power 0, 1, 2.
     With them the cost of a parabola does not depend on its width. Its three coefficients follow from polynomials
     orthogonal over the window: ``1``, ``p`` and ``p p - s2 / w`` of the distance ``p`` from its middle.
     """
     n = len(error)
+    sums[:, 0] = 0.0
     for i in range(n):
         place = i - 0.5 * n
         sums[0, i + 1] = sums[0, i] + error[i]
@@ -248,6 +245,61 @@ def _read_behind(
                 found[i], least = value, error_of_it
 
 
+@called
+def _reached(t: Array, share: Array, i: int, level: float) -> float:
+    """Return the time at which *share* reaches *level* between the samples before *i* and *i*."""
+    if i == 0:
+        return float(t[0])
+    return float(t[i - 1] + (level - share[i - 1]) / (share[i] - share[i - 1]) * (t[i] - t[i - 1]))
+
+
+@entry
+def _read_step(
+    t: Array,
+    share: Array,
+    every: int,
+    levels: tuple[float, float],
+    floor: float,
+    interval: float,
+    halves: NDArray[np.int64],
+    parabolas: Array,
+    sums: Array,
+    signals: Array,
+) -> tuple[float, float, float, float]:
+    """Return the ITAE, the largest *share* (n,), and the times at which it first reaches each of two *levels*.
+
+    The ITAE is the integral of time times the part of the error above *floor*. The times are interpolated linearly; NaN
+    if a level is never reached.
+
+    every : number of samples, counted from the last, of which one contributes to the ITAE. interval : half-width of the
+        interval of one sample, see :func:`error_behind`; 0 for no noise.
+    sums (3, n + 1), signals (2, n) : memory.
+    """
+    n = len(t)
+    first, count = (n - 1) % every, (n - 1) // every + 1
+    error, found = signals[0, :count], signals[1, :count]
+    for i in range(count):
+        error[i] = found[i] = 1.0 - share[first + i * every]
+    if interval > 0.0:
+        _read_behind(error, sums, halves, parabolas, interval, found)
+    itae = last = 0.0
+    for i in range(count):
+        k = first + i * every
+        beyond = abs(found[i]) - floor
+        weighted = t[k] * (0.0 if beyond < 0.0 else beyond)  # not a number stays what it is
+        if i > 0:
+            itae += 0.5 * (t[k] - t[k - every]) * (last + weighted)
+        last = weighted
+    peak, low, high = share[0], math.nan, math.nan
+    for i in range(n):
+        peak = share[i] if share[i] > peak else peak
+        if math.isnan(low) and share[i] >= levels[0]:
+            low = _reached(t, share, i, levels[0])
+        if math.isnan(high) and share[i] >= levels[1]:
+            high = _reached(t, share, i, levels[1])
+    return itae, peak, low, high
+
+
 def _checked(*signals: Array) -> list[Array]:
     arrays = [np.asarray(s, dtype=np.float64) for s in signals]
     if len({a.shape for a in arrays}) != 1 or arrays[0].ndim != 1:
@@ -282,18 +334,6 @@ def _without_spikes(values: Array, size: float) -> Array:
     clean = values.copy()
     clean[1:-1] = np.where(lone, middle, values[1:-1])
     return clean
-
-
-def _crossing(t: Array, share: Array, level: float) -> float:
-    """Return the time at which *share* first reaches *level*, by linear interpolation; NaN if it never does."""
-    reached = np.flatnonzero(share >= level)
-    if not len(reached):
-        return math.nan
-    i = int(reached[0])
-    if i == 0:
-        return float(t[0])
-    part = (level - share[i - 1]) / (share[i] - share[i - 1])
-    return float(t[i - 1] + part * (t[i] - t[i - 1]))
 
 
 def _settling(t: Array, share: Array, band: float) -> float:

@@ -246,14 +246,16 @@ class _NominalMotion:
 
     def advance(self, seconds: float) -> bool:
         """Advance by *seconds* [s], one control tick."""
-        o, along, h = self._output, self._along, seconds / INSIDE
+        o, h, late, turn = self._output, seconds / INSIDE, self._late, self._plant.yaw.acceleration
+        forces = (("X", o.X), ("Y", o.Y), ("Z", o.Z))
+        driven = {force: law for force, tau in forces if (law := _law(self._command, self._plant, force, tau))}
+        psi, r, x, y, z, along = self._psi, self._r, self._x, self._y, self._z, self._along
         for _ in range(INSIDE):
-            self._late.append(o.N)
-            self._r += h * self._plant.yaw.acceleration(self._r, self._late.popleft())
-            self._psi += h * self._r
-            for force, tau in (("X", o.X), ("Y", o.Y), ("Z", o.Z)):
-                held = _held(self._command, self._plant, force, along[force], self._z)
-                along[force] += h * (_along(self._plant, force, along[force], tau) if held is None else held)
+            late.append(o.N)
+            r += h * turn(r, late.popleft())
+            psi += h * r
+            for force, law in driven.items():
+                along[force] += h * law(along[force], z)
             for force, (angle, rate) in self._tilt.items():
                 if isinstance(self._command, HeadingTarget):
                     wanted = {"K": self._command.phi, "M": self._command.theta}[force]
@@ -261,10 +263,11 @@ class _NominalMotion:
                 else:
                     rate += h * self._plant.others[force].acceleration(rate, getattr(o, force), angle)
                 self._tilt[force] = angle + h * rate, rate
-            u, v, w = along.values()
-            self._x += h * (u * math.cos(self._psi) - v * math.sin(self._psi))
-            self._y += h * (u * math.sin(self._psi) + v * math.cos(self._psi))
-            self._z += h * w
+            (u, v, w), north, east = along.values(), math.cos(psi), math.sin(psi)
+            x += h * (u * north - v * east)
+            y += h * (u * east + v * north)
+            z += h * w
+        self._psi, self._r, self._x, self._y, self._z = psi, r, x, y, z
         self._t += seconds
         return True
 
@@ -349,20 +352,17 @@ def _steered(command: Command, craft: NominalPlant, psi: float, r: float, u: flo
     return Actuate(X=thrust, N=max(-1.0, min(1.0, N)))
 
 
-def _held(command: Command, craft: NominalPlant, force: str, nu: float, z: float) -> float | None:
-    """Return the acceleration [m/s^2] due to the autopilot's own depth or speed loop; None if no loop acts."""
-    if force == "Z" and isinstance(command, DepthTarget):
-        return 2.0 * LOOP_RATE * (LOOP_RATE * (command.z - z) - nu)
-    if force == "X" and isinstance(command, HeadingTarget) and force not in craft.others:
-        return (command.speed - nu) / SPEED_TIME
-    return None
+def _law(command: Command, craft: NominalPlant, force: str, tau: float) -> Callable[[float, float], float] | None:
+    """Return the acceleration [m/s^2] along *force* as a function of velocity and depth. None: it stays zero.
 
-
-def _along(craft: NominalPlant, force: str, nu: float, tau: float) -> float:
-    """Return the acceleration [m/s^2] along a force.
-
-    Without a model the craft moves ahead at its speed, or not at all.
+    The autopilot's own depth or speed loop acts if *command* is for it, otherwise the output *tau*. Without a model the
+    craft moves ahead at its speed, or not at all.
     """
-    if force in craft.others:
-        return craft.others[force].acceleration(nu, tau)
-    return ((craft.speed if tau > 0.0 else 0.0) - nu) / SPEED_TIME if force == "X" else 0.0
+    if force == "Z" and isinstance(command, DepthTarget):
+        return lambda nu, z: 2.0 * LOOP_RATE * (LOOP_RATE * (command.z - z) - nu)
+    if model := craft.others.get(force):
+        return lambda nu, z: model.acceleration(nu, tau)
+    if force != "X":
+        return None
+    speed = command.speed if isinstance(command, HeadingTarget) else craft.speed if tau > 0.0 else 0.0
+    return lambda nu, z: (speed - nu) / SPEED_TIME

@@ -79,7 +79,7 @@ def test_the_linear_loop_with_a_restoring_moment_predicts_small_steps_of_the_sim
     settings = of("RLL") | {"ATC_RATE_FF_ENAB": 0.0}
     motion = law.simulate(level, settings, Scenario(step, 8.0), None, delay)
     loop = open_loop(law.controller(settings, None), level.alpha, level.beta, level.delay + delay, level.restoring)
-    plant = Rational(np.array([1.0]), np.array([level.alpha, level.beta, level.restoring]))
+    plant = Rational((1.0,), (level.alpha, level.beta, level.restoring))
     forward = OpenLoop(law.position_path(settings, None) * plant, loop.delay).to_control()
     t = np.linspace(0.0, 8.0, 161)
     closed = control.minreal(forward / (1 + loop.to_control()), tol=1e-6, verbose=False)

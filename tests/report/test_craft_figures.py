@@ -52,7 +52,7 @@ def test_the_margins_are_those_of_the_design_and_of_python_control(proposal):
 
 
 def test_a_delay_the_loop_cannot_bear_is_read_as_unstable():
-    loop = OpenLoop(Rational(np.array([1.0]), np.array([1.0, 0.0])), 2.0)
+    loop = OpenLoop(Rational((1.0,), (1.0, 0.0)), 2.0)
     assert not loop_margins([loop]).stable
     bearable = loop_margins([OpenLoop(loop.rational, 0.5)])
     assert bearable.stable
@@ -61,7 +61,7 @@ def test_a_delay_the_loop_cannot_bear_is_read_as_unstable():
 
 
 def test_of_several_loops_each_margin_is_the_least_and_the_narrowest_is_drawn_strong():
-    slow, quick = (OpenLoop(Rational(np.array([g]), np.array([1.0, 0.0])), 0.5) for g in (0.5, 1.5))
+    slow, quick = (OpenLoop(Rational((g,), (1.0, 0.0)), 0.5) for g in (0.5, 1.5))
     found = loop_margins([slow, quick])
     assert found.narrowest == 1
     assert found.gain == pytest.approx(math.pi / 1.5, rel=1e-3)

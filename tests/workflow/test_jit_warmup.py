@@ -10,7 +10,7 @@ from numba import config
 from gcs_autotune.clock import WallClock
 from gcs_autotune.design.laws.kernel import fly
 from gcs_autotune.design.margins import _read_off
-from gcs_autotune.design.step_metrics import _read_behind
+from gcs_autotune.design.step_metrics import _read_step
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import jit_warmup
@@ -30,7 +30,7 @@ def test_what_flies_and_judges_the_laws_of_an_axis_is_compiled(axis):
     axes = [f.axes[axis] for f in FIRMWARE.values() if axis in f.axes]
     assert axes
     jit_warmup.warm_up(sorted({a.dof for a in axes}), sorted({a.law for a in axes}))
-    assert fly.signatures and _read_off.signatures and _read_behind.signatures
+    assert fly.signatures and _read_off.signatures and _read_step.signatures
 
 
 @pytest.mark.parametrize("connection", ["sitl:charlie", "memory"])

@@ -204,12 +204,12 @@ def test_everything_that_a_tune_computes_is_computed_in_another_process_and_can_
     def read(*args: Any) -> Any:
         if not across:
             held_up.append("a step is read by the loop that holds the sticks: loading its kernel takes 0.3 s")
-        return error_behind(*args)
+        return measured(*args)
 
     step_metrics = import_module("gcs_autotune.design.step_metrics")
-    error_behind = step_metrics.error_behind
+    measured = step_metrics._measured
     monkeypatch.setattr(context, "run_in_background", there_and_back)
-    monkeypatch.setattr(step_metrics, "error_behind", read)
+    monkeypatch.setattr(step_metrics, "_measured", read)
     story = SitlHarness(tmp_path, QUICK).tune(stop_rule="settled")  # the other rule asks its worker by itself
     assert story.ending == "kept"
     assert {"fit_axis", "design", "read"} <= set(crossed)

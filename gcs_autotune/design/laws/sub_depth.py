@@ -131,7 +131,7 @@ class SubDepth(PositionLoop):
         """Return the transfer function from climb rate to output, with the position controller in its linear range."""
         pid, feed, velocity = self._parts(settings)
         wish = velocity * (constant(1.0) + integrator(settings[POS]))
-        slope = Rational(np.array([1.0, 0.0]), np.array([1.0]))
+        slope = Rational((1.0, 0.0), (1.0,))
         return pid * (wish + slope) + feed * wish
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
