@@ -214,7 +214,7 @@ class Saturation(Characteristic):
     slug = "saturation"
     title = "Saturation"
     meaning = "commands beyond a limit act like the limit itself: end stops, output limits, a weak battery"
-    plain = "Beyond a limit, more {command} does nothing on your {craft}, unlike in {simulation}."
+    plain = "Beyond a limit, more {command} does nothing on your craft, unlike in {simulation}."
     parameters = (Quantity("limit", INPUT, "largest command that takes effect"),)
     shown_by = "residual against command: zero up to the limit, then opposed to the command and growing with it"
     mistaken_for = ("quadratic-drag", "rudder-stall", "quadratic-actuator", "rate-limit")
@@ -255,7 +255,7 @@ class DeadZone(Characteristic):
     slug = "dead-zone"
     title = "Dead zone"
     meaning = "commands below a threshold do nothing, and larger commands are reduced by the threshold"
-    plain = "A little {command} does nothing on your {craft}, unlike in {simulation}."
+    plain = "A little {command} does nothing on your craft, unlike in {simulation}."
     parameters = (Quantity("width", INPUT, "half-width of the dead zone"),)
     grows_with = ("width",)
     shown_by = "residual against command: a kink on each side of zero"
@@ -291,7 +291,7 @@ class QuadraticActuator(Characteristic):
     is_structural = True
     title = "Thrust curve"
     meaning = "thrust is proportional to the square of the command (n|n|), so half command gives less than half thrust"
-    plain = "Half the {command} gives your {craft} less than half the force. It gives {simulation} half."
+    plain = "Half the {command} gives your craft less than half the force. It gives {simulation} half."
     parameters = (Quantity("share", "1", "quadratic fraction of the thrust at the largest command"),)
     grows_with = ("share",)
     shown_by = "residual against command: curved, with too little thrust at small commands and too much at large ones"
@@ -331,7 +331,7 @@ class RudderStall(Characteristic):
     slug = "rudder-stall"
     title = "Rudder force"
     meaning = "beyond an angle the flow separates from the rudder, and more rudder turns the craft less"
-    plain = "Beyond an angle the rudder of your {craft} stalls, unlike in {simulation}."
+    plain = "Beyond an angle the rudder of your craft stalls, unlike in {simulation}."
     parameters = (
         Quantity("angle", INPUT, "command at which the rudder stalls"),
         Quantity("drop", "1", "loss of force beyond the stall, per unit of command in excess"),
@@ -399,7 +399,7 @@ class AsymmetricThrust(Characteristic):
     meaning = (
         "the same command gives more force one way than the other, since most propellers are designed to push ahead"
     )
-    plain = "On your {craft} {command} is stronger one way than the other, unlike in {simulation}."
+    plain = "On your craft {command} is stronger one way than the other, unlike in {simulation}."
     parameters = (Quantity("ratio", "1", "ratio of the gain of negative commands to that of positive commands"),)
     grows_with = ("ratio",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
@@ -483,7 +483,7 @@ class Backlash(SharedActuatorEffect):
 
     slug = "backlash"
     meaning = "backlash in the linkage: after each reversal the command moves before the actuator follows"
-    plain = "On your {craft} {command} does nothing at first after a reversal, but acts at once in {simulation}."
+    plain = "On your craft {command} does nothing at first after a reversal, but acts at once in {simulation}."
     parameters = (Quantity("width", INPUT, "full width of the backlash, from one side to the other"),)
     grows_with = ("width",)
     shown_by = "residual against command: a loop, above the line while the command falls and below it while it rises"

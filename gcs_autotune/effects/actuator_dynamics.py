@@ -30,7 +30,7 @@ class InputDelay(SharedActuatorEffect):
     slug = "input-delay"
     is_structural = True
     meaning = "commands act later than they are sent, because of the radio, autopilot loops or the motor controller"
-    plain = "Your {craft} responds late to {command}, but {simulation} responds at once."
+    plain = "Your craft responds late to {command}, but {simulation} responds at once."
     parameters = (Quantity("delay", "s", "time from command to action"),)
     grows_with = ("delay",)
     shown_by = "residual right after each change of command: the motion begins late, then keeps up"
@@ -86,7 +86,7 @@ class RateLimit(Gradual):
     meaning = (
         "the actuator follows its command at a limited rate, as with a slow servo or a ramp in the motor controller"
     )
-    plain = "On your {craft} {command} changes at a limited rate, but in {simulation} it jumps."
+    plain = "On your craft {command} changes at a limited rate, but in {simulation} it jumps."
     parameters = (Quantity("rate", f"{INPUT}/s", "largest rate of change of the actuator"),)
     shown_by = "residual after each change of command: the larger the change, the longer the residual lasts"
     mistaken_for = ("actuator-lag", "input-delay", "saturation", "backlash")
@@ -145,7 +145,7 @@ class ActuatorLag(Gradual):
 
     slug = "actuator-lag"
     meaning = "thrust or rudder follows the command gradually, since propeller and water take time to speed up"
-    plain = "On your {craft} {command} builds up gradually, but in {simulation} it acts at once."
+    plain = "On your craft {command} builds up gradually, but in {simulation} it acts at once."
     parameters = (Quantity("time_constant", "s", "time to reach 63 % of a step in command"),)
     grows_with = ("time_constant",)
     shown_by = "residual after each change of command: the motion starts gradually instead of abruptly"
@@ -200,7 +200,7 @@ class GainDrift(Gradual):
 
     slug = "gain-drift"
     meaning = "thrust weakens or grows during a run, because the battery sags or a motor heats up"
-    plain = "On your {craft} {command} gets weaker or stronger during a run, but not in {simulation}."
+    plain = "On your craft {command} gets weaker or stronger during a run, but not in {simulation}."
     parameters = (Quantity("rate", "1/s", "fraction of the initial gain lost per second"),)
     grows_with = ("rate",)
     shown_by = "residual against time: it follows the command at the beginning and opposes it at the end"

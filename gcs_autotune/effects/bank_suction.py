@@ -42,7 +42,7 @@ class BankSuction(Effect):
     slug = "bank-suction"
     family = "environment"
     meaning = "a wall beside the craft pulls it sideways and turns its bow away, the more the closer it is"
-    plain = "A wall beside the track pulls your {craft} aside and turns its bow away, unlike in {simulation}."
+    plain = "A wall beside the track pulls your craft aside and turns its bow away, unlike in {simulation}."
     parameters = (
         Quantity("direction", "rad", "from the origin straight to the wall"),
         Quantity("distance", "m", "from the origin to the wall"),

@@ -37,7 +37,7 @@ class ChangingCurrent(SteadyCurrent):
 
     slug = "changing-current"
     meaning = "the water moves over the ground, and its speed or direction changes with time or depth"
-    plain = "A current that changes carries your {craft}, but {simulation} moves in still water."
+    plain = "A current that changes carries your craft, but {simulation} moves in still water."
     parameters = (
         Quantity("V_x", "m/s", "current towards north, at the surface and the start"),
         Quantity("V_y", "m/s", "current towards east, at the surface and the start"),

@@ -39,7 +39,7 @@ class CommandCoupling(ActuatorEffect):
 
     slug = "command-coupling"
     meaning = "the command of another axis acts on this one: thrust off the centre line, or unequal thrusters"
-    plain = "On your {craft} another command also acts on {motion}, but not in {simulation}."
+    plain = "On your craft another command also acts on {motion}, but not in {simulation}."
     parameters = (Quantity("gain", f"{INPUT} per unit of the other", "contribution of the other command to this one"),)
     grows_with = ("gain",)
     shown_by = "residual against the other axis' command: proportional to it and immediate"

@@ -204,9 +204,9 @@ def concerns(place: str, run: str) -> bool:
 class Effect:
     """One row of the table of effects. Class attributes describe the effect, and methods implement it (see the module).
 
-    - ``plain``: the first sentence of a report, for the owner of the boat. Words in braces are filled in: ``{craft}``
-      (boat or vehicle), ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving),
-      ``{command}`` (throttle, rudder) and ``{signal}`` (heading, depth).
+    - ``plain``: the first sentence of a report, for the owner of the craft. Words in braces are filled in:
+      ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving), ``{command}`` (throttle, rudder)
+      and ``{signal}`` (heading, depth).
     - ``shown_by``: the residual that indicates the effect.
     - ``mistaken_for``: slugs of similar effects.
     - ``separated_by``: the manoeuvre that distinguishes it from these.

@@ -24,7 +24,7 @@ class InputBias(Effect):
     slug = "input-bias"
     family = "environment"
     meaning = "a constant force or moment: trim, tether, list, an actuator off the centre line"
-    plain = "A constant push acts on your {craft} in {motion}, but not on {simulation}."
+    plain = "A constant push acts on your craft in {motion}, but not on {simulation}."
     parameters = (Quantity("bias", INPUT, "constant force, in the unit of the input"),)
     grows_with = ("bias",)
     shown_by = "mean of the one-step residual. The free simulation drifts to one side"
@@ -81,7 +81,7 @@ class SteadyCurrent(Effect):
     slug = "steady-current"
     family = "environment"
     meaning = "the water moves over the ground, so the craft drifts in one direction on any heading"
-    plain = "A current carries your {craft}, but {simulation} moves in still water."
+    plain = "A current carries your craft, but {simulation} moves in still water."
     parameters: ClassVar[tuple[Quantity, ...]] = (
         Quantity("V_x", "m/s", "current towards north"),
         Quantity("V_y", "m/s", "current towards east"),
@@ -152,7 +152,7 @@ class WindMoment(Effect):
     slug = "wind-moment"
     family = "environment"
     meaning = "wind on the hull turns the bow towards one direction, most strongly with the wind abeam"
-    plain = "Wind turns the bow of your {craft} towards one direction, but {simulation} has no wind."
+    plain = "Wind turns the bow of your craft towards one direction, but {simulation} has no wind."
     parameters = (
         Quantity("strength", INPUT, "moment when the wind is abeam"),
         Quantity("direction", "rad", "heading towards which the wind turns the bow"),
@@ -224,7 +224,7 @@ class TetherPull(Effect):
     slug = "tether-pull"
     family = "environment"
     meaning = "a spring holds the craft: the pull is proportional to the distance from the slack position"
-    plain = "Something holds your {craft} like a spring, but {simulation} moves freely."
+    plain = "Something holds your craft like a spring, but {simulation} moves freely."
     parameters = (
         Quantity("stiffness", "force/m or moment/rad", "pull per distance"),
         Quantity("anchor", "m or rad", "position without pull"),

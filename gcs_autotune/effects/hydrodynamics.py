@@ -110,7 +110,7 @@ class LinearDrag(Drag):
     power = 1
     polar = "Linear drag"
     meaning = "drag proportional to speed: slow motion decays exponentially"
-    plain = "Water resists the {motion} of your {craft}, but not that of {simulation}."
+    plain = "Water resists the {motion} of your craft, but not that of {simulation}."
     parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per unit of speed, positive when it damps"),)
     shown_by = "residual against speed: a straight line through zero, clearest at low speed"
     mistaken_for = ("quadratic-drag", "dead-zone", "actuator-lag")
@@ -129,9 +129,7 @@ class QuadraticDrag(Drag):
     power = 2
     polar = "Drag polar"
     meaning = "drag proportional to the square of speed: twice the force gives less than twice the speed"
-    plain = (
-        "The resistance of your {craft} to {motion} grows with the square of its speed, unlike that of {simulation}."
-    )
+    plain = "The resistance of your craft to {motion} grows with the square of its speed, unlike that of {simulation}."
     parameters = (
         Quantity(
             "coefficient",
@@ -168,7 +166,7 @@ class CoriolisCoupling(Effect):
     is_structural = True
     family = "hydrodynamics"
     meaning = "momentum carried through a turn: the craft slides outwards, loses speed and yaws"
-    plain = "Your {craft} slides outwards and loses speed in a turn, but {simulation} does not."
+    plain = "Your craft slides outwards and loses speed in a turn, but {simulation} does not."
     parameters = (
         Quantity(
             "X_vr",
@@ -246,7 +244,7 @@ class SwayYawCoupling(Effect):
         "turning pushes the craft sideways and sliding turns it, because the centre of gravity or drag is off midships"
     )
     plain = (
-        "On your {craft} sliding sideways causes turning, and turning pushes it sideways. Neither happens in "
+        "On your craft sliding sideways causes turning, and turning pushes it sideways. Neither happens in "
         "{simulation}."
     )
     parameters = (
@@ -332,7 +330,7 @@ class MassChange(Effect):
     slug = "mass-change"
     family = "hydrodynamics"
     meaning = "inertia changes during the run: a payload is taken aboard or dropped, or the hull takes in water"
-    plain = "Your {craft} gets heavier or lighter during a run, but {simulation} does not."
+    plain = "Your craft gets heavier or lighter during a run, but {simulation} does not."
     parameters = (
         Quantity("ratio", "1", "ratio of inertia after the change to inertia before it"),
         Quantity("time", "s", "time of the change, from the start of the run"),
@@ -421,7 +419,7 @@ class NetBuoyancy(Effect):
     slug = "net-buoyancy"
     family = "hydrodynamics"
     meaning = "weight and buoyancy do not cancel: without command the craft sinks (positive) or rises"
-    plain = "Without command your {craft} sinks or rises, but {simulation} does not."
+    plain = "Without command your craft sinks or rises, but {simulation} does not."
     parameters = (Quantity("force", "force", "weight minus buoyancy, positive down"),)
     shown_by = "mean of the heave residual. Without command the craft keeps sinking or rising"
     mistaken_for = ("asymmetric-thrust", "tether-pull", "gyro-bias", "dead-zone")
@@ -463,7 +461,7 @@ class GroundEffect(Effect):
     slug = "ground-effect"
     family = "hydrodynamics"
     meaning = "drag grows close to the bottom or a wall, where the water must escape through a narrow gap"
-    plain = "Water resists your {craft} more close to the bottom or a wall, unlike in {simulation}."
+    plain = "Water resists your craft more close to the bottom or a wall, unlike in {simulation}."
     parameters = (
         Quantity("strength", "1", "relative increase of drag at the deepest point, compared with far above it"),
         Quantity("length", "m", "height above the deepest point at which 37 % of the increase remains"),

@@ -52,7 +52,7 @@ class SpeedDependentSteering(ActuatorEffect):
     slug = "speed-dependent-steering"
     is_structural = True
     meaning = "the faster the water flows past the rudder, the harder the rudder turns the craft"
-    plain = "Your {craft} steers harder the faster it goes, but {simulation} steers the same at any speed."
+    plain = "Your craft steers harder the faster it goes, but {simulation} steers the same at any speed."
     parameters = (
         Quantity(
             "share", "1", "fraction of the steering force that is proportional to speed squared (the rest is constant)"
@@ -166,7 +166,7 @@ class PropellerWash(ActuatorEffect):
     slug = "propeller-wash"
     is_structural = True
     meaning = "the more water the propeller pushes over the rudder, the harder the rudder turns the craft"
-    plain = "The rudder of your {craft} turns it harder when the propeller pushes harder, unlike in {simulation}."
+    plain = "The rudder of your craft turns it harder when the propeller pushes harder, unlike in {simulation}."
     parameters = (
         Quantity(
             "share", "1", "fraction of the steering force that is proportional to thrust squared (the rest is constant)"
@@ -293,7 +293,7 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
     slug = "advance-speed-loss"
     is_structural = True
     meaning = "a propeller loses thrust as the inflow speeds up: strong from rest, weak at speed"
-    plain = "The thrust of your {craft} falls as it gains speed, but not in {simulation}."
+    plain = "The thrust of your craft falls as it gains speed, but not in {simulation}."
     parameters = (
         Quantity(
             "loss", PER_SPEED, "fraction of the thrust lost per unit of speed ahead, or gained per unit of speed astern"

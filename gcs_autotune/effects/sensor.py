@@ -35,7 +35,7 @@ class SensorPosition(Effect):
     slug = "sensor-position"
     family = "sensor"
     meaning = "the sensor is mounted off the centre, so turning appears as sway or as surge"
-    plain = "The sensor of the {signal} is mounted off the centre of your {craft}, but at the centre in {simulation}."
+    plain = "The sensor of the {signal} is mounted off the centre of your craft, but at the centre in {simulation}."
     parameters = (
         Quantity("x_P", "m", "distance of the sensor ahead of the centre"),
         Quantity("y_P", "m", "distance of the sensor to starboard of the centre"),

@@ -49,7 +49,7 @@ class ShallowWater(Effect):
     slug = "shallow-water"
     family = "environment"
     meaning = "where the water is shallow, the craft is slower ahead, and heavier in sway and yaw"
-    plain = "Shallow water slows your {craft} and makes it heavier to turn, but {simulation} is in deep water."
+    plain = "Shallow water slows your craft and makes it heavier to turn, but {simulation} is in deep water."
     parameters = (
         Quantity("drag", "force s^2/m^2", "drag ahead per squared speed in the middle of the track"),
         Quantity("sway", "1", "relative growth of the inertia of sway in the middle of the track"),

@@ -39,7 +39,7 @@ class TetherLine(Effect):
     slug = "tether-line"
     family = "environment"
     meaning = "a line is slack up to its length, pulls beyond it, and is dragged through the water"
-    plain = "A tether holds your {craft} once it is taut, but {simulation} moves freely."
+    plain = "A tether holds your craft once it is taut, but {simulation} moves freely."
     parameters = (
         Quantity("stiffness", "N/m", "pull per metre beyond the length"),
         Quantity("length", "m", "length of the slack line"),

@@ -368,7 +368,7 @@ class SwayMoment(NamedProduct):
     slug = "sway-moment"
     derivative = "N_v"
     meaning = "sliding sideways turns the craft, because the centre of its lateral resistance is off midships"
-    plain = "Sliding sideways turns your {craft}, but not {simulation}."
+    plain = "Sliding sideways turns your craft, but not {simulation}."
     parameters = (Quantity("N_v", "moment s/m", "yaw moment per unit of sway velocity"),)
     shown_by = "yaw residual against the measured sway, which lasts longest after a turn has ended"
     mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "actuator-lag")
@@ -384,7 +384,7 @@ class SpeedDamping(NamedProduct):
     slug = "speed-damping"
     derivative = "N_|u|r"
     meaning = "turning gets harder with speed, ahead or astern, because yaw damping grows with the flow"
-    plain = "Your {craft}'s turning resistance grows with speed; {simulation}'s does not."
+    plain = "Your craft's turning resistance grows with speed; {simulation}'s does not."
     parameters = (
         Quantity("N_|u|r", "moment s^2/(m rad)", "yaw moment per product of speed (ahead or astern) and turn rate"),
     )
@@ -400,7 +400,7 @@ class MunkMoment(NamedProduct):
     derivative = "N_uv"
     form_of = ("sway-moment",)
     meaning = "at a drift angle the craft turns further by itself, more so at higher speed"
-    plain = "Moving at an angle to its bow turns your {craft} further, but not {simulation}."
+    plain = "Moving at an angle to its bow turns your craft further, but not {simulation}."
     parameters = (Quantity("N_uv", "moment s^2/m^2", "yaw moment per product of surge and sway velocity"),)
     shown_by = "yaw residual against u times v"
     mistaken_for = ("sway-moment", "speed-damping", "coriolis-coupling")
@@ -439,7 +439,7 @@ class VelocityProduct(ProductEffect):
     slug = VELOCITY_PRODUCT
     grows_with = ("coefficient",)
     meaning = "a force or moment proportional to a product of velocities that the simulation does not model"
-    plain = "The motions of your {craft} act on each other in a way that {simulation} does not model."
+    plain = "The motions of your craft act on each other in a way that {simulation} does not model."
     parameters = (Quantity("coefficient", "force per product", "the SNAME derivative of that product"),)
     shown_by = "residual against that product: zero at rest, largest when all its velocities are large"
     mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "sway-yaw-coupling", "coriolis-coupling")

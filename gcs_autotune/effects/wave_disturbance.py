@@ -380,7 +380,7 @@ class WaveDisturbance(Effect):
     slug = "wave-disturbance"
     family = "environment"
     meaning = "waves: a force that oscillates at one frequency, independent of the craft's motion"
-    plain = "Waves push your {craft}, but there are none in {simulation}."
+    plain = "Waves push your craft, but there are none in {simulation}."
     parameters = (
         Quantity("amplitude", INPUT, "rms of the force"),
         Quantity("frequency", "rad/s", "frequency of encounter"),

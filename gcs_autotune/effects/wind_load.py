@@ -29,7 +29,7 @@ class WindLoad(Effect):
     slug = "wind-load"
     family = "environment"
     meaning = "wind on the superstructure pushes the craft ahead and aside, and turns it"
-    plain = "Wind pushes your {craft} and turns it, but {simulation} has no wind."
+    plain = "Wind pushes your craft and turns it, but {simulation} has no wind."
     parameters = (
         Quantity("X", "N", "force ahead with the wind from astern"),
         Quantity("Y", "N", "force to starboard with the wind from port"),

@@ -63,7 +63,7 @@ def test_every_effect_has_a_sentence_for_the_owner_of_the_boat(slug: str) -> Non
 def test_the_lead_says_what_differs_and_how_far_the_prediction_errs_with_and_without_it() -> None:
     told = with_gain(ahead(math.radians(35.2), math.radians(8.1), 0.18, 0.3))
     assert lead_sentence(told) == (
-        "Your boat's turning resistance grows with speed; a plain simulation's does not. "
+        "Your craft's turning resistance grows with speed; a plain simulation's does not. "
         "With this cause in the simulation, the predicted heading 5 s ahead is wrong by 8.1 degrees instead of 35."
     )
 
@@ -114,7 +114,7 @@ def test_the_first_picture_stands_before_the_verdict() -> None:
 def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_and_in_json() -> None:
     told = replace(unexplained(), hints=(HINT,))
     words = {note.label: note.text for note in hint_notes(told, HINT)}
-    assert words["What it would mean"].startswith("A constant push acts on your boat in turning")
+    assert words["What it would mean"].startswith("A constant push acts on your craft in turning")
     assert "by 6. Held-out data: +5.7 (each of 3 runs held out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
     assert (
         "1 of 25 such searches" in words["Evidence"]
@@ -128,7 +128,7 @@ def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_a
         assert said in shown(told)
         assert said[:60] in page.replace("\u00a0", " ")
     assert told.to_dict()["hints"][0]["needed"] == 800.0
-    assert "A constant push acts on your boat in turning" in lead_sentence(told)
+    assert "A constant push acts on your craft in turning" in lead_sentence(told)
 
 
 def test_a_hint_is_titled_with_all_of_its_group() -> None:

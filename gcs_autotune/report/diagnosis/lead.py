@@ -38,7 +38,7 @@ COMMANDS: Mapping[str, str] = {
     "force_right": "right thrust",
 }
 OWNERS: Mapping[str, str] = {"u": "speed ahead", "v": "sideways speed", "w": "diving speed", "r": "turn rate"}
-"""Signal -> common name for the owner of the boat, where it differs from :data:`.SIGNALS`."""
+"""Signal -> common name for the owner of the craft, where it differs from :data:`.SIGNALS`."""
 
 UNITS: Mapping[str, tuple[str, float]] = {
     "rad": ("degrees", 180.0 / math.pi),
@@ -53,11 +53,11 @@ MORE = ("", "one more", "two more", "three more", "four more", "five more")
 
 def lead_sentence(diagnosis: Diagnosis) -> str:
     """Return one or two sentences on what the simulation gets wrong and by how much, without technical words."""
-    craft, simulation = _craft(diagnosis), _simulation(diagnosis)
+    simulation = _simulation(diagnosis)
     if diagnosis.verdict == "unfinished":
         return f"The search was stopped before it could show what {simulation} gets wrong."
     if diagnosis.verdict == "no-effect":
-        return f"{_begun(simulation)} follows your {craft} as closely as these runs can show.{_error(diagnosis)}"
+        return f"{_begun(simulation)} follows your craft as closely as these runs can show.{_error(diagnosis)}"
     if diagnosis.wrong_numbers and diagnosis.numbers is not None:
         gain = diagnosis.numbers.gain
         return f"{_wrong_numbers(diagnosis)} {_difference(gain, 'After the correction')}"
@@ -65,13 +65,13 @@ def lead_sentence(diagnosis: Diagnosis) -> str:
         more = MORE[min(len(diagnosis.causes) - 1, len(MORE) - 1)]
         begin = f"With this cause and {more} in the simulation" if more else "With this cause in the simulation"
         return f"{plain_sentence(diagnosis, diagnosis.causes[0])} {_difference(diagnosis.gain, begin)}"
-    said = f"{_begun(simulation)} lacks something that moves your {craft}. These runs do not show what it is."
+    said = f"{_begun(simulation)} lacks something that moves your craft. These runs do not show what it is."
     hint = f" A possible cause: {plain_sentence(diagnosis, diagnosis.hints[0])}" if diagnosis.hints else ""
     return said + _error(diagnosis) + hint
 
 
 def plain_sentence(diagnosis: Diagnosis, cause: Cause | Hint) -> str:
-    """Return a sentence on what a cause means for the owner of the boat."""
+    """Return a sentence on what a cause means for the owner of the craft."""
     slug, place = (cause.cause, cause.place) if isinstance(cause, Hint) else (cause.effect.slug, cause.effect.place)
     entry = EFFECTS.get(slug)
     if entry is None or not entry.plain:
@@ -79,17 +79,12 @@ def plain_sentence(diagnosis: Diagnosis, cause: Cause | Hint) -> str:
     parts = columns_of(place)
     dof = next((d.name for d in DOFS.values() if parts[0] in (d.name, d.force, d.velocity, d.position)), "")
     filled = {
-        "craft": _craft(diagnosis),
         "simulation": _simulation(diagnosis),
         "motion": MOTIONS.get(dof or diagnosis.base_model.base.form.dofs[0], "moving"),
         "command": listed([COMMANDS.get(part, "the command") for part in parts]),
         "signal": listed([_signal(part) for part in parts]),
     }
     return _begun(entry.plain.format(**filled))
-
-
-def _craft(diagnosis: Diagnosis) -> str:
-    return "vehicle" if {"heave", "roll", "pitch"} & set(diagnosis.base_model.base.form.dofs) else "boat"
 
 
 def _simulation(diagnosis: Diagnosis) -> str:

@@ -382,7 +382,12 @@ def _unexplained(diagnosis: Diagnosis) -> str:
     if not diagnosis.tried:
         return f"{said}. The search finished none of the candidates."
     if diagnosis.hints:
-        return f"{said}. Of {diagnosis.tried} candidates tried, {len(diagnosis.hints)} are reported as hints."
+        hints = (
+            "one is reported as a hint"
+            if len(diagnosis.hints) == 1
+            else f"{len(diagnosis.hints)} are reported as hints"
+        )
+        return f"{said}. Of {diagnosis.tried} candidates tried, {hints}."
     return f"{said}. None of the {diagnosis.tried} candidates tried improves prediction of held-out data."
 
 
