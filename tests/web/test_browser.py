@@ -469,6 +469,16 @@ def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, s
     assert "Connecting" not in "".join(shown)
 
 
+def test_nothing_is_said_of_a_run_before_the_server_answers(browser: Any, scripted: str) -> None:
+    page = browser.new_page()
+    page.add_init_script("window.WebSocket = class { close() {} send() {} }")
+    page.route("**/about", lambda route: None)
+    page.goto(scripted)
+    assert page.inner_text("#stage").startswith("Connecting")
+    assert not page.is_visible("#idle")
+    page.close()
+
+
 SPY = """
 window.drawn = [];
 const draw = CanvasRenderingContext2D.prototype.fillText;

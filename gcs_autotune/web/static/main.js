@@ -338,7 +338,7 @@ setInterval(show, 500);
 
 async function begin() {
   const fields = await (await fetch("about")).json();
-  say("version", fields.version);
+  say("version", ` ${fields.version}`);
   mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
   isKnown = true;
   make(fields, () => look("live"));
