@@ -1,12 +1,14 @@
-"""Turning circles of many craft like one vehicle, flown in one call of the kernel. A study can call this function.
+"""Turning circles and zig-zags of many craft like one vehicle, flown by the simulator's kernel. A study can call these
+functions.
 
-There is no autopilot, sensor, effect or noise. Thrust is that of the vehicle, and constant.
+There is no autopilot, sensor, effect or noise. Thrust is that of the vehicle, and constant. The rudder moves at once.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +17,18 @@ from sitl.catalogue import load_vehicle
 from sitl.craft import Craft
 from sitl.plants import RigidBody, Wrench, kernel
 
-__all__ = ["circles"]
+__all__ = ["circles", "zig_zags"]
 
 Array = NDArray[np.float64]
 
 STEP, SAMPLE = 0.05, 1.0
 """Longest time step and interval of the record [s]."""
 RUN_UP, TURN = 60.0, 120.0
-"""Time [s] straight ahead from rest, and time of the turn."""
+"""Time [s] straight ahead from rest, and time of the turn or zig-zag."""
+TICK = 0.1
+"""Time [s] between two looks at the heading in a zig-zag."""
+EXECUTES = 4
+"""Number of rudder executes of a zig-zag: the first, and three at the heading."""
 QUANTILES = (0.05, 0.5, 0.95)
 
 
@@ -53,31 +59,112 @@ def circles(
     ValueError
         *craft* is below 1, *spread* is below 1, or the motion diverges.
     """
+    plant, commands, wrenches, bodies = _many(seed, like, craft, spread, throttle, (0.0, steering))
+    straight, turning = round(RUN_UP / SAMPLE), round(TURN / SAMPLE)
+    part, steps = np.repeat([0, 1], [straight, turning]), _steps(plant.propellers, SAMPLE)
+    out = plant.fly_copies(bodies, commands[part], wrenches[part], dt=SAMPLE / steps, steps=steps)
+    return _figures(out, straight)
+
+
+def zig_zags(
+    seed: int,
+    like: str,
+    craft: int = 10_000,
+    spread: float = 1.5,
+    throttle: float = 0.5,
+    steering: float = 0.3,
+    heading: float = math.radians(20.0),
+) -> dict[str, float]:
+    """Fly zig-zags (IMO MSC.137(76), 5.2.2) with bodies as in :func:`circles`, and return quantiles of their figures.
+
+    heading : change of heading [rad] at which the rudder is put over to the other side. The heading is looked at every
+        :data:`TICK`.
+
+    Returns
+    -------
+    ``craft``; ``executed``: fraction that reached the heading for the third time within :data:`TURN`; and of these
+    ``q05``, ``q50`` and ``q95`` of ``overshoot_1`` and ``overshoot_2`` [rad], ``initial_turning`` [s]: time from the
+    first execute to the heading, and ``period`` [s]: time from the second to the fourth execute.
+
+    Raises
+    ------
+    UnknownVehicle, BadVehicle, ValueError
+        As :func:`circles`.
+    """
+    plant, commands, wrenches, bodies = _many(seed, like, craft, spread, throttle, (0.0, steering, -steering))
+    steps, pilot = _steps(plant.propellers, TICK), _Pilot(craft, math.copysign(heading, steering))
+    plant.steer_copies(bodies, commands, wrenches, pilot, dt=TICK / steps, steps=steps)
+    whole = pilot.executes >= EXECUTES
+    found = {
+        "overshoot_1": pilot.extremes[1] - heading,
+        "overshoot_2": pilot.extremes[2] - heading,
+        "initial_turning": pilot.times[1] - pilot.times[0],
+        "period": pilot.times[3] - pilot.times[1],
+    }
+    return {"craft": float(craft), "executed": float(np.mean(whole)), **_quantiles(found, whole)}
+
+
+class _Pilot:
+    """Puts the rudder over at the heading: row 0 of the commands ahead, then 1 and 2 in turn.
+
+    ``executes`` (c,): number of executes. ``times`` (EXECUTES, c) [s]: of each. ``extremes`` (EXECUTES, c) [rad]:
+    largest change of heading, to the side of the rudder before, between an execute and the next.
+    """
+
+    def __init__(self, craft: int, heading: float) -> None:
+        self._ticks, self._heading = 0, heading
+        self._began, self._last = np.zeros(craft), np.zeros(craft)
+        self.executes = np.zeros(craft, dtype=np.int64)
+        self.times, self.extremes = np.zeros((EXECUTES, craft)), np.zeros((EXECUTES, craft))
+
+    def __call__(self, states: Array) -> NDArray[np.int64] | None:
+        psi = _heading_of(*states[:, 3:7].T)
+        self._last = psi = self._last + np.angle(np.exp(1j * (psi - self._last)))
+        t = self._ticks * TICK
+        if t > RUN_UP + TURN or np.all(self.executes >= EXECUTES):
+            return None
+        if t < RUN_UP + 0.5 * TICK:
+            self._began = psi
+        if t > RUN_UP - 0.5 * TICK:
+            side = np.where(self.executes % 2 == 1, 1.0, -1.0)  # of the rudder now
+            changed = (psi - self._began) * math.copysign(1.0, self._heading)
+            every = np.arange(len(psi))
+            before = np.clip(self.executes - 1, 0, EXECUTES - 1)
+            beyond = np.where(self.executes > 1, -side * changed, -np.inf)
+            self.extremes[before, every] = np.maximum(self.extremes[before, every], beyond)
+            due = (side * changed >= abs(self._heading)) | (self.executes == 0)
+            due &= self.executes < EXECUTES
+            self.times[self.executes[due], every[due]] = t
+            self.executes[due] += 1
+        self._ticks += 1
+        return np.where(self.executes == 0, 0, 2 - self.executes % 2)
+
+
+def _many(
+    seed: int, like: str, craft: int, spread: float, throttle: float, steering: Sequence[float]
+) -> tuple[RigidBody, Array, Array, Array]:
+    """Return the vehicle's plant, commands (n, p + r) and wrenches (n, 6) of each *steering*, and the bodies."""
     if craft < 1 or not spread >= 1.0:
-        raise ValueError("circles: craft and spread must be at least 1")
+        raise ValueError("craft and spread must be at least 1")
     own = Craft(load_vehicle(like))
     assert isinstance(own.plant, RigidBody)
     plant, commands, wrenches = own.plant, [], []
-    straight, turning = round(RUN_UP / SAMPLE), round(TURN / SAMPLE)
-    for share in (0.0, steering):
+    for share in steering:
         wrench = Wrench()
         own.actuators.apply(defaultdict(float, X=throttle, N=share), plant.parameters, wrench)
         commands.append(plant.commands.copy())
         wrenches.append((wrench.X, wrench.Y, wrench.Z, wrench.K, wrench.M, wrench.N))
-    part = np.repeat([0, 1], [straight, turning])
-    bodies, steps = _drawn(plant.body, craft, spread, seed), _steps(plant.propellers)
-    out = plant.fly_copies(bodies, np.array(commands)[part], np.array(wrenches)[part], dt=SAMPLE / steps, steps=steps)
-    return _figures(out, straight)
+    return plant, np.array(commands), np.array(wrenches), _drawn(plant.body, craft, spread, seed)
 
 
-def _steps(propellers: Array) -> int:
-    """Return the number of time steps per :data:`SAMPLE`. A step is at most :data:`STEP` and at most the shortest time
+def _steps(propellers: Array, interval: float) -> int:
+    """Return the number of time steps per *interval* [s]. A step is at most :data:`STEP` and at most the shortest time
     constant of a shaft without load, because a longer one diverges.
     """
     kind, first, constant, resistance = propellers[:, kernel.MOTOR : kernel.MOTOR + 4].T
     lag, motor = kind == 1.0, kind == 2.0
     times = np.concatenate([first[lag], first[motor] * resistance[motor] / constant[motor] ** 2])
-    return math.ceil(SAMPLE / float(np.min(times, initial=STEP)) - 1e-9)
+    return math.ceil(interval / float(np.min(times, initial=STEP)) - 1e-9)
 
 
 def _drawn(body: Array, craft: int, spread: float, seed: int) -> Array:
@@ -94,8 +181,7 @@ def _drawn(body: Array, craft: int, spread: float, seed: int) -> Array:
 
 def _figures(out: Array, straight: int) -> dict[str, float]:
     """Return the figures of the states (c, n, 13), of which the turn begins after *straight* samples."""
-    w, x, y, z = (out[:, straight - 1 :, k] for k in range(3, 7))
-    psi = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), axis=1)
+    psi = np.unwrap(_heading_of(*(out[:, straight - 1 :, k] for k in range(3, 7))), axis=1)
     turned = np.abs(psi - psi[:, :1])
     course = psi[:, 0]
     north, east = (out[:, straight - 1 :, k] - out[:, straight - 1, k, None] for k in (0, 1))
@@ -111,11 +197,22 @@ def _figures(out: Array, straight: int) -> dict[str, float]:
         "rate": rate,
         "speed_loss": 1.0 - speed[:, -1] / np.maximum(speed[:, straight - 1], 1e-12),
     }
-    result = {"craft": float(len(out)), "turned": float(np.mean(whole))}
-    if np.any(whole):
-        for name, values in found.items():
-            result |= {f"{name}.q{100 * q:02.0f}": float(np.quantile(values[whole], q)) for q in QUANTILES}
-    return result
+    return {"craft": float(len(out)), "turned": float(np.mean(whole)), **_quantiles(found, whole)}
+
+
+def _quantiles(found: Mapping[str, Array], whole: NDArray[np.bool_]) -> dict[str, float]:
+    """Return ``q05``, ``q50`` and ``q95`` of each figure (c,), of the craft that flew the *whole* manoeuvre."""
+    return {
+        f"{name}.q{100 * q:02.0f}": float(np.quantile(values[whole], q))
+        for name, values in found.items()
+        for q in QUANTILES
+        if np.any(whole)
+    }
+
+
+def _heading_of(w: Array, x: Array, y: Array, z: Array) -> Array:
+    """Return the heading [rad] of attitudes, in one turn."""
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def _at(turned: Array, values: Array, angle: float) -> Array:

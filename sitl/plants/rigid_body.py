@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -262,6 +262,50 @@ class RigidBody:
         ValueError
             There is no such parameter, a shape does not fit, or the motion diverges.
         """
+        states, rotors, bodies, propellers, rudders = self._copies(parameters, commands, wrenches)
+        commands, wrenches = (np.ascontiguousarray(each, dtype=np.float64) for each in (commands, wrenches))
+        work, out = np.zeros_like(self._work), np.empty((len(bodies), len(commands), 13))
+        kernel.fly(states, rotors, bodies, propellers, rudders, commands, wrenches, work, dt, steps, out)
+        _verify_motion(out[:, -1:], dt)
+        return out
+
+    def steer_copies(
+        self,
+        parameters: Mapping[str, Array] | Array,
+        commands: Array,
+        wrenches: Array,
+        choose: Callable[[Array], NDArray[np.int64] | None],
+        *,
+        dt: float,
+        steps: int,
+    ) -> None:
+        """Fly copies of this body as :meth:`fly_copies`, but choose the commands of each copy by its motion.
+
+        choose : called before each interval with the states (c, 13). It returns the row (c,) of *commands* and
+            *wrenches* that each copy uses in the interval, or None to end the flight.
+
+        Raises
+        ------
+        ValueError
+            As :meth:`fly_copies`.
+        """
+        states, rotors, bodies, propellers, rudders = self._copies(parameters, commands, wrenches)
+        commands, wrenches = (np.ascontiguousarray(each, dtype=np.float64) for each in (commands, wrenches))
+        work = np.zeros_like(self._work)
+        while (rows := choose(states)) is not None:
+            for row in np.unique(rows):
+                own = np.flatnonzero(rows == row)
+                moved, turned, unseen = states[own], rotors[own], np.empty((len(own), 0, 13))
+                body, propeller, rudder = bodies[own], propellers[own], rudders[own]
+                command, wrench = commands[row, None], wrenches[row, None]
+                kernel.fly(moved, turned, body, propeller, rudder, command, wrench, work, dt, steps, unseen)
+                states[own], rotors[own] = moved, turned
+        _verify_motion(states, dt)
+
+    def _copies(
+        self, parameters: Mapping[str, Array] | Array, commands: Array, wrenches: Array
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Return states, rotors, bodies, propellers and rudders of copies of this body, after checks of the shapes."""
         bodies = self._bodies(parameters) if isinstance(parameters, Mapping) else np.ascontiguousarray(parameters)
         if bodies.shape[1:] != self.body.shape:
             raise ValueError(f"numbers of bodies {bodies.shape} must have the shape {('c', *self.body.shape)}")
@@ -276,14 +320,7 @@ class RigidBody:
             np.repeat(np.asarray(each, dtype=np.float64)[None], count, axis=0)
             for each in (state, self.rotors, self.propellers, self.rudders)
         )
-        commands, wrenches = (np.ascontiguousarray(each, dtype=np.float64) for each in (commands, wrenches))
-        work, out = np.zeros_like(self._work), np.empty((count, len(commands), 13))
-        kernel.fly(states, rotors, bodies, propellers, rudders, commands, wrenches, work, dt, steps, out)
-        if not np.all(np.isfinite(out[:, -1:])):
-            raise ValueError(
-                f"the motion diverges with time steps of {dt:g} s. Use shorter steps, or correct the numbers"
-            )
-        return out
+        return states, rotors, bodies, propellers, rudders
 
     def _bodies(self, parameters: Mapping[str, Array]) -> Array:
         """Return the numbers (c, ROWS + t, 6) of copies of this body that differ in *parameters*."""
@@ -392,3 +429,8 @@ def rotate(q: Quaternion, vector: Vector) -> Vector:
 
 def _opposite(q: Quaternion) -> Quaternion:
     return q[0], -q[1], -q[2], -q[3]
+
+
+def _verify_motion(states: Array, dt: float) -> None:
+    if not np.all(np.isfinite(states)):
+        raise ValueError(f"the motion diverges with time steps of {dt:g} s. Use shorter steps, or correct the numbers")
