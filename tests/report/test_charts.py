@@ -81,6 +81,12 @@ def test_the_script_is_in_a_page_once_and_only_in_a_page_with_charts():
     assert "<script" not in page_with(Figure("f", "none", lambda: None))
 
 
+def test_a_caption_has_the_same_notation_as_the_text():
+    page = page_with(Figure("f", "30 deg, off by 6%.", draw))
+    assert "<figcaption>30°, off by 6 %.</figcaption>" in page
+    assert "6%" not in page
+
+
 @pytest.mark.browser
 def test_on_screen_a_curve_is_read_hidden_and_zoomed_and_on_paper_the_svg_stands(browser: Any, tmp_path: Path) -> None:
     plain = Figure("f", "a figure", draw)

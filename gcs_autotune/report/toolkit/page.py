@@ -101,8 +101,8 @@ def drawn(figure: Figure) -> Iterator[_Drawn]:
     with pens(figure.name):
         drawing = figure.draw()
         if drawing is not None:
-            svg = to_svg(drawing, figure.name, figure.caption)
-            yield _Drawn(figure.caption, svg, to_chart(drawing))
+            caption = with_signs(figure.caption)
+            yield _Drawn(caption, to_svg(drawing, figure.name, caption), to_chart(drawing))
 
 
 def _is_wide(table: Table) -> bool:
