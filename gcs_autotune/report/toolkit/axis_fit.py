@@ -109,7 +109,9 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
     if model.beta != 0.0 and fit.structure != "nonlinear":
-        said.append(f"At low speed, motion decays with a time constant of {format_seconds(model.alpha / model.beta)}.")
+        time = model.alpha / model.beta
+        how = "decays" if time > 0.0 else "grows without input"
+        said.append(f"At low speed, motion {how} with a time constant of {format_seconds(abs(time))}.")
     if axis.restored:
         said.extend(_restoring_sentence(model))
     elif model.input_unit == "1":
@@ -146,8 +148,8 @@ Project choice.
 
 
 def _top_speed(fit: AxisFit, unit: str) -> list[str]:
-    """Return the steady speed at the largest output flown; empty if outputs are not normalised."""
-    if _largest(fit) > OVERFULL:
+    """Return the steady speed at the largest output flown; empty if outputs are not normalised or it is unstable."""
+    if _largest(fit) > OVERFULL or (fit.structure == "linear" and fit.model.alpha * fit.model.beta < 0.0):
         return []
     output = _most_flown(fit)
     # The trim is no part of what the craft can do: the constant that steady_velocity adds is taken off before.
