@@ -109,7 +109,9 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
     best = min(table, key=lambda row: row.left_out)
     own = next(row for row in table if row.structure == fit.structure)
     what = f"held-out data ({signal_meaning(signal, fit.dof).split(',')[0]})"
-    if best.left_out < (1.0 - ALIKE) * own.left_out:
+    if not math.isfinite(best.left_out):
+        said.append(f"{what}: no structure can predict it")
+    elif best.left_out < (1.0 - ALIKE) * own.left_out:
         said.append(f"{what}: {WORDS[best.structure]} predicts better than {WORDS[own.structure]}")
     else:
         said.append(f"{what}: {WORDS[own.structure]} predicts best")

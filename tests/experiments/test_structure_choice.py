@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -130,3 +131,10 @@ def test_one_axis_shows_three_witnesses_for_its_drag() -> None:
     assert any("quadratic damping predicts best" in r for r in choice.reasons)
     assert any("Bayesian information criterion" in r for r in choice.reasons)
     assert choice.to_dict()["table"][0]["structure"] == "linear"
+
+
+def test_no_structure_predicts_best_where_none_predicts() -> None:
+    runs = [pushed(1, -6.0, 0.0, seconds=9.0)]
+    choice = weigh_drags(fit_axis(runs, dof="surge", delay=0.0), runs)
+    assert not any(math.isfinite(row.left_out) for row in choice.table)
+    assert "held-out data (surge velocity): no structure can predict it" in choice.reasons
