@@ -234,7 +234,7 @@ def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: Referenc
     for share in SPEEDS:
         there = replace(problem, spec=replace(problem.spec, speed=share * speed))
         margins = there.margins(settings, wanted, [at_speed(problem.model, share)])[0]
-        told.append(f"{share * speed:.2f} m/s {_remaining(margins)}")
+        told.append(f"at {share * speed:.2f} m/s {_remaining(margins)}")
         thin = thin or not margins.stable or margins.gain < ENOUGH_GAIN or margins.phase < ENOUGH_PHASE
     yield (
         f"margins at other speeds: {'; '.join(told)}. They assume a turn rate per rudder proportional to speed and a "
