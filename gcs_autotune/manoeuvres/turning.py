@@ -93,7 +93,7 @@ class PullOuts(UnderWay):
 KINDS: tuple[ManoeuvreKind, ...] = (
     ManoeuvreKind(
         name="turning-circle",
-        help="rudder to one side until the heading has changed by an angle, then amidships (pull-out)",
+        help="steering to one side until the heading has changed by an angle, then amidships (pull-out)",
         excites=frozenset({"yaw", "surge", "sway"}),
         drives=frozenset({"N"}),
         make=lambda options: CircleAndPullOut(options["turn"], Steering.of(options)),

@@ -104,7 +104,7 @@ def _preset(angle: float, throttle: float) -> Preset:
 
 KIND = ManoeuvreKind(
     name="zig-zag",
-    help="rudder to one side until the heading has changed by an angle, then to the other side, repeated",
+    help="steering to one side until the heading has changed by an angle, then to the other side, repeated",
     excites=frozenset({"yaw"}),
     drives=frozenset({"N"}),
     make=_make,
