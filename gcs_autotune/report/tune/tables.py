@@ -215,7 +215,7 @@ def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
         )
         for name, (asked, measured) in rates.items()
     )
-    return Table(("message", "asked", "measured", ""), "lrrl", rows)
+    return Table(("message", "requested", "measured", ""), "lrrl", rows)
 
 
 def changed_parameters(story: TuneStory, most: int) -> Table:
