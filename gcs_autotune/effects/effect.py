@@ -205,8 +205,8 @@ class Effect:
     """One row of the table of effects. Class attributes describe the effect, and methods implement it (see the module).
 
     - ``plain``: the first sentence of a report, for the owner of the craft. Words in braces are filled in:
-      ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving), ``{command}`` (throttle, rudder)
-      and ``{signal}`` (heading, depth).
+      ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving), ``{command}`` (throttle,
+      rudder) and ``{signal}`` (heading, depth).
     - ``shown_by``: the residual that indicates the effect.
     - ``mistaken_for``: slugs of similar effects.
     - ``separated_by``: the manoeuvre that distinguishes it from these.
