@@ -35,9 +35,9 @@ def _run(args: argparse.Namespace) -> int:
 COMMAND = Command(
     description="Fly two relay experiments on the autopilot's set-point of heading, depth (ROVs) or speed (boats), "
     "like fly set-point-relay. Compare the result with the last tune of the same vehicle in the folder of runs. The "
-    "verdict is good, degraded since the tune, poorly damped, oscillates, or not identifiable. If the result is "
-    "unclear, the relays are flown again at half the size. No parameter is written. Without --connect a simulated "
-    "vehicle is used.",
+    "verdict is good, degraded since the tune, poorly damped, oscillates, undecided, or not identifiable. If the "
+    "result is unclear, the relays are flown again at half or twice the size. No parameter is written. "
+    "Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
     everyday=("connect", "set-point", "throttle", "max-distance", "max-time", "area", "yes", "out", "verbose", "json"),

@@ -96,7 +96,7 @@ def listened_to(
 def _journals() -> Iterator[Finding]:
     """Yield the unfinished runs of this computer first, because a vehicle may still have trial gains."""
     for run in open_runs():
-        cure = "wait until this run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
+        cure = "Wait until this run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
         yield Finding("run", "note" if run.is_going_on else "wrong", str(run), cure)
 
 
@@ -129,7 +129,7 @@ def _date() -> Finding:
     told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
     if now < ours:
         return Finding(
-            "clock", "wrong", f"{told}, which is before this program was installed", "set this computer's clock"
+            "clock", "wrong", f"{told}, which is before this program was installed", "Set this computer's clock"
         )
     synced = _synchronised()
     return Finding(
@@ -158,7 +158,7 @@ def _ticks() -> Finding:
         late = max(late, time.monotonic() - begun - WAIT)
     told = f"largest timing error of {WAITS} waits: {1000.0 * late:.1f} ms"
     if late > LATEST_TICK:
-        return Finding("timing", "note", told, "close other programs: relay switches are delayed by as much")
+        return Finding("timing", "note", told, "Close other programs: relay switches are delayed by as much")
     return Finding("timing", "fine", told)
 
 
@@ -174,15 +174,15 @@ def _disk(folder: Path) -> Finding:
         took = time.monotonic() - begun
     except OSError as error:
         return Finding(
-            "disk", "wrong", f"{there} cannot be written to: {error}", "work in another folder, or use --out DIR"
+            "disk", "wrong", f"{there} cannot be written to: {error}", "Work in another folder, or use --out DIR"
         )
     told = f"{free / 1e9:.1f} GB free at {there}, disk write in {1000.0 * took:.0f} ms"
     if free < LEAST_DISK:
         return Finding(
-            "disk", "wrong", told, "free some disk space: the journal needed to restore the vehicle is stored there"
+            "disk", "wrong", told, "Free some disk space: the journal needed to restore the vehicle is stored there"
         )
     if took > LEAST_SYNC:
-        return Finding("disk", "note", told, "the disk is slow. Use another one")
+        return Finding("disk", "note", told, "The disk is slow. Use another one")
     return Finding("disk", "fine", told)
 
 
@@ -198,7 +198,7 @@ def _cache() -> Finding:
             "cache",
             "note",
             told,
-            "do a dry run on a simulated vehicle before going on the water: the first command "
+            "Do a dry run on a simulated vehicle before going on the water: the first command "
             "compiles for up to a minute",
         )
     return Finding("cache", "fine", told)

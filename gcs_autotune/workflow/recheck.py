@@ -196,8 +196,8 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     verdict = partial(LoopCheck, axis, now=now, then=then, when="" if tune is None else tune.when)
     note: tuple[str, ...] = ()
     if check.factor:
-        changed = "halved" if check.factor < 1.0 else "doubled"
-        note = (f"The first relays gave no clear result, so their sizes were {changed} and flown again.",)
+        size = "half" if check.factor < 1.0 else "twice"
+        note = (f"The first relays gave no clear result, so they were flown again at {size} the size.",)
     if check.changed:
         note = (*note, f"Gains changed since the tune: {', '.join(check.changed)}.")
     if sheet is not None and "oscillation" in told:

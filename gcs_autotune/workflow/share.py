@@ -159,8 +159,8 @@ def _readme(files: list[str], left_out: list[tuple[str, str]], hide_position: bo
         "",
         "The files contain messages of the vehicle, the parameters that the run read, the address of the link, and the",
         "id of the autopilot. They contain no signing key.",
-        "Positions were moved: the run begins at 0 degrees north and east. Distances are unchanged. Messages that can"
-        " contain a position in another way were left out, also all texts and commands."
+        "Positions in the telemetry log were moved: the run begins at 0 degrees north and east. Distances are\n"
+        "unchanged. The log's texts and commands, and other messages that can contain a position, were left out."
         if hide_position
         else "They contain the position of the vehicle.",
         "",

@@ -52,6 +52,13 @@ def test_degrees_and_percent_have_one_notation_and_commands_stay_as_they_are():
         assert with_signs(command) == command
 
 
+def test_captions_of_figures_have_the_notation_of_the_report():
+    relay = replace(stories.relay_trial(), reason="the uncertainty changes the ITAE by only 2%")
+    assert "End: the uncertainty changes the ITAE by only 2 %." in to_html(
+        tune_document(replace(stories.aborted(), relays=(relay,)))
+    )
+
+
 def test_gains_that_stay_are_told_by_the_step_that_was_flown_with_them():
     told = replace(stories.kept(), ending="unchanged", metrics_after=None, reason="nothing better was found")
     said = " ".join(verdict_of(told).sentences)

@@ -180,7 +180,7 @@ def test_what_is_sustained_is_told_of_the_largest_output_flown_without_a_curve_a
     flown = replace(fitted, model=model, extra={"largest": {"N": 0.63}})
     said = " ".join(model_sentences(flown)).partition("An output of 63 % sustains ")[2]
     assert float(said.split()[0]) == pytest.approx(math.degrees(0.63 / model.beta), rel=0.01)
-    assert ", the largest output flown." in said
+    assert ", the largest output of the fitted runs." in said
     by_rudder = replace(flown, extra={"largest": {"delta": 0.63}})
     assert "An output of 63 % sustains" in " ".join(model_sentences(by_rudder))
 

@@ -71,7 +71,7 @@ def test_each_loop_has_its_verdict_and_colour(of: Sheet | None, tune: LoopNumber
 def test_the_terminal_shows_the_numbers_beside_those_of_the_tune_and_no_coefficients() -> None:
     shown = render_text(recheck_document(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
     assert "tune of" in shown and "step overshoot" in shown and "5 ± 2" in shown
-    assert "sizes were halved and" in shown and "Gains changed since the tune: ATC_STR_RAT_P" in shown
+    assert "flown again at half the" in shown and "Gains changed since the tune: ATC_STR_RAT_P" in shown
     assert "a_1" not in shown and "b_1" not in shown
 
 

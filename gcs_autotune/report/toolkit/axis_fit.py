@@ -159,7 +159,7 @@ def _top_speed(fit: AxisFit, unit: str) -> list[str]:
     error = math.hypot(error, _by_shape(fit, top))
     shown, factor = to_people(unit)
     speed = f"{format_value(top * factor, error * factor)}{'' if shown.startswith('°') else ' '}{pretty_unit(shown)}"
-    more = "" if output == 1.0 else ", the largest output flown"
+    more = "" if output == 1.0 else ", the largest output of the fitted runs"
     return [f"{_of_full(output)} sustains {speed}{more}."]
 
 
