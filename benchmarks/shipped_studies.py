@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     figures, measures = STUDIES[args.study]
     build = json.loads((args.folder / "study.json").read_text(encoding="utf-8"))["build"]["version"]
-    headline(f"study-{args.study}", measures, figures(open_study(args.folder)), commit=build.partition("+")[2])
+    headline(f"shipped_studies-{args.study}", measures, figures(open_study(args.folder)), build.partition("+")[2])
     return 0
 
 

@@ -100,7 +100,8 @@ def serve() -> None:
                 code = subprocess.run(
                     command, stdin=subprocess.DEVNULL, stdout=told, stderr=warned, check=False
                 ).returncode
-        os.write(answers, b"%d\n" % code)
+        with contextlib.suppress(BrokenPipeError):  # the worker was killed meanwhile: standard input has ended, too
+            os.write(answers, b"%d\n" % code)
 
 
 def _asked() -> bytes:

@@ -52,7 +52,7 @@ def test_the_rehearsals_thruster_is_as_strong_as_the_true_one():
 
 
 def step(itae: float) -> StepMetrics:
-    return StepMetrics(itae, 0.1, 1.0, 1.0, 0.0, 0.0, 0.0)
+    return StepMetrics(itae, 0.1, 1.0, 1.0, 0.0, 0.0, 0.0, span=5.0)
 
 
 ENTRIES = [
