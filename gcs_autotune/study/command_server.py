@@ -47,6 +47,9 @@ class CommandServer:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def _end(self) -> None:
         if self._process is not None:
             self._process.communicate()  # its standard input ends, and with it the process
             self._process = None
@@ -64,7 +67,7 @@ class CommandServer:
                 server.stdin.flush()
                 code = server.stdout.readline()
             if not code:  # it was killed, and with it the command
-                self.__exit__()
+                self._end()
                 return Ended(-abs(server.returncode) or -1, b"", b"")
             return Ended(int(code), out.read_bytes(), err.read_bytes())
 
