@@ -314,8 +314,8 @@ class Relay(Manoeuvre):
         from gcs_autotune.identify.relay import LimitCycleMonitor  # a second to import, which the table need not take
 
         s = self._settings
-        rule = {"scatter": s.tolerance, "noise": self._approach.noise_std}
-        return LimitCycleMonitor(self._output, self._hysteresis, periods=s.periods, **rule)
+        noise = self._approach.noise_std
+        return LimitCycleMonitor(self._output, self._hysteresis, periods=s.periods, scatter=s.tolerance, noise=noise)
 
     def _diverged(self, t: float, x: float) -> bool:
         """Return whether the craft moves against the relay for longer than its momentum explains."""
