@@ -113,11 +113,10 @@ class Result(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
         return f"| {link} | {self.measures} | {first} | {met} | {when}{mark} |\n"
 
 
-def headline(benchmark: str, measures: str, figures: Sequence[Figure], code: str = "") -> None:
+def headline(benchmark: str, measures: str, figures: Sequence[Figure]) -> None:
     """Print the headline *figures* of a run, and keep them if the environment asks for it.
 
-    *measures* is a phrase for the table. The first figure is shown there, all are in the file. *code*: commit
-    that the figures are of, if it is not the one that runs now.
+    *measures* is a phrase for the table. The first figure is shown there, all are in the file.
     """
     figures = [f if f.value is None or math.isfinite(f.value) else replace(f, value=None) for f in figures]
     for figure in figures:
@@ -125,7 +124,7 @@ def headline(benchmark: str, measures: str, figures: Sequence[Figure], code: str
     if not os.environ.get(RECORD):
         return
     now = datetime.datetime.now(datetime.UTC).date().isoformat()
-    result = Result(benchmark, measures, _command(), tuple(figures), now, code or STARTED_AT or commit(), _machine())
+    result = Result(benchmark, measures, _command(), tuple(figures), now, STARTED_AT or commit(), _machine())
     print(f"kept in {save(result)}")
     PAGE.write_text(page(), encoding="utf-8")
 

@@ -7,19 +7,22 @@ Run a study, which a stopped run continues, then read its folder::
     python3 -m benchmarks.shipped_studies boats runs/boats
     python3 -m benchmarks.shipped_studies names runs/names
 
-The commit is that of the study's code. A case that failed counts as a miss. `study report DIR` shows every failure.
+The figures are recorded only from the checkout that the study ran on. A case that failed counts as a miss.
+`study report DIR` shows every failure.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.results import Figure, count, headline
+from benchmarks.results import RECORD, Figure, count, headline
 from gcs_autotune.study import open_study
+from gcs_autotune.study.build import build_of
 
 
 def boats(table: Any) -> list[Figure]:
@@ -61,8 +64,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, help="results folder of the study")
     args = parser.parse_args(argv)
     figures, measures = STUDIES[args.study]
-    build = json.loads((args.folder / "study.json").read_text(encoding="utf-8"))["build"]["version"]
-    headline(f"shipped_studies-{args.study}", measures, figures(open_study(args.folder)), build.partition("+")[2])
+    ran = json.loads((args.folder / "study.json").read_text(encoding="utf-8"))["build"]["version"]
+    if os.environ.get(RECORD) and ran != build_of().version:
+        parser.error(f"the study ran on {ran}, this is {build_of().version}. Use the checkout that it ran on")
+    headline(f"shipped_studies-{args.study}", measures, figures(open_study(args.folder)))
     return 0
 
 
