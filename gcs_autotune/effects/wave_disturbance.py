@@ -7,7 +7,8 @@ accepted under these conditions:
 - it is better than red noise, and the sensors' noise is visible;
 - if a slowly varying force is present too, it is better than this force alone;
 - it is no response of the craft to its own motion. It must not be proportional to the predicted motion, its rate, its
-  square or its past, nor excited by it.
+  square or its past, nor excited by it. With coefficients for every run, this motion must not explain more than the
+  band does.
 """
 
 from __future__ import annotations
@@ -137,13 +138,16 @@ def band_of(left: Sequence[EffectResidual], *, velocity: str, lag: float) -> Ban
     laws = {s: law.drifting(drift) if drift else law for s, law in laws.items()}
     if max(_foreseen(law, kin[s].records) for s, law in laws.items()) < SMOOTH:
         return None
-    gain = own = allowed = 0.0
+    gain = own = allowed = beyond = 0.0
     for s, law in laws.items():
-        more, regressors = _own_gain(law, kin[s].records, groups[s])
+        tables = _with_own_motion(law, kin[s].records, groups[s])
+        more, regressors = _own_gain([np.concatenate(tables)])
         gain += before[s] - cost(law, kin[s].records)
         own += more
         allowed += CHANCE * regressors
-    if own > max(OWN * gain, allowed):
+        apart, regressors = _own_gain(tables)
+        beyond += apart - regressors
+    if own > max(OWN * gain, allowed) or beyond > gain:
         return None
     rms = {s: _rms_of_band(law, kin[s].records) for s, law in laws.items()}
     seconds = max(sum(float(t[-1] - t[0]) for t, _ in own.records) for own in kin.values())
@@ -173,6 +177,8 @@ def _with_drift(kin: Mapping[str, _Kin], red: Mapping[str, float], low: float, h
         return None  # nothing varies slowly
     slow = {s: _slow(own, low, high) for s, own in kin.items()}
     left = {s: own.whitened(slow[s]) for s, own in kin.items()}
+    if _peak_gain(left, low, high) < BETTER:
+        return None
     rest = [math.log(0.1), *([1.0] * len(kin)), math.log(0.3)]
     starts = [np.array([math.log(omega), *rest]) for omega in _peaks(left, low, high)]
     p, value = _fitted(kin, low, high, starts)
@@ -267,6 +273,28 @@ def _roughly(of: Callable[[Array], float], starts: Sequence[Array], edges: Array
     return np.clip(best.x, edges[:, 0], edges[:, 1]), float(best.fun)
 
 
+def _peak_gain(white: Mapping[str, _Kin], low: float, high: float) -> float:
+    """Return the largest gain from one level of the spectrum within a band of a third of an octave either side, and
+    another outside.
+
+    It is twice the log-likelihood ratio of the periodogram (Whittle1953), for records *white* without a band.
+    """
+    grid = np.exp(np.linspace(math.log(low), math.log(high), 100))
+    gain = np.zeros(len(grid))
+    for own in white.values():
+        spectra = [_periodogram(t, e) for t, e in own.records]
+        omega, power = (np.concatenate([s[k][1:] for s in spectra]) for k in (0, 1))
+        order = np.argsort(omega)
+        sums, count = np.r_[0.0, np.cumsum(power[order])], len(omega)
+        first, last = (np.searchsorted(omega[order], grid * 2.0**edge) for edge in (-1.0 / 3.0, 1.0 / 3.0))
+        inside, within = np.clip(last - first, 1, count - 1), sums[last] - sums[first]
+        outside = count - inside
+        peak, rest = np.maximum(within, 1e-300) / inside, np.maximum(sums[-1] - within, 1e-300) / outside
+        levels = count * np.log(sums[-1] / count) - inside * np.log(peak) - outside * np.log(rest)
+        gain += np.where(peak > rest, 2.0 * levels, 0.0)
+    return float(np.max(gain))
+
+
 def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
     """Return the frequencies [rad/s] of the highest peaks of the spectrum, and of the spectrum weighted against
     drift."""
@@ -275,12 +303,19 @@ def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
     for own in kin.values():
         every = sum(float(e @ e) for _, e in own.records)
         for t, e in own.records:
-            step = (t[-1] - t[0]) / (len(t) - 1)
-            even = np.interp(t[0] + step * np.arange(len(t)), t, e) * np.hanning(len(t))
-            spectrum = np.abs(np.fft.rfft(even, 4 * len(t))) ** 2
-            power += np.interp(grid, 2.0 * math.pi * np.fft.rfftfreq(4 * len(t), step), spectrum) / every
+            power += np.interp(grid, *_periodogram(t, e, np.hanning(len(t)), pad=4)) / every
     first = [float(grid[int(np.argmax(weight * power))]) for weight in (np.ones(len(grid)), grid)]
     return first if abs(first[1] / first[0] - 1.0) > 0.05 else first[:1]
+
+
+def _periodogram(t: Array, e: Array, window: Array | float = 1.0, pad: int = 1) -> tuple[Array, Array]:
+    """Return frequencies [rad/s] and periodogram of *e* (n,), times *window* (n,) and padded to *pad* times its length.
+
+    Uneven stamps *t* (n,) are interpolated.
+    """
+    n, step = len(t), float(t[-1] - t[0]) / (len(t) - 1)
+    even = np.interp(t[0] + step * np.arange(n), t, e) * window
+    return 2.0 * math.pi * np.fft.rfftfreq(pad * n, step), np.abs(np.fft.rfft(even, pad * n)) ** 2
 
 
 def _broad(own: _Kin, low: float) -> float:
@@ -291,16 +326,29 @@ def _broad(own: _Kin, low: float) -> float:
     return min(cost(None, own.records), red)
 
 
-def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[EffectResidual]) -> tuple[float, int]:
+def _with_own_motion(law: Oscillator, records: Sequence[Record], own: Sequence[EffectResidual]) -> list[Array]:
+    """Return for each run its residual (n,) and the regressors (n, k) from the craft's own motion, whitened by *law*,
+    as one table (n, 1 + k)."""
+    return [
+        whitened(law, t, np.column_stack([error, _with_motion(law, x)]))[0]
+        for (t, error), x in zip(records, own, strict=True)
+    ]
+
+
+def _own_gain(tables: Sequence[Array]) -> tuple[float, int]:
     """Return the gain from regressing on the craft's own motion in addition to the band, and the number of
-    regressors."""
-    tables = []
-    for (t, error), x in zip(records, own, strict=True):
-        tables.append(whitened(law, t, np.column_stack([error, _with_motion(law, x)]))[0])
-    white = np.concatenate(tables)
-    error, X = white[:, 0], white[:, 1:]
-    rest = error - X @ np.linalg.lstsq(X, error, rcond=1e-10)[0]
-    return len(error) * math.log(float(error @ error) / max(float(rest @ rest), 1e-300)), X.shape[1]
+    regressors.
+
+    Each of *tables* (n, 1 + k) has its own coefficients. In one table of all runs, a response that is no multiple of
+    the motion cancels, for example that of an actuator at its limit in a strong run and in a weak one.
+    """
+    before = after = 0.0
+    for white in tables:
+        error, X = white[:, 0], white[:, 1:]
+        rest = error - X @ np.linalg.lstsq(X, error, rcond=1e-10)[0]
+        before, after = before + float(error @ error), after + float(rest @ rest)
+    n, k = sum(map(len, tables)), sum(white.shape[1] - 1 for white in tables)
+    return n * math.log(before / max(after, 1e-300)), k
 
 
 def _foreseen(law: Oscillator, records: Sequence[Record]) -> float:

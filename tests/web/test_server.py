@@ -19,6 +19,7 @@ from gcs_autotune.errors import CannotOpenLink
 from gcs_autotune.web import ServeSettings, serve
 from gcs_autotune.web.server import told
 
+from .scripted_run import OLD
 from .serving import ROOT
 
 HEADERS = {"X-Autotune-Token": "none", "Content-Type": "application/json"}
@@ -61,7 +62,7 @@ def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
     output = serving.ended()
     assert "Stopping: restoring mode and parameters." in output
     assert output.rstrip().endswith("page closed")
-    assert json.loads((serving.run / "parameters_after.json").read_text()) == {"ATC_STR_RAT_P": 0.2}
+    assert json.loads((serving.run / "parameters_after.json").read_text()) == OLD
     assert serving.process.returncode == 0
 
 
@@ -86,7 +87,7 @@ def test_a_run_whose_server_is_killed_stops_by_itself(tmp_path: Path) -> None:
     serving.ended()
     with (serving.run / "parameters_before.json").open("rb") as held:
         fcntl.flock(held, fcntl.LOCK_EX)  # waits for the run, which is no child of this process
-    assert json.loads((serving.run / "parameters_after.json").read_text()) == {"ATC_STR_RAT_P": 0.2}
+    assert json.loads((serving.run / "parameters_after.json").read_text()) == OLD
 
 
 def test_a_port_in_use_is_said_with_what_to_try(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

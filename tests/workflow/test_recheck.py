@@ -131,7 +131,7 @@ def test_sizes_that_show_nothing_are_halved_and_flown_again_and_nothing_is_calle
     found = checked(harness, tmp_path, envelope=Envelope(distance=160.0))
     assert (found.kind, found.tone) == ("not identifiable", "neutral")
     assert any("flying again at half of their size" in text for text in harness.said)
-    assert "halved" in found.notes[0]
+    assert "at half the size" in found.notes[0]
     names = {path.stem.partition("-")[2] for path in (harness.directory / "trials").glob("*.csv")}
     assert {"set-point-relay", "set-point-relay-again"} <= names
     assert '<div class="verdict neutral">' in (harness.directory / "report.html").read_text(encoding="utf-8")
