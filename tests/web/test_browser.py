@@ -71,9 +71,11 @@ def at_sea(request: pytest.FixtureRequest) -> Iterator[str]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    patience = ("--param", "RC_OVERRIDE_TIME=10", "--param", "RC_FS_TIMEOUT=4", "--param", "FS_TIMEOUT=6")
+    craft = getattr(request, "param", "charlie")
+    patient = ["FS_PILOT_TIMEOUT=12"] if craft == "bluerov2" else ["RC_FS_TIMEOUT=4", "FS_TIMEOUT=6"]
+    patience = [word for setting in ("RC_OVERRIDE_TIME=10", *patient) for word in ("--param", setting)]
     listening = ("--listen", f"tcp:127.0.0.1:{port}", "--speedup", "4")
-    words = [sys.executable, "-m", "sitl", getattr(request, "param", "charlie"), *listening, *patience]
+    words = [sys.executable, "-m", "sitl", craft, *listening, *patience]
     with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE) as vehicle:
         assert vehicle.stderr is not None
         vehicle.stderr.readline()
@@ -254,9 +256,12 @@ def test_stop_in_every_stage_of_a_tune_puts_everything_back(
     assert "as before the run" in put_back or stage == "Go ahead?"
 
 
-def test_stop_under_water_puts_everything_back(visit: Any, flying: tuple[str, Path]) -> None:
+@pytest.mark.parametrize("at_sea", ["bluerov2"], indirect=True)
+def test_stop_under_water_puts_everything_back(visit: Any, flying: tuple[str, Path], at_sea: str) -> None:
     page = visit(flying[0])
-    page.start(axis="depth")
+    page.start(axis="depth", connect=at_sea)
+    page.shows("#question-text", "Go ahead?")
+    page.page.click("#yes")
     page.shows("#stage", "self-oscillation")
     page.page.keyboard.press("Space")
     put_back = page.stopped()
