@@ -315,7 +315,8 @@ def _periodogram(t: Array, e: Array, window: Array | float = 1.0, pad: int = 1) 
     """
     n, step = len(t), float(t[-1] - t[0]) / (len(t) - 1)
     even = np.interp(t[0] + step * np.arange(n), t, e) * window
-    return 2.0 * math.pi * np.fft.rfftfreq(pad * n, step), np.abs(np.fft.rfft(even, pad * n)) ** 2
+    power: Array = np.abs(np.fft.rfft(even, pad * n)) ** 2
+    return 2.0 * math.pi / (pad * n * step) * np.arange(len(power), dtype=np.float64), power
 
 
 def _broad(own: _Kin, low: float) -> float:
