@@ -307,6 +307,7 @@ def test_a_craft_of_an_earlier_run_is_chosen_with_its_settings(visit: Any, tmp_p
         assert read == ["tune", "depth", "/dev/ttyUSB0", "gentle", "40"]
         page.page.select_option("#craft", "sitl:bluerov2")
         assert page.page.input_value("#connect") == "sitl:bluerov2"
+        page.ending.close()  # before its server, which it would miss
 
 
 def test_yes_goes_on(asking: Page) -> None:
