@@ -4,7 +4,8 @@ Each boat is flown as it is and with a hidden dead zone, a hidden thrust curve, 
 
     python3 -m benchmarks.actuator_tunes                             # three boats, four cases, five seeds: an hour
     python3 -m benchmarks.actuator_tunes blueboat --seeds 2
-    python3 -m benchmarks.actuator_tunes --save tunes.jsonl          # go on from there when interrupted
+
+It is the study ``benchmarks/studies/actuator_tunes.toml``; a stopped run continues.
 
 A tune that is kept although thrust is less proportional, or tracking worse by more than a tenth, counts as worse.
 """
@@ -22,13 +23,13 @@ import numpy as np
 
 from benchmarks.reach import Aboard
 from benchmarks.results import Figure, count, headline
+from benchmarks.studies import rows_of
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import TuneSettings, Unattended, tune_actuators
 from sitl import open_vehicle
 from sitl.effects import parse_effect
 
-BOATS = ("blueboat", "charlie", "blueboat-sway")
 CASES: Mapping[str, str] = {
     "as it is": "",
     "dead zone": "dead-zone@X.width=0.1",
@@ -63,6 +64,12 @@ def fly(boat: str, case: str, seed: int) -> dict[str, Any]:
     }
 
 
+def tuned(seed: int, boat: str, case: str) -> dict[str, Any]:
+    """Return the result of one tune, for a row of the study."""
+    found = fly(boat, case, seed)
+    return {"tune": json.dumps(found), "kept": found["ending"] == "kept", "worse": is_worse(found)}
+
+
 def is_worse(flown: Mapping[str, Any]) -> bool:
     """Return whether a vehicle was left worse than it was."""
     if flown["ending"] != "kept":
@@ -89,29 +96,18 @@ def line_of(name: str, flown: Sequence[Mapping[str, Any]]) -> str:
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("boats", nargs="*", metavar="VEHICLE", help=f"default: {', '.join(BOATS)}")
+    parser.add_argument("boats", nargs="*", metavar="VEHICLE", help="default: those of the study")
     parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--save", type=Path, metavar="FILE")
+    parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args(argv)
-    saved: dict[tuple[str, str, int], dict[str, Any]] = {}
-    if args.save is not None and args.save.is_file():
-        for line in args.save.read_text(encoding="utf-8").splitlines():
-            boat, case, seed, flown = json.loads(line)
-            saved[boat, case, seed] = flown
+    only = {"argument.boat": tuple(args.boats)} if args.boats else {}
+    tunes: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows_of("actuator_tunes", args.workers, only=only, repeats=args.seeds):
+        tunes.setdefault((row["argument.boat"], row["argument.case"]), []).append(json.loads(row["tune"]))
     print(f"{'':<28}{'runs':>4}{'proposed':>9}{'proved':>8}{'kept':>6}{'worse':>7}{'dep. %':>9}{'after':>8}{'ITAE':>8}")
-    every = []
-    for boat in args.boats or BOATS:
-        for case in CASES:
-            own = []
-            for seed in range(1, args.seeds + 1):
-                if (boat, case, seed) not in saved:
-                    saved[boat, case, seed] = fly(boat, case, seed)
-                    if args.save is not None:
-                        with args.save.open("a", encoding="utf-8") as file:
-                            print(json.dumps([boat, case, seed, saved[boat, case, seed]]), file=file, flush=True)
-                own.append(saved[boat, case, seed])
-            print(line_of(f"{boat}, {case}", own), flush=True)
-            every += own
+    for (boat, case), own in tunes.items():
+        print(line_of(f"{boat}, {case}", own))
+    every = [one for own in tunes.values() for one in own]
     kept = [f for f in every if f["ending"] == "kept"]
     smaller = float(np.median([f["departure"][1] / f["departure"][0] for f in kept])) if kept else float("nan")
     figures = [
