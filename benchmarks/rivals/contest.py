@@ -15,20 +15,20 @@ from benchmarks.rivals.fleet import FLEET, Job, Vessel
 from benchmarks.rivals.flights import circle_ratio, fly_step, get_ready
 from benchmarks.rivals.oracle import search
 from benchmarks.rivals.rehearsal import REHEARSED, rehearse
-from benchmarks.rivals.rules import RANGES, Cycle, quiktune, ziegler_nichols
+from benchmarks.rivals.rules import Cycle, quiktune, ziegler_nichols
 from benchmarks.rivals.sea import Sea
 from gcs_autotune.design import StepMetrics
-from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 
 __all__ = [
     "HELD",
     "Entry",
-    "best_of_others",
     "compete",
     "competed",
     "entries_of",
     "flown_again",
     "has_goal",
+    "is_first",
 ]
 
 _FILTERS = ("ATC_STR_RAT_FLTT", "ATC_STR_RAT_FLTD")
@@ -116,10 +116,10 @@ def flown_again(job: str, entries: Sequence[Entry]) -> list[Entry]:
         return [replace(one, metrics=fly_step(sea, axis, one.gains, base, fresh=True)) for one in entries]
 
 
-def best_of_others(entries: Sequence[Entry]) -> float:
-    """Return the least ITAE [s^2] of the rivals that are neither ours nor searched."""
-    others = (e for e in entries if not e.rival.startswith(("ours", "oracle")))
-    return min(e.metrics.itae for e in others if e.metrics is not None)
+def is_first(entries: Sequence[Entry]) -> bool:
+    """Return whether our ITAE is the least of all that are not searched."""
+    itae = {entry.rival: entry.metrics.itae for entry in entries if entry.metrics is not None}
+    return itae["ours"] <= min(value for rival, value in itae.items() if not rival.startswith("oracle"))
 
 
 def has_goal(entries: Sequence[Entry]) -> bool:
@@ -128,39 +128,40 @@ def has_goal(entries: Sequence[Entry]) -> bool:
     *entries* end with the result of the search.
     """
     itae = {entry.rival: entry.metrics.itae for entry in entries if entry.metrics is not None}
-    close, first = itae["ours"] <= _WITHIN * itae["oracle"], itae["ours"] <= best_of_others(entries)
-    return (close or first) and itae["ours"] <= _SAME * itae["defaults"]
+    close = itae["ours"] <= _WITHIN * itae["oracle"]
+    return (close or is_first(entries)) and itae["ours"] <= _SAME * itae["defaults"]
 
 
-def law_of(vessel: Vessel, job: Job) -> str:
-    """Return the firmware's loop by the name of its table of ranges."""
-    return f"{vessel.data.firmware}-{job.axis}"
+def _axis(sea: Sea, vessel: Vessel, job: Job) -> Axis:
+    """Return the firmware's loop, with the ranges documented for the names that this vehicle has."""
+    axis = FIRMWARE[f"ardu{vessel.data.firmware}"].axes[job.axis]
+    spelled, _ = read_named(sea, [gain.parameter for gain in axis.gains])
+    return axis.called(spelled)
 
 
 def compete(sea: Sea, vessel: Vessel, job: Job, *, budget: int) -> list[Entry]:
     """Return every rival's entry, flown."""
-    law = law_of(vessel, job)
-    ranges = RANGES[law]
     sea.run_while(lambda: sea.t < 50.0)
-    names = [*ranges, *(_FILTERS if law == "rover-heading" else ())]
+    axis = _axis(sea, vessel, job)
+    names = [*(gain.parameter for gain in axis.gains), *(_FILTERS if vessel.data.is_boat else ())]
     default = sea.get(names)
     entries = [Entry("defaults", default, 0.0)]
     ours, cycle = _tune(sea, job, default, names)
     sea.set(default)
     get_ready(sea, job)
-    if law == "rover-heading":
+    if vessel.data.is_boat:
         entries.append(_quiktune(sea, vessel, default))
         sea.rest()
         get_ready(sea, job)
     if cycle is not None:
         speed = vessel.data.parameters.get("CRUISE_SPEED", 0.0)
-        gains = ziegler_nichols(law, cycle[0], speed, default)
+        gains = ziegler_nichols(axis.law, cycle[0], speed, default)
         entries.append(Entry("Ziegler-Nichols", {**default, **gains}, cycle[1]))
     entries.append(ours)
     base = sea.psi if job.axis == "heading" else _WORKING_DEPTH
     for entry in entries:
         entry.metrics = fly_step(sea, job, entry.gains, base)
-    return [*entries, *_oracles(sea, vessel, job, entries, base, budget)]
+    return [*entries, *_oracles(sea, vessel, job, axis, entries, base, budget)]
 
 
 def _tune(
@@ -203,16 +204,18 @@ def _quiktune(sea: Sea, vessel: Vessel, default: Mapping[str, float]) -> Entry:
     return Entry("QuikTune's rule", {**default, **gains}, seconds, note=note)
 
 
-def _oracles(sea: Sea, vessel: Vessel, job: Job, entries: list[Entry], base: float, budget: int) -> list[Entry]:
+def _oracles(
+    sea: Sea, vessel: Vessel, job: Job, axis: Axis, entries: list[Entry], base: float, budget: int
+) -> list[Entry]:
     """Return the oracle held to an overshoot of ``HELD``, and the free one; all flights are shared by both."""
-    law, began = law_of(vessel, job), sea.t
-    ranges = RANGES[law]
+    began = sea.t
+    ranges = {gain.parameter: (gain.low, gain.high) for gain in axis.gains}
     others = {name: value for name, value in entries[0].gains.items() if name not in ranges}
     starts = [entry.gains for entry in entries]
     limits = (HELD, math.inf)
-    if law in REHEARSED:
-        context = sea.get(FIRMWARE[f"ardu{vessel.data.firmware}"].axes[job.axis].context)
-        starts += [rehearse(law, vessel, job, ranges, {**context, **others}, limit) for limit in limits]
+    if axis.law in REHEARSED:
+        context = sea.get(axis.context)
+        starts += [rehearse(axis.law, vessel, job, ranges, {**context, **others}, limit) for limit in limits]
 
     def fly(gains: Mapping[str, float]) -> StepMetrics:
         return fly_step(sea, job, {**others, **gains}, base)

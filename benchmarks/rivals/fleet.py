@@ -83,7 +83,7 @@ def _rov(name: str) -> Vessel:
         "depth",
         1.0,
         20.0,
-        {"PSC_D_POS_P": 1.0, "PSC_D_VEL_P": 4.0, "PSC_D_ACC_P": 0.05, "PSC_D_ACC_I": 0.02, "PSC_D_ACC_FF": 0.0},
+        {"PSC_POSZ_P": 1.0, "PSC_VELZ_P": 4.0, "PSC_ACCZ_P": 0.5, "PSC_ACCZ_I": 0.2, "PSC_ACCZ_FF": 0.0},
         20.0,
         math.inf,
         pairs=2,

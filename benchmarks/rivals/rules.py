@@ -1,4 +1,4 @@
-"""The rivals' rules, as published, and what ArduPilot documents as its gains' ranges."""
+"""The rivals' rules, as published. Gains are canonical, as in :mod:`gcs_autotune.firmware`."""
 
 from __future__ import annotations
 
@@ -6,35 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["RANGES", "Cycle", "quiktune", "ziegler_nichols"]
+from gcs_autotune.design.laws.sub_depth import OUTPUT
+
+__all__ = ["Cycle", "quiktune", "ziegler_nichols"]
 
 _SPEED_SCALING_BASE = 1.0
 """MOT_SPD_SCA_BASE [m/s]."""
-
-RANGES: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    "rover-heading": {
-        "ATC_STR_RAT_FF": (0.0, 3.0),
-        "ATC_STR_RAT_P": (0.0, 2.0),
-        "ATC_STR_RAT_I": (0.0, 2.0),
-        "ATC_STR_RAT_D": (0.0, 0.4),
-        "ATC_STR_ANG_P": (1.0, 10.0),
-    },
-    "sub-heading": {
-        "ATC_RAT_YAW_P": (0.0, 0.5),
-        "ATC_RAT_YAW_I": (0.0, 0.05),
-        "ATC_RAT_YAW_D": (0.0, 0.02),
-        "ATC_ANG_YAW_P": (0.0, 6.0),
-    },
-    "sub-depth": {
-        "PSC_D_POS_P": (0.5, 4.0),
-        "PSC_D_VEL_P": (1.0, 10.0),
-        "PSC_D_VEL_I": (0.0, 10.0),
-        "PSC_D_ACC_P": (0.01, 0.25),
-        "PSC_D_ACC_I": (0.0, 0.5),
-        "PSC_D_ACC_FF": (0.0, 0.1),
-    },
-}
-"""Documented ranges (ArduPilot's parameter metadata, 4.7-dev of 2025-12)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,19 +47,19 @@ def ziegler_nichols(law: str, cycle: Cycle, speed: float, present: Mapping[str, 
 
     Heading: u = P (A e - r) + I int(A e - r) is a PID with Kp = P A + I, Ki = I A, Kd = P; no feed-forward. A boat's
     output is scaled by MOT_SPD_SCA_BASE/V, so its Ku is that of the servo times V over it. Depth: the climb-rate gain
-    stays; position and acceleration gains make the PID (throttle is half the share).
+    stays; position and acceleration gains make the PID (in shares per m/s^2 they are a fifth).
     """
     ku, tu = cycle.ultimate
     if law == "rover-heading":
         ku *= max(speed, _SPEED_SCALING_BASE) / _SPEED_SCALING_BASE
     kp = 0.6 * ku
     if law == "sub-depth":
-        B = present["PSC_D_VEL_P"]
+        B = present["PSC_VELZ_P"]
         e = 1.0 + 2.0 / (tu * B)
         A = 4.0 / tu * (e + math.sqrt(e * e - 1.0))
         i = 2.0 * kp / (tu * B * A)
         p = max(kp * tu / 8.0 - i, 0.0) / B
-        return {"PSC_D_POS_P": A, "PSC_D_ACC_P": 0.5 * p, "PSC_D_ACC_I": 0.5 * i, "PSC_D_ACC_FF": 0.0}
+        return {"PSC_POSZ_P": A, "PSC_ACCZ_P": p / OUTPUT, "PSC_ACCZ_I": i / OUTPUT, "PSC_ACCZ_FF": 0.0}
     rate_p, rate_i, angle_p = kp * tu / 8.0, 0.5 * kp, 4.0 / tu
     if law == "rover-heading":
         return {"ATC_STR_RAT_FF": 0.0, "ATC_STR_RAT_P": rate_p, "ATC_STR_RAT_I": rate_i, "ATC_STR_ANG_P": angle_p}

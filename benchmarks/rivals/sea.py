@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from gcs_autotune.firmware import read_named
 from sitl.ardupilot_json import HOME, JsonServer, Physics, parameter_text
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect
@@ -205,9 +206,10 @@ class Sea:
         elif kind == "STATUSTEXT":
             self.texts.append(message.text)
 
-    def set(self, gains: dict[str, float]) -> None:
-        """Write parameters and see them echoed."""
-        for name, value in gains.items():
+    def set(self, gains: Mapping[str, float]) -> None:
+        """Write parameters, canonical as in :mod:`gcs_autotune.firmware`, and see them echoed."""
+        spelled, _ = read_named(self, gains)
+        for name, value in spelled.to_own(gains).items():
             for _ in range(5):
                 self._values.pop(name, None)
                 self.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32))
@@ -219,18 +221,25 @@ class Sea:
                 raise NoAnswer(f"{self.data.name}: no parameter {name}")
 
     def get(self, names: Sequence[str]) -> dict[str, float]:
-        """Read parameters; those the firmware does not have are left out."""
-        found = {}
-        for name in names:
-            for _ in range(3):
+        """Read parameters, canonical; those the firmware does not have are left out."""
+        spelled, found = read_named(self, names)
+        return spelled.to_canonical(found)
+
+    def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
+        """Return name -> value of the first name that answers of each of *groups* of alternative names."""
+        return dict(answer for group in groups if (answer := self._first_of(group)))
+
+    def _first_of(self, group: Sequence[str]) -> tuple[str, float] | None:
+        for _ in range(3):
+            for name in group:
                 self._values.pop(name, None)
                 self.send(mavlink.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
-                end = self.t + 1.0
-                self.run_while(lambda name=name, end=end: name not in self._values and self.t < end)
+            end = self.t + 1.0
+            self.run_while(lambda end=end: self._values.keys().isdisjoint(group) and self.t < end)
+            for name in group:
                 if name in self._values:
-                    found[name] = self._values[name]
-                    break
-        return found
+                    return name, self._values[name]
+        return None
 
     def command(self, number: int, *values: float) -> int:
         """Give a command and return its MAV_RESULT (-1: none came)."""

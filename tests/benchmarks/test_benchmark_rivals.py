@@ -15,6 +15,7 @@ from benchmarks.rivals.contest import Entry
 from benchmarks.rivals.fleet import FLEET
 from benchmarks.rivals.oracle import search
 from benchmarks.rivals.rehearsal import true_hull
+from benchmarks.rivals.rules import Cycle, ziegler_nichols
 from benchmarks.studies import FOLDER
 from gcs_autotune.design import StepMetrics
 from gcs_autotune.study import open_study
@@ -42,6 +43,17 @@ def test_no_start_beats_the_oracle():
     best = {"P": 1.0, "A": 4.0}
     (answer,), _ = search(fly, RANGES, [{"P": 0.1, "A": 2.0}, best], 4, (math.inf,))
     assert answer.gains == pytest.approx(best)
+
+
+def test_the_depth_cascade_becomes_the_pid_of_ziegler_and_nichols() -> None:
+    cycle = Cycle(output=0.3, swing=0.2, hysteresis=0.1, omega=2.0)
+    gains = ziegler_nichols("sub-depth", cycle, 0.0, {"PSC_VELZ_P": 8.0})
+    a, b, p, i = gains["PSC_POSZ_P"], 8.0, 0.2 * gains["PSC_ACCZ_P"], 0.2 * gains["PSC_ACCZ_I"]
+    ku, tu = cycle.ultimate
+    proportional, integral, derivative = b * (p * a + i), i * a * b, p * b + i
+    assert proportional == pytest.approx(0.6 * ku)
+    assert integral == pytest.approx(proportional / (tu / 2.0))
+    assert derivative == pytest.approx(proportional * tu / 8.0)
 
 
 def test_the_rehearsals_thruster_is_as_strong_as_the_true_one():
