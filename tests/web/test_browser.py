@@ -210,6 +210,7 @@ def test_a_model_that_a_run_left_is_offered_to_design_from_and_to_preview_with(v
         page.shows("#command", f"--model={tmp_path / '20261123-lake' / 'model.json'}")
         page.page.click("#stop")
         page.stopped()
+        page.ending.close()  # before its server, which it would miss
 
 
 @pytest.fixture
@@ -452,6 +453,7 @@ def test_without_the_token_one_looks_and_does_not_touch(visit: Any, tmp_path: Pa
         owner.page.click("#stop")
         owner.stopped()
         stranger.close()
+        owner.ending.close()  # before its server, which it would miss
 
 
 def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, scripted: str) -> None:
