@@ -19,6 +19,7 @@ from typing import Any
 from gcs_autotune.cli import carry_out, find_config, make_parser, read_config, tune_settings
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.link import Transport
+from gcs_autotune.observer import stopping
 from gcs_autotune.untrusted_text import visible
 from gcs_autotune.workflow import Connection, is_settled, restore_run
 
@@ -256,11 +257,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def _stop(self) -> None:
         if not self.is_busy:
             raise UsageError("nothing is running")
-        _print(
-            "Still restoring the vehicle. Please wait."
-            if self._person.stop
-            else "Stopping: restoring mode and parameters."
-        )
+        _print(stopping(again=self._person.stop))
         self._person.stop = True
 
     def _status(self) -> str:

@@ -29,6 +29,7 @@ __all__ = [
     "StepList",
     "Vitals",
     "Words",
+    "stopping",
 ]
 
 
@@ -248,3 +249,10 @@ class SilentObserver:
 
     def note(self, fact: Fact) -> None:
         """Ignore the note."""
+
+
+def stopping(*, again: bool) -> str:
+    """Return the reply to a request to stop, or to one more of them if *again*."""
+    if again:
+        return "Still restoring the vehicle. Please wait."
+    return "Stopping: setting the actuators to neutral and restoring the vehicle."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["EXACT", "UNKNOWN", "format_number", "format_value", "rounded", "rounded_to"]
+__all__ = ["EXACT", "UNKNOWN", "counted", "format_number", "format_value", "rounded", "rounded_to"]
 
 UNKNOWN = "?"
 """Text for NaN, an unknown number."""
@@ -13,6 +13,11 @@ UNKNOWN = "?"
 EXACT, EXACT_DIGITS = 1e-12, 9
 """Relative standard error below which it is only rounding error, and the number of digits shown then. Project
 choice."""
+
+
+def counted(number: int, noun: str) -> str:
+    """Return *number* with its *noun*: ``counted(1, "reversal")`` is ``"1 reversal"``, and 2 have an ``s``."""
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def format_value(value: float, std: float) -> str:

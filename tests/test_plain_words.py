@@ -73,6 +73,7 @@ WORDS = {
     r"holds? (no|\d+|a) [a-z]+ (log|message|sample|run|parameter)s?": "contains no ...",
     r"(?<!there )is no (?!better|longer|more|less|worse)[a-z]+": "is not a ...",
     r"hears?|unheard": "receive, lose contact",
+    r"[a-z]+\(s\)": "gcs_autotune.rounding.counted(number, noun)",
 }
 """What a text must not contain -> what to write instead."""
 
@@ -148,6 +149,7 @@ def test_texts_use_plain_words_and_short_sentences(room: str) -> None:
 
 def test_the_lint_itself_finds_a_word_and_a_long_sentence() -> None:
     assert misused("the log tells no speed") == ["'tells', write report, show, identify, distinguish"]
+    assert misused("1 gap(s) in the run") == ["'gap(s)', write gcs_autotune.rounding.counted(number, noun)"]
     assert misused("Check the sensor: the log contains no speed. A teller is a person.") == []
     assert too_long(" ".join(["word"] * LONGEST)) == []
     assert too_long(" ".join(["word"] * (LONGEST + 1)))

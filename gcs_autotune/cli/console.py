@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 from gcs_autotune.errors import UsageError
+from gcs_autotune.observer import stopping
 from gcs_autotune.untrusted_text import visible
 
 __all__ = ["BELL_VARIABLE", "ConsoleOperator"]
@@ -95,9 +96,7 @@ class ConsoleOperator:
     def _note(self, number: int, frame: FrameType | None) -> None:
         again = self._stop
         self._stop = True
-        _tell(
-            "Still restoring the vehicle. Please wait.\n" if again else "\nStopping: restoring mode and parameters.\n"
-        )
+        _tell(f"{'' if again else chr(10)}{stopping(again=again)}\n")
 
 
 def _tell(text: str) -> None:

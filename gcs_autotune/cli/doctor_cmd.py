@@ -65,8 +65,12 @@ def _next(ports: Sequence[Mapping[str, object]]) -> str:
     """Return what was received, and what to do next."""
     uris = [str(port["uri"]) for port in ports if port["systems"]]
     if not uris:
+        from gcs_autotune.link import is_serial
+
+        wired = any(is_serial(str(port["uri"])) for port in ports)
         return (
-            "No vehicle was found. If one should be, check its power, the cable and the baud rate. "
+            f"No vehicle was found. If one should be, check its power and the "
+            f"{'cable, the baud rate and the network' if wired else 'network'}. "
             "To try a simulated vehicle: gcs-autotune tune heading"
         )
     heard = "A vehicle was found." if len(uris) == 1 else f"Vehicles were found on {len(uris)} links."

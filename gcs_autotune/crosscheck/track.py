@@ -203,9 +203,14 @@ def _exchange(trial: Trial, way: float, speed: float) -> Contradiction:
 
 
 def _is_exchanged(track: _Track, speed: float) -> bool:
-    """Return whether the track fits the heading with x and y exchanged, but not as recorded."""
+    """Return whether the track fits the heading with x and y exchanged, but not as recorded.
+
+    A craft that slides in its turns may fit both. It still moves towards its bow, so a part of the track must lead
+    astern.
+    """
     swapped = replace(track, velocity=1j * np.conj(track.velocity))
-    return not _fits(track, 0.0, speed) and _fits(swapped, 0.0, speed)
+    astern = float(np.mean(np.real(track.velocity * np.exp(-1j * track.heading)) < 0.0))
+    return astern > 1.0 - MOSTLY and not _fits(track, 0.0, speed) and _fits(swapped, 0.0, speed)
 
 
 def _fits(track: _Track, angle: float, speed: float) -> bool:

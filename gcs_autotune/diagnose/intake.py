@@ -18,6 +18,7 @@ from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
 from gcs_autotune.identify import MIN_SAMPLES, Doubt
 from gcs_autotune.identify.signals import INPUTS, check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.models import FORCES
+from gcs_autotune.rounding import counted
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial
 
@@ -122,7 +123,7 @@ def check_heading(run: Trial) -> None:
     torn = _tears(run["psi"].values)
     if torn:
         raise BadFile(
-            f"the heading of run '{run.name}' jumps {len(torn)} time(s) by "
+            f"the heading of run '{run.name}' jumps {counted(len(torn), 'time')} by "
             f"{math.degrees(float(np.median(torn))):.0f} deg instead of a full turn. It was wrapped wrongly, or "
             "averaged across north. Log psi unaltered, from 0 to 360 deg or from -180 to 180 deg"
         )

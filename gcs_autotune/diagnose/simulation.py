@@ -26,6 +26,7 @@ from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.problems import Fitted, Problem, fit_base, plain_form
 from gcs_autotune.identify.signals import Segment, prepare_as_recorded
 from gcs_autotune.models import Form
+from gcs_autotune.rounding import counted
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
@@ -66,7 +67,8 @@ def surrogate_of(
     """
     if len(simulations) != len(runs):
         raise UsageError(
-            f"{len(runs)} run(s) but {len(simulations)} simulation(s). Supply one simulation per run, in the same order"
+            f"there are {counted(len(runs), 'run')} but {counted(len(simulations), 'simulation')}. Supply one "
+            "simulation per run, in the same order"
         )
     records = compared(simulations, runs)
     flown = records.simulations

@@ -34,7 +34,7 @@ from gcs_autotune.identify.result import Decision, LimitCycle, Parameter
 from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.identify.signals.whiteness import autocorrelation
 from gcs_autotune.models import CoupledModel, Form, SingleDof
-from gcs_autotune.rounding import format_value
+from gcs_autotune.rounding import counted, format_value
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -175,7 +175,7 @@ def _few_periods(f: Findings) -> Iterator[Facts]:
     if f.relays and not f.case.cut_short:
         most = max(c.periods for c in f.relays)
         if most < PERIODS:
-            yield {"most": most, "needed": PERIODS}
+            yield {"most": counted(most, "full period"), "needed": PERIODS}
 
 
 def _unsettled(f: Findings) -> Iterator[Facts]:
@@ -229,7 +229,7 @@ def _time_unit(f: Findings) -> Iterator[Facts]:
 
 def _dropped(f: Findings) -> Iterator[Facts]:
     if f.case.dropped_rows:
-        yield {"rows": f.case.dropped_rows}
+        yield {"rows": counted(f.case.dropped_rows, "damaged row")}
 
 
 def _quantised(f: Findings) -> Iterator[Facts]:
@@ -520,7 +520,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "few-periods",
         Findings,
         _few_periods,
-        "only {most} full period(s) of self-oscillation were recorded, but {needed} are required",
+        "the record has only {most} of self-oscillation, and {needed} are required",
         "let the relay run longer",
         of_the_runs=True,
     ),
@@ -577,7 +577,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "dropped-rows",
         Findings,
         _dropped,
-        "{rows} damaged row(s) at a file's end were left out",
+        "left out at a file's end: {rows}",
         "stop the recording before you copy the file",
         of_the_runs=True,
     ),

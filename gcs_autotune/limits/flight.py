@@ -339,7 +339,7 @@ MANOEUVRED = (
     *(
         Limit(
             f"{which}{name}",
-            f"{meaning}{of}",
+            meaning,
             unit,
             least,
             greatest,
@@ -377,10 +377,10 @@ MANOEUVRED = (
                 (0.3, 0.2, 0.1),
             ),
         )
-        for which, of, C in (("", "", sizes[0]), ("second-", " of the second relay", sizes[1]))
+        for which, relay, C in (("", "the relay", sizes[0]), ("second-", "the second relay", sizes[1]))
         for name, meaning, usual in (
-            ("set-point", f"change of {axis} commanded to either side", C),
-            ("hysteresis", f"{axis} at which the relay switches", sizes[2]),
+            ("set-point", f"change of {axis} that {relay} commands to either side", C),
+            ("hysteresis", f"deviation in {axis} at which {relay} switches", sizes[2]),
         )
     ),
     Limit(

@@ -29,7 +29,7 @@ from gcs_autotune.link.parameters.journal import Journal, JournalState, is_being
 from gcs_autotune.link.parameters.parameter_transaction import ParameterTransaction
 from gcs_autotune.link.ports import BAUDS, Overheard, PortSeen, overhear, serial_ports
 from gcs_autotune.link.session import Session
-from gcs_autotune.link.transports import BACKENDS, TRANSPORTS, open_link
+from gcs_autotune.link.transports import BACKENDS, TRANSPORTS, is_serial, open_link
 from gcs_autotune.link.transports.memory import MemoryLink, Peer
 from gcs_autotune.link.transports.transport import Transport
 from gcs_autotune.link.vehicle.actuation_check import TWITCH, read_outputs
@@ -88,6 +88,7 @@ __all__ = [
     "fingerprint_of",
     "is_being_written",
     "is_ours",
+    "is_serial",
     "list_logs",
     "open_craft",
     "open_link",

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Self
 
 from gcs_autotune.errors import NoVehicle, SigningMismatch, UsageError
+from gcs_autotune.firmware import firmware_for
+from gcs_autotune.link.transports import not_mavlink_advice
 from gcs_autotune.mavlink import (
     Frame,
     Message,
@@ -58,10 +60,18 @@ class VehicleCandidate:
 
     def identity(self, *, version: str = "", uid: str = "") -> VehicleIdentity:
         """Return the identity of this autopilot, with *version* and board *uid*."""
-        return VehicleIdentity(self.system, self.component, self.autopilot, self.vehicle_type, version=version, uid=uid)
+        return VehicleIdentity(
+            self.system, self.component, self.autopilot, self.vehicle_type, self._firmware, version, uid=uid
+        )
+
+    @property
+    def _firmware(self) -> str:
+        """Name of the firmware, as in all later texts; empty if it is not supported."""
+        firmware = firmware_for(self.autopilot, self.vehicle_type)
+        return "" if firmware is None else firmware.name
 
     def __str__(self) -> str:
-        return f"system {self.system} ({type_name(self.vehicle_type)})"
+        return f"system {self.system} ({self._firmware or type_name(self.vehicle_type)})"
 
 
 class Sightings:
@@ -123,7 +133,7 @@ def no_vehicle_error(
     if others:
         seen = f"only other stations sent messages (system ids {', '.join(map(str, others))})"
     elif bad_data:
-        seen = "data was received, but it is not MAVLink. Check the baud rate"
+        seen = f"data was received, but it is not MAVLink. {not_mavlink_advice(description)}"
     else:
         seen = "nothing was received. Check that the vehicle is on, and the port"
     return NoVehicle(f"no HEARTBEAT of an autopilot within {timeout:g} s on {description}: {seen}")

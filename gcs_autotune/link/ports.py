@@ -9,7 +9,7 @@ from typing import Any
 from gcs_autotune.clock import Deadline
 from gcs_autotune.errors import CannotOpenLink, LinkError, LinkLost
 from gcs_autotune.link.discovery import VehicleCandidate, is_autopilot
-from gcs_autotune.link.transports import open_link
+from gcs_autotune.link.transports import not_mavlink_advice, open_link
 from gcs_autotune.link.transports.transport import Transport
 from gcs_autotune.mavlink import Framer
 
@@ -65,7 +65,7 @@ class Overheard:
             return f"MAVLink, but no autopilot: system ids {', '.join(map(str, self.others))}"
         if self.messages:
             return "MAVLink, but no heartbeat"
-        return "data that is not MAVLink. Check the baud rate" if self.bad_bytes else "silent"
+        return f"data that is not MAVLink. {not_mavlink_advice(self.uri)}" if self.bad_bytes else "silent"
 
 
 def serial_ports() -> tuple[PortSeen, ...]:

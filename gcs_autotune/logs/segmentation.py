@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.logs.channels import SERVOS, SHAFTS, drive_channels, filters_of, motion_channels
 from gcs_autotune.logs.sample_store import Note, Recording, SampleStore
+from gcs_autotune.rounding import counted
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Mark, Trial
 
@@ -97,7 +98,7 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     reasons = [
         (high - low < SMALL_INPUT, "nothing", "the input hardly changes"),
         (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
-        (swings < FEW_CHANGES, "weak", f"the input reverses only {swings} time{'s' if swings != 1 else ''}"),
+        (swings < FEW_CHANGES, "weak", f"the input reverses only {counted(swings, 'time')}"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is too slow for a small craft"),
     ]
     verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))

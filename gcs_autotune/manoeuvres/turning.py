@@ -65,7 +65,7 @@ class CircleAndPullOut(UnderWay):
     def _stuck(self, turned: float) -> str:
         return (
             f"the heading changed by {math.degrees(turned):.0f} deg of {math.degrees(self._turn):.0f} deg, and by "
-            f"less than {math.degrees(LEAST_GAIN):.0f} deg in the last {PATIENCE:.0f} s. Use more rudder (--rudder "
+            f"less than {math.degrees(LEAST_GAIN):.0f} deg in the last {PATIENCE:.0f} s. Use more helm (--rudder "
             "or --steering; less if it stalls) or more speed (--throttle)"
         )
 
@@ -107,7 +107,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     ManoeuvreKind(
         name="pull-out",
-        help="a steady turn, then rudder amidships, to one side and to the other",
+        help="a steady turn, then helm amidships, to one side and to the other",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: PullOuts(Steering.of(options)),

@@ -83,7 +83,7 @@ class ZigZag(UnderWay):
         s = self._settings
         return (
             f"after execute {executed} the heading changed by {math.degrees(farthest):.1f} deg in "
-            f"{s.patience:.0f} s, of {math.degrees(s.heading):g} deg required. Use a smaller --heading, more rudder "
+            f"{s.patience:.0f} s, of {math.degrees(s.heading):g} deg required. Use a smaller --heading, more helm "
             "(--rudder or --steering; less if it stalls) or more speed (--throttle)"
         )
 

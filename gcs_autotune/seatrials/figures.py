@@ -151,8 +151,8 @@ def _reverse_spiral_sheet(run: Trial, ship: Particulars) -> Sheet:
 
 
 _STABILITY: Mapping[str, str] = {
-    "stable": "directionally stable: with rudder amidships the craft stops turning",
-    "unstable": "directionally unstable: with rudder amidships the craft keeps turning",
+    "stable": "directionally stable: with the helm amidships the craft stops turning",
+    "unstable": "directionally unstable: with the helm amidships the craft keeps turning",
     "undecided": "directional stability: not determined by this run",
 }
 
@@ -162,17 +162,17 @@ _WAYS: Mapping[float, str] = {0.0: "", 1.0: ", raised", -1.0: ", lowered"}
 
 def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     figures = known(
-        judged("residual-rate", "residual yaw rate with rudder amidships", s.residual_rate),
+        judged("residual-rate", "residual yaw rate with the helm amidships", s.residual_rate),
         judged("loop-width", "width of the hysteresis loop", s.width),
         judged(
             "slope",
-            "yaw rate per rudder angle at amidships",
+            "yaw rate per helm at amidships",
             Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit)),
         ),
         *(
             judged(
                 f"point-{i}",
-                f"at rudder {helm_text(p.helm.value, log.steering.unit)}{_WAYS[p.way]}",
+                f"at helm {helm_text(p.helm.value, log.steering.unit)}{_WAYS[p.way]}",
                 p.rate,
             )
             for i, p in enumerate(s.points, start=1)

@@ -32,6 +32,7 @@ from gcs_autotune.identify.open_loop import (
     steered,
 )
 from gcs_autotune.identify.signals import prepare
+from gcs_autotune.rounding import counted
 from gcs_autotune.trial import Trial
 
 __all__ = ["PullOut", "Spiral", "SpiralPoint", "read_pull_out", "read_reverse_spiral", "read_spiral"]
@@ -98,8 +99,8 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     up, down = [p for p in points if p.way > 0.0], [p for p in points if p.way < 0.0]
     if min(len(up), len(down)) < 3:
         raise NotInformative(
-            f"run '{log.name}' contains no usable spiral: {len(up)} steady rudder angles with rising rudder and "
-            f"{len(down)} with falling rudder. At least three of each are needed"
+            f"run '{log.name}' contains no usable spiral: {len(up)} steady helm angles with rising helm and "
+            f"{len(down)} with falling helm. At least three of each are needed"
         )
     sense = float(np.sign(np.polyfit([p.helm.value for p in points], [p.rate.value for p in points], 1)[0])) or 1.0
     residual, at_up, at_down = _loop(up, down, sense)
@@ -112,7 +113,7 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
         doubts.append(
             Doubt(
                 "not-settled",
-                f"{restless} rudder angle(s) were not held long enough for a steady turn rate",
+                f"not held long enough for a steady turn rate: {counted(restless, 'helm angle')}",
                 "hold each angle until the turn rate is steady",
             )
         )
@@ -124,8 +125,8 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
         doubts.append(
             Doubt(
                 "no-small-helm",
-                "no rudder angle near amidships was held, so a hysteresis loop may be missed",
-                "use smaller rudder steps near amidships",
+                "no helm near amidships was held, so a hysteresis loop may be missed",
+                "use smaller helm steps near amidships",
             )
         )
     slope = math.nan if unstable else _central_slope(points)
@@ -291,7 +292,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
         if abs(s.before) > 0.3 * largest and abs(s.tau) < AMIDSHIPS * abs(s.before) and not s.steady_only
     ]
     if not pulls:
-        raise NotInformative(f"run '{log.name}' contains no pull-out: the rudder is never set amidships in a turn")
+        raise NotInformative(f"run '{log.name}' contains no pull-out: the helm is never set amidships in a turn")
     starboard, port = _mean([p for p in pulls if p.nu_0.value > 0.0]), _mean([p for p in pulls if p.nu_0.value < 0.0])
     turning = float(np.mean([abs(p.nu_0.value) for p in pulls]))
     residual = Reading(0.5 * (starboard.value - port.value), 0.5 * math.hypot(starboard.std, port.std), "rad/s")

@@ -249,8 +249,8 @@ def _turn(log: ShipLog) -> tuple[float, float, float]:
             best, most = hold, change
     if best is None or most < 0.5 * math.pi:
         raise NotInformative(
-            f"run '{log.name}' contains no turning circle: the heading never changes by 90 degrees at one rudder angle "
-            "after a straight approach with rudder amidships"
+            f"run '{log.name}' contains no turning circle: the heading never changes by 90 degrees at one helm "
+            "after a straight approach with the helm amidships"
         )
     return best.before, best.end, best.level
 
@@ -357,7 +357,8 @@ def _steady(track: Track, start: float, end: float, side: float) -> dict[str, Re
 GAINED, GAINED_STDS = 0.02, 2.0
 """Limits of an increase of speed in a turn: relative, and in standard errors.
 
-Project choice. An increase above both indicates that the approach was not yet steady.
+Project choice. An increase above both indicates an approach that was not yet steady, or two thrusters that push
+more in total while they steer.
 """
 
 
@@ -367,9 +368,9 @@ def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt
         found.append(
             Doubt(
                 "approach-not-steady",
-                f"the craft is {-loss.value:.0%} faster in the steady turn than in its approach, so the approach was "
-                "not steady",
-                "approach on a straight course until the speed no longer changes",
+                f"the craft is {-loss.value:.0%} faster in the steady turn than in its approach: the approach was "
+                "not steady, or the thrust is larger while steering",
+                "approach on a straight course until the speed no longer changes. If it was steady, trust the figures",
             )
         )
     if current is None:
@@ -385,7 +386,7 @@ def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt
             Doubt(
                 "turn-short",
                 f"the heading changed by only {math.degrees(turned):.0f} deg, so the steady turn is uncertain",
-                "hold the rudder for at least 540 degrees",
+                "hold the helm for at least 540 degrees",
             )
         )
     return found

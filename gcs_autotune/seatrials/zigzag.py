@@ -30,6 +30,7 @@ from gcs_autotune.identify.open_loop import (
     steered,
 )
 from gcs_autotune.identify.signals import prepare
+from gcs_autotune.rounding import counted
 from gcs_autotune.seatrials.criteria import (
     FIRST_OVERSHOOT_20,
     INITIAL_TURNING,
@@ -130,7 +131,8 @@ def read_zigzag(log: ShipLog) -> ZigZagFigures:
     executes = tuple(e for e in executes if e.t < log.end)
     if len(executes) < 3:
         raise NotInformative(
-            f"run '{log.name}' contains no zig-zag: {max(len(executes) - 1, 0)} reversal(s) of {log.steering.name}; "
+            f"run '{log.name}' contains no zig-zag: {counted(max(len(executes) - 1, 0), 'reversal')} of "
+            f"{log.steering.name}; "
             "at least two are needed"
         )
     _check_reversals(log, executes)
@@ -182,7 +184,7 @@ def _check_reversals(log: ShipLog, executes: tuple[Execute, ...]) -> None:
     """Reject a run whose helm is reversed slowly, as in a spiral."""
     shares = [(a.done - a.t) / max(b.t - a.t, 1e-9) for a, b in itertools.pairwise(executes)]
     if float(np.median(shares)) > SLOW:
-        raise NotInformative(f"run '{log.name}' contains no zig-zag: the rudder moves continuously or in small steps")
+        raise NotInformative(f"run '{log.name}' contains no zig-zag: the helm moves continuously or in small steps")
 
 
 def _time(value: float, std: float = math.nan) -> Reading:
@@ -292,7 +294,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
         found.append(
             Doubt(
                 "no-approach",
-                f"run '{log.name}' does not start on a straight course with rudder amidships",
+                f"run '{log.name}' does not start on a straight course with the helm amidships",
                 "record a few ship lengths of approach for the first figures",
             )
         )
@@ -300,9 +302,9 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
         found.append(
             Doubt(
                 "uneven-executes",
-                f"the rudder was reversed at heading changes from {math.degrees(changes.min()):.1f} to "
+                f"the helm was reversed at heading changes from {math.degrees(changes.min()):.1f} to "
                 f"{math.degrees(changes.max()):.1f} deg",
-                "reverse the rudder at the same heading change each time, because overshoot angles depend on it",
+                "reverse the helm at the same heading change each time, because overshoot angles depend on it",
             )
         )
     dt = float(np.median(np.diff(log.t)))
@@ -311,7 +313,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
         found.append(
             Doubt(
                 "slow-sampling",
-                f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times between two rudder orders",
+                f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times between two helm orders",
                 "record the heading at a higher rate",
             )
         )
@@ -343,16 +345,16 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     turning = nominal == "10/10"
     figures = known(
         judged("helm", "helm", Reading(helm, NAN, unit)),
-        judged("heading", "heading change at rudder reversal", z.heading),
+        judged("heading", "heading change at helm reversal", z.heading),
         *overs,
         judged("initial-turning-time", "initial turning time", z.initial_turning_time),
         judged("time-to-check", "time to check yaw", z.times_to_check[0]),
         judged("reach", "reach (return to the initial heading)", z.reach),
         judged("period", "period", z.period),
-        judged("initial-turning", "distance to the second rudder order (execute)", z.distance),
+        judged("initial-turning", "distance to the second helm order (execute)", z.distance),
         judged(
             "initial-turning-lengths",
-            "distance to the second rudder order (execute)",
+            "distance to the second helm order (execute)",
             in_lengths(z.distance, ship),
             INITIAL_TURNING if turning else None,
             "5.3.2",

@@ -154,7 +154,7 @@ def _change(summary: Mapping[str, Any]) -> str:
     errors = [float(error) for error in told if isinstance(error, (int, float)) and error > 0.0]
     if len(errors) < 2:
         return ""
-    return f"{100.0 * (errors[1] / errors[0] - 1.0):+.0f} %".replace("-", "\N{MINUS SIGN}")
+    return f"{100.0 * (errors[1] / errors[0] - 1.0):+.0f} %"
 
 
 def _link(folder: Path) -> str:

@@ -15,6 +15,7 @@ import segno
 import uvicorn
 
 from gcs_autotune.errors import CannotOpenLink, UsageError
+from gcs_autotune.observer import stopping
 from gcs_autotune.web.access import Access, is_loopback
 from gcs_autotune.web.app import Control, make_app
 from gcs_autotune.web.crowd import Seldom, guarded
@@ -111,9 +112,7 @@ class _Server(uvicorn.Server):
         if not self._control.is_running:
             self.should_exit = True  # uvicorn's own way raises the signal again once all is closed
             return
-        self._say(
-            "Still restoring the vehicle. Please wait." if self._wanted else "Stopping: restoring mode and parameters."
-        )
+        self._say(stopping(again=self._wanted))
         self._wanted = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:

@@ -109,11 +109,16 @@ def how_long(itinerary: Itinerary, most: float = 0.0) -> Intention:
     return Intention(f"take {brief}{rest}", "Time", brief)
 
 
-def battery(now: Observation, envelope: Envelope, seconds: float) -> Intention:
-    """Return a sentence on the battery: the known state, the charge needed for the run, and the assumed consumption."""
-    share = math.ceil(20.0 * seconds / 3600.0) * 5
-    draws = f"about {share} % of a battery that lasts an hour at this power"
-    assumed = " (assumed: the vehicle does not report its current)"
+def battery(now: Observation, envelope: Envelope, seconds: float, most: float = 0.0) -> Intention:
+    """Return a sentence on the battery: its state, and the charge needed for a run of *seconds* [s], at most *most*
+    [s].
+
+    The consumption is assumed: no current is read.
+    """
+    usual, longest = (math.ceil(20.0 * each / 3600.0) * 5 for each in (seconds, max(most, seconds)))
+    share = f"about {usual} %" if longest == usual else f"about {usual} %, up to {longest} %"
+    draws = f"{share} of a battery that lasts an hour at this power"
+    assumed = ", which is assumed"
     known = []
     if math.isfinite(now.battery_remaining):
         known.append(f"{100.0 * now.battery_remaining:.0f} % now, limit {100.0 * envelope.battery_remaining:.0f} %")
@@ -123,7 +128,8 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> Intention:
     if not known:
         rest = ". The vehicle does not report its battery, so the battery is not monitored"
         return Intention(f"use {draws}{assumed}{rest}", "Battery", f"{draws}{rest}")
-    return Intention(f"use {draws}{assumed} ({', '.join(known)})", "Battery", f"about {share} % ({', '.join(known)})")
+    state = ", ".join(known)
+    return Intention(f"use {draws}{assumed}. State: {state}", "Battery", f"{share} ({state})")
 
 
 def styled(name: str, *, designs: bool = True) -> Intention:

@@ -350,8 +350,10 @@ def on_the_other_axis(
 def _promise(proposal: Proposal) -> str:
     """Return a sentence with the predicted effect of the new gains."""
     old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
+    span = min(old.span, new.span)  # the error over time depends on it, so it is stated with the error
+    over = f" over {span:.2g} s after each step" if math.isfinite(span) else ""
     return (
-        f"predicted: ITAE {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
+        f"predicted{over}: ITAE {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
         f"{new.overshoot:.0%}; smallest margins a factor of {format_factor(low.gain, 2)} in gain, "
         f"{math.degrees(low.phase):.0f} deg in phase"
     )

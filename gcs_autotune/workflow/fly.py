@@ -156,7 +156,11 @@ class _Flight:
             itinerary=Itinerary([*first, *self._stages()], pace.turn),
             modes=() if idle else tuple(modes),
             movements=COMPLETE if idle else f"{_checks([*checked, *self._steered(checked)])}{self._movements()}",
-            needs=(*self._needs(whole), *self._continues(whole), battery(now, visit.common.envelope, whole.seconds)),
+            needs=(
+                *self._needs(whole),
+                *self._continues(whole),
+                battery(now, visit.common.envelope, (whole.usual or whole).seconds, self._in_all(whole)),
+            ),
             fly=lambda journal: self._fly(),
             held=held,
             prepare=self._prepare,
@@ -294,7 +298,7 @@ class _Flight:
         return replace(worst_of(each), seconds=seconds, stages=stages) if each else Excursion(0.0, 0.0)
 
     def _stages(self) -> list[Leg]:
-        """Return the stages of the runs and those between the runs, with the times of the slowest assumed craft."""
+        """Return the stages of the runs and those between the runs, with their usual times."""
         legs: list[Leg] = []
         legs += self._relay_legs([run.settings for run in self._left])
         for run in self._left:
@@ -303,21 +307,26 @@ class _Flight:
 
     def _legs_of(self, run: FlightRun, *, is_first: bool) -> Iterator[Leg]:
         """Yield the return before a run, unless it is the first one, and its stages."""
-        taken = dict(run.excursion.stages)
+        taken = dict((run.excursion.usual or run.excursion).stages)
         if not is_first and self._visit.craft.firmware.needs_way:
             yield Leg(COMING_BACK, taken.get(COMING_BACK, 0.0))
         if self._plan.calm:
             yield Leg(LOOKING_OUT, LOOKING)
         yield Leg(run.name, taken.get(run.name, run.preview.seconds))
 
+    def _in_all(self, whole: Excursion) -> float:
+        """Return the longest time [s] of the runs, including the second flight of a recheck and its return."""
+        if self._plan.again is None or not self._left:
+            return whole.seconds
+        run = self._left[0]
+        return 2.0 * whole.seconds + (whole.metres(run.envelope) / run.speed if run.speed else 0.0)
+
     def _continues(self, whole: Excursion) -> list[str]:
         """Return a sentence on what may follow the runs of the plan, which take the *whole* excursion."""
         until = self._plan.until
         if self._plan.again is not None and self._left:
-            run = self._left[0]
-            back = whole.metres(run.envelope) / run.speed if run.speed else 0.0
             words = "return and " * self._visit.craft.firmware.needs_way + self._plan.again.words
-            return [f"then {words}: up to {exactly(LATE * (2.0 * whole.seconds + back))} in all"]
+            return [f"then {words}: up to {exactly(LATE * self._in_all(whole))} in all"]
         if until is None:
             return []
         return [
@@ -330,7 +339,7 @@ class _Flight:
             kind = self.runs[0].settings.kind
             title, _, rest = kind.help.partition(": ")
             meaning = rest if title.replace(" ", "-") == kind.name else kind.help
-            return f"{self._relays_told()}{kind.name} ({meaning})"
+            return f"{self._relays_told()}{kind.name}: {meaning}"
         back = ", with a return to the start in between" if self._visit.craft.firmware.needs_way else ""
         left = self._left
         done = f" ({len(self.runs) - len(left)} already flown)" if len(left) < len(self.runs) else ""

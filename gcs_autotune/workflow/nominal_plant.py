@@ -136,7 +136,7 @@ def nominal_plant(
         words = f"an assumed, well damped {settings.kind.axis} loop"
     if tilting := drives & _TILTING.keys():
         dofs = " and ".join(sorted(DOF_OF[f] for f in tilting))
-        words = f"an assumed {dofs} (more accurate with a --model file)"
+        words = f"an assumed {dofs}; a --model file is more accurate"
     along = [f for f in _WAYS if drives == {f}]
     if along:
         (force,) = along
@@ -144,8 +144,8 @@ def nominal_plant(
         words = (
             f"its cruise speed of {speed:g} m/s at {throttle:.0%} throttle"
             if cruise
-            else f"an assumed {others[force].steady_velocity(1.0):.2g} m/s {_WAYS[force]} at full output "
-            "(more accurate with a --model file)"
+            else f"an assumed {others[force].steady_velocity(1.0):.2g} m/s {_WAYS[force]} at full output; "
+            "a --model file is more accurate"
         )
     if "Z" in drives:
         sinks = like is None or like.sinks
@@ -189,8 +189,7 @@ def assumed_plant(
         rate, lag = max(speed, 0.1) / like.radius if under_way else like.rate, like.lag
         yaw = SingleDof("yaw", "1", lag / rate, 1.0 / rate) if under_way else _lively("yaw", rate, lag, _BY_SQUARE)
         words = (
-            f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering (more accurate with a "
-            f"--model file)"
+            f"an assumed turn rate of {math.degrees(rate):.0f} deg/s at full steering; a --model file is more accurate"
         )
     ahead = speed / math.sqrt(throttle) if speed and throttle else like.ahead
     others = {"X": _by_the_square("surge", ahead), **{f: _lively(DOF_OF[f], _FULL_SPEED[f], _SIDEWAYS) for f in "YZ"}}

@@ -273,12 +273,15 @@ class KnownDesign:
         if self._times >= TWICE and now.gains is not None:
             self.known = True
             return (
-                "the gains are known: the model's uncertainty changes their predicted ITAE by only "
+                "the model is accurate enough for the design: its uncertainty changes the predicted ITAE by at most "
                 f"{now.gains.spread:.0%}"
             )
         if now.another_size:
             self.another_size = True
-            return "no single model explains both oscillation and step: small and large commands act differently"
+            return (
+                "no model with proportional thrust explains both oscillation and step: small and large commands act "
+                "differently"
+            )
         return ""
 
     def weigh(self, whole: Assessment) -> None:

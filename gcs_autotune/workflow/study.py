@@ -319,13 +319,14 @@ def _model_of(identify: Callable[[Sequence[Trial]], Fit[Model]], runs: Sequence[
 def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) -> str:
     """Return which data the validation used, and what could not be validated."""
     said = _checked_on(runs, unseen) if answer.unseen is not None else "No held-out check was possible."
-    return said + (f" Not checked: {answer.objections}." if answer.objections else "")
+    return said + (f" Not checked: {answer.objections.rstrip('.')}." if answer.objections else "")
 
 
 def _checked_on(runs: Sequence[Trial], unseen: Sequence[Trial]) -> str:
     if unseen:
         return (
-            f"Predicted from the inputs alone (only the initial state is fitted): {', '.join(t.name for t in unseen)}."
+            f"Runs predicted from the inputs alone: {', '.join(t.name for t in unseen)}. Only their initial state is "
+            "fitted."
         )
     if len(runs) == 1:
         share = round(100 * HELD_BACK)

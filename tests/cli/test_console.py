@@ -97,7 +97,7 @@ def test_the_first_signal_asks_for_an_orderly_stop_and_the_next_are_told_to_wait
         assert not operator.stop_requested()
         os.kill(os.getpid(), signal.SIGTERM)
         assert operator.stop_requested()
-        assert "Stopping: restoring mode and parameters." in streams.stderr.getvalue()
+        assert "Stopping: setting the actuators to neutral and restoring the vehicle." in streams.stderr.getvalue()
         os.kill(os.getpid(), signal.SIGINT)
         assert streams.stderr.getvalue().endswith("Still restoring the vehicle. Please wait.\n")
     assert signal.getsignal(signal.SIGTERM) is before
@@ -132,7 +132,10 @@ def test_a_signal_that_comes_while_we_write_is_heeded_and_told_and_ends_nothing(
     streams.stderr.write("first self-oscillation\n")
     streams.stderr.flush()
     assert operator.stop_requested()
-    assert os.read(out, 1000) == b"\nStopping: restoring mode and parameters.\nfirst self-oscillation\n"
+    assert (
+        os.read(out, 1000)
+        == b"\nStopping: setting the actuators to neutral and restoring the vehicle.\nfirst self-oscillation\n"
+    )
     os.close(out)
     operator._note(signal.SIGHUP, None)  # nobody reads any more
     streams.stderr = None

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from gcs_autotune.cli import COMMANDS, identify_cmd, main
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.link import overhear
+from gcs_autotune.link import Overheard, overhear
 from gcs_autotune.observer import Progress
 from gcs_autotune.report import Document, StageBar, TerminalObserver, print_document
 from gcs_autotune.report.toolkit.document import Verdict
@@ -72,9 +72,9 @@ def heartbeat(system: int, autopilot: int, armed: bool = False) -> bytes:
 @pytest.mark.parametrize(
     ("datagrams", "told"),
     [
-        ([heartbeat(3, 3, armed=True)], "system 3 (SURFACE_BOAT), armed"),
+        ([heartbeat(3, 3, armed=True)], "system 3 (ArduRover), armed"),
         ([heartbeat(255, 8)], "MAVLink, but no autopilot: system ids 255"),
-        ([b"hello, world"], "data that is not MAVLink. Check the baud rate"),
+        ([b"hello, world"], "data that is not MAVLink. Check the address and port"),
         ([], "silent"),
     ],
 )
@@ -84,6 +84,19 @@ def test_a_port_is_listened_to_and_nothing_is_sent(datagrams, told):
         heard = overhear(f"udpin:127.0.0.1:{port}", 0.3)
     assert heard.told == told
     assert talking.answer == b""
+
+
+@pytest.mark.parametrize(
+    ("uri", "advice"),
+    [
+        ("/dev/ttyUSB0,57600", "Check the baud rate"),
+        ("COM3,57600", "Check the baud rate"),
+        ("serial_flowcontrol:/dev/ttyACM0:57600", "Check the baud rate"),
+        ("tcp:127.0.0.1:5760", "Check the address and port"),
+    ],
+)
+def test_only_a_serial_port_has_a_baud_rate_to_check(uri, advice):
+    assert Overheard(uri, bad_bytes=9).told == f"data that is not MAVLink. {advice}"
 
 
 def test_a_port_in_use_is_told_as_such():
@@ -107,6 +120,7 @@ def test_doctor_ends_with_a_verdict_and_what_to_do_next(capsys, tmp_path, monkey
     assert main(["doctor", *link]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith("This computer is ready. No vehicle was found.")
+    assert "network" in last and "baud" not in last
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(100, 99, 1))
     assert main(["doctor", *link]) == 1
     assert capsys.readouterr().out.splitlines()[-1] == "Not ready: correct the line marked X."

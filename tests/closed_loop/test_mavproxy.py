@@ -122,7 +122,7 @@ def test_autotune_stop_leaves_the_vehicle_as_found(tmp_path):
         prompt.type("autotune heading --yes --step-duration 8 --out run")
         prompt.wait_for(": completed")
         prompt.type("autotune stop")
-        prompt.wait_for("Stopping: restoring mode")
+        prompt.wait_for("Stopping: setting the actuators to neutral")
         prompt.wait_for("autotune: tune heading: ")
         prompt.type("autotune restore run")
         prompt.wait_for("Nothing to restore")

@@ -150,3 +150,18 @@ def test_a_factor_near_that_of_a_unit_but_surely_another_is_not_called_a_unit() 
     channels = {"z": Channel("z", "m", t, 2.0 * depth), "w": Channel("w", "m/s", t, 0.4 * np.sin(0.3 * t))}
     (found,) = contradictions(Trial("dive", channels))
     assert found.unit == "" and found.value == pytest.approx(2.0, rel=0.01)
+
+
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_a_craft_that_slides_in_its_turns_is_not_taken_for_exchanged_axes(exchanged: bool) -> None:
+    t = np.arange(0.0, 120.0, 0.2)
+    slides, circles = math.radians(25.0) * np.sin(0.1 * t), 0.1 * t
+    psi = circles if exchanged else math.radians(45.0) + slides
+    course = math.radians(90.0) - psi  # both tracks fit the headings once x and y are exchanged
+    columns = {
+        "psi": ("rad", psi),
+        "x": ("m", np.cumsum(np.cos(course)) * 0.2),
+        "y": ("m", np.cumsum(np.sin(course)) * 0.2),
+    }
+    found = contradictions(Trial("run", {n: Channel(n, unit, t, values) for n, (unit, values) in columns.items()}))
+    assert ("exchanged" in {c.kind for c in found}) is exchanged

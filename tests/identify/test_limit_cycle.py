@@ -198,3 +198,32 @@ def test_a_relay_that_stops_at_a_switching_has_that_half_period_too(record: Reco
     assert found.edges[-1] == pytest.approx(end, abs=0.051)
     (bare,) = settled_cycles(dataclasses.replace(stopped, marks=()), stretch)
     assert bare.edges[-1] == pytest.approx(switched[9], abs=0.051)  # without a mark it may be a return to neutral
+
+
+@pytest.mark.parametrize("first", [1.0, -1.0])
+def test_the_start_of_a_short_relay_is_no_switching(first: float) -> None:
+    """The way from the start to the first switching is shorter than a half period, and is left out of the period."""
+    dt, output, x_a = 0.02, 0.3, 0.1
+    psi, r, N, rows, switches = 0.0, 0.0, 0.0, [], []
+    for k in range(6000):
+        if k * dt >= 2.0 and N == 0.0:
+            N = first * output
+        elif N != 0.0 and psi * np.sign(N) >= x_a:
+            N = -N
+            switches.append(k * dt)
+        rows.append((k * dt, psi, r, N))
+        if len(switches) == 4:
+            break
+        r += dt * (N - 0.5 * r) / 0.6
+        psi += dt * r
+    t, psi_of, r_of, N_of = np.array(rows).T
+    run = Trial(
+        "relay",
+        {"psi": Channel("psi", "rad", t, psi_of), "r": Channel("r", "rad/s", t, r_of), "N": Channel("N", "1", t, N_of)},
+        meta={"manoeuvre": "relay", "x_a": x_a},
+    )
+    (cycle,) = find_cycles(run, "yaw")
+    assert cycle.periods == 1
+    assert 2.0 * math.pi / cycle.omega == pytest.approx(switches[-1] - switches[-3], rel=0.02) or (
+        2.0 * math.pi / cycle.omega == pytest.approx(switches[-2] - switches[0], rel=0.02)
+    )

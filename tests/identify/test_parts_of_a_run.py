@@ -48,7 +48,7 @@ def test_each_part_has_what_lies_between_two_jumps_and_the_input_that_was_in_for
     for part in (first, second, third):
         ((slug, cause, _),) = part.meta["notes"]
         assert slug == "clock-jump"
-        assert "the clock of run 'run' jumps back 2 time(s)" in cause
+        assert "the clock of run 'run' jumps back 2 times" in cause
 
 
 def test_a_run_without_a_jump_is_itself_and_one_that_jumps_on_one_channel_only_is_refused() -> None:

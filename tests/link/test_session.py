@@ -37,7 +37,7 @@ class Babbler:
 
 def test_the_vehicle_found_says_who_it_is(session: Session) -> None:
     assert session.vehicle is not None
-    assert str(session.vehicle) == "SURFACE_BOAT 4.7.0-dev (system 1, component 1)"
+    assert str(session.vehicle) == "ArduRover 4.7.0-dev (system 1, component 1)"
     assert session.vehicle.to_dict()["vehicle_type"] == 11
 
 
@@ -48,8 +48,8 @@ def test_nobody_there_is_an_error_after_the_time_out_and_not_a_hang() -> None:
     assert session.clock.now() == pytest.approx(3.0, abs=0.01)
 
 
-def test_noise_without_mavlink_suggests_the_baud_rate() -> None:
-    with pytest.raises(NoVehicle, match="baud rate"):
+def test_noise_without_mavlink_on_a_network_suggests_the_address() -> None:
+    with pytest.raises(NoVehicle, match="Check the address"):
         Session(MemoryLink(Babbler(b"\x55" * 400))).discover(timeout=1.0)
 
 
@@ -77,7 +77,7 @@ class Two:
 
 
 def test_two_autopilots_need_a_choice_and_both_are_named() -> None:
-    with pytest.raises(UsageError, match=r"system 1 \(SURFACE_BOAT\) and system 7 \(SUBMARINE\)"):
+    with pytest.raises(UsageError, match=r"system 1 \(ArduRover\) and system 7 \(ArduSub\)"):
         Session(MemoryLink(Two())).discover()
 
 
@@ -91,7 +91,7 @@ def test_with_a_choice_only_the_chosen_one_is_listened_to() -> None:
 
 
 def test_a_system_id_that_is_not_there_lists_who_is() -> None:
-    with pytest.raises(NoVehicle, match=r"system id 9 .* system 1 \(SURFACE_BOAT\)"):
+    with pytest.raises(NoVehicle, match=r"system id 9 .* system 1 \(ArduRover\)"):
         Session(MemoryLink(ScriptedVehicle())).discover(timeout=2.0, system_id=9)
 
 

@@ -56,5 +56,5 @@ def test_a_model_that_diverges_sustains_no_speed_and_its_motion_grows() -> None:
     stable = fitted(half=20.0)
     diverging = text_of(replace(stable, model=replace(stable.model, beta=-stable.model.beta)))
     assert "motion decays with a time constant of 2.0 s" in text_of(stable)
-    assert "motion grows without input with a time constant of 2.0 s" in diverging
+    assert "Without input, motion grows with a time constant of 2.0 s" in diverging
     assert "sustains" not in diverging

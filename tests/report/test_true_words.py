@@ -166,7 +166,7 @@ def test_a_curve_is_not_followed_beyond_the_largest_output_that_was_flown() -> N
     model = replace(fitted.model, beta=0.0, delta=0.0)
     square = EffectInstance("quadratic-actuator", "N", {"share": 1.0}, {"u_ref": 1.0})
     flown = replace(fitted, model=model, effects=(square,), extra={**fitted.extra, "largest": {"N": 0.6}})
-    said = " ".join(model_sentences(flown)).partition("An output of 60 % sustains ")[2]
+    said = " ".join(model_sentences(flown)).partition("An output of 60 %, the largest of the fitted runs, sustains ")[2]
     drag = fitted.parameters["beta_rr"]
     speed = math.degrees(0.6 / math.sqrt(model.beta_quadratic))
     assert float(said.split()[0]) == pytest.approx(speed, rel=0.01)
@@ -178,11 +178,10 @@ def test_what_is_sustained_is_told_of_the_largest_output_flown_without_a_curve_a
     fitted = stories.fit("linear")
     model = replace(fitted.model, beta_quadratic=0.0)
     flown = replace(fitted, model=model, extra={"largest": {"N": 0.63}})
-    said = " ".join(model_sentences(flown)).partition("An output of 63 % sustains ")[2]
+    said = " ".join(model_sentences(flown)).partition("An output of 63 %, the largest of the fitted runs, sustains ")[2]
     assert float(said.split()[0]) == pytest.approx(math.degrees(0.63 / model.beta), rel=0.01)
-    assert ", the largest output of the fitted runs." in said
     by_rudder = replace(flown, extra={"largest": {"delta": 0.63}})
-    assert "An output of 63 % sustains" in " ".join(model_sentences(by_rudder))
+    assert "An output of 63 %, the largest of the fitted runs, sustains" in " ".join(model_sentences(by_rudder))
 
 
 def test_nothing_is_told_of_full_output_where_the_inputs_are_no_shares_of_it() -> None:

@@ -75,7 +75,7 @@ def test_a_spiral_has_the_slope_of_a_craft_that_is_stable(name: str) -> None:
     sheet = sheets(name)[name]
     assert value(sheet, "slope") == pytest.approx(1.0 / BETA / (30.0 * DEG), rel=0.01)
     assert "directionally stable" in sheet.verdict
-    helms = sorted({round(float(f.name.split("rudder ")[1].split(",")[0])) for f in sheet.figures if "point" in f.slug})
+    helms = sorted({round(float(f.name.split("helm ")[1].split(",")[0])) for f in sheet.figures if "point" in f.slug})
     shift = 0 if name == "spiral" else 0.3  # a rate of k/3 that of the first turn takes a helm less by the trim
     assert helms == pytest.approx([-15, -10, -5, 0, 5, 10, 15], abs=1.0 + shift)
 

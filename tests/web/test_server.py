@@ -60,7 +60,7 @@ def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
     serving = Serving(tmp_path)
     serving.process.send_signal(signal.SIGINT)
     output = serving.ended()
-    assert "Stopping: restoring mode and parameters." in output
+    assert "Stopping: setting the actuators to neutral and restoring the vehicle." in output
     assert output.rstrip().endswith("page closed")
     assert json.loads((serving.run / "parameters_after.json").read_text()) == OLD
     assert serving.process.returncode == 0

@@ -205,3 +205,9 @@ def test_the_battery_is_told_as_far_as_it_is_known_with_what_is_assumed():
     assert "about 15 % of a battery that lasts an hour" in known and "assumed" in known
     unknown = battery(Observation(0.0, 0.0), Envelope(), 540.0).text
     assert "not monitored" in unknown
+
+
+def test_the_battery_covers_the_longest_run_too():
+    told = battery(Observation(0.0, 0.0, battery_remaining=0.87), Envelope(), 120.0, 540.0)
+    assert told.text.startswith("use about 5 %, up to 15 % of a battery") and "((" not in told.text
+    assert told.text.count("(") == 0

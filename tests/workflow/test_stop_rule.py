@@ -170,7 +170,9 @@ def test_a_relay_ends_once_the_design_has_been_known_twice_running() -> None:
     rule = ruled(Desk(UNKNOWN, UNKNOWN, KNOWN, KNOWN, KNOWN))
     number, why = ended_after(rule)
     assert number == 5 and rule.known
-    assert why == "the gains are known: the model's uncertainty changes their predicted ITAE by only 3%"
+    assert (
+        why == "the model is accurate enough for the design: its uncertainty changes the predicted ITAE by at most 3%"
+    )
 
 
 def test_what_the_gains_promise_by_then_is_told_with_its_worst() -> None:
@@ -215,7 +217,7 @@ def test_another_size_ends_the_relay_and_the_gains_are_not_known() -> None:
     rule = ruled(Desk(UNKNOWN, replace(UNKNOWN, another_size=True)))
     number, why = ended_after(rule)
     assert number == 3 and rule.another_size and not rule.known
-    assert why.startswith("no single model explains both oscillation and step")
+    assert why.startswith("no model with proportional thrust explains both oscillation and step")
 
 
 def growing(desk: Desk) -> KnownDesign:
@@ -247,7 +249,7 @@ def test_what_is_unanswered_when_five_periods_have_ended_the_relay_is_answered_t
     counted = rule.conclude(run, desk.result)
     assert rule.known and counted.meta["enough"]
     assert counted.end == pytest.approx(swing(30).end)
-    assert counted.reason.startswith("the gains are known")
+    assert counted.reason.startswith("the model is accurate enough")
 
 
 def test_a_relay_that_ended_by_itself_counts_whole_where_the_gains_are_not_known() -> None:

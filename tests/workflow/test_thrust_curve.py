@@ -131,7 +131,7 @@ def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
     assert found is fits["saturation", "dead-zone"]
     told = thrust_curve_told(found, a_fit(89.7))
     assert "does nothing below 16.7% of full" in told
-    assert "pushes little harder beyond 77%" in told
+    assert "Beyond 77% the force hardly grows" in told
 
 
 @pytest.mark.slow

@@ -250,7 +250,7 @@ def test_a_proposal_ends_without_writing_when_there_is_none_it_promises_less_or_
     context.settings.dry_run, context.answer = dry, answer
     tuned(context, _offer_of(proposed(promised, changes), step(1.0), 1.0))
     assert done == ending
-    assert ("predicted: ITAE 1 -> " in " ".join(context.log.said)) is bool(changes)
+    assert ("ITAE 1 -> " in " ".join(context.log.said)) is bool(changes)
 
 
 def test_a_proposal_that_proves_better_is_kept(context: Any) -> None:

@@ -58,8 +58,8 @@ PROOFS = (("present", "step"), ("present", "turn rate"), ("new", "step"), ("new"
 def test_one_relay_ends_once_the_gains_are_known_and_nobody_is_told_that_it_had_not_settled(tuned):
     harness, story = tuned
     assert [trial.name for trial in story.relays] == ["relay-1"]
-    assert story.relays[0].reason.startswith("the gains are known")
-    assert any("relay-1: completed, the gains are known" in text for text in harness.said)
+    assert story.relays[0].reason.startswith("the model is accurate enough for the design")
+    assert any("relay-1: completed, the model is accurate enough for the design" in text for text in harness.said)
     assert not {d.slug for d in story.fit.doubts} & {"unsettled", "few-periods"}
 
 

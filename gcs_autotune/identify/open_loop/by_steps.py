@@ -29,6 +29,7 @@ from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.step_table import lag, row_of, time_to, unevenness_doubts
 from gcs_autotune.identify.open_loop.steps import ENOUGH, StepReading, read_steps
 from gcs_autotune.identify.result import AxisFit
+from gcs_autotune.rounding import counted
 
 __all__ = ["METHOD", "StepModel", "fit_by_steps", "fit_readings"]
 
@@ -78,7 +79,10 @@ def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepM
     drags = 2 if structure == "affine" else 1
     levels = _levels(readings)
     if levels < drags:
-        raise NotInformative(f"{levels} level(s) of input do not determine {drags} drag terms. Step to more levels")
+        raise NotInformative(
+            f"the steps have {counted(levels, 'level')} of input, which cannot determine "
+            f"{counted(drags, 'drag term')}. Step to more levels"
+        )
     fitted = (True, structure != "nonlinear", structure != "linear", levels > drags)
     theta = _steady_part(readings, fitted)
     theta[0] = _inertia(readings, theta)
@@ -371,8 +375,7 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
         found.append(
             Doubt(
                 "not-settled",
-                f"{short} of {len(everything)} step(s) were left out, because they had not settled when the input "
-                "changed",
+                f"left out: {short} of {counted(len(everything), 'step')}, not settled when the input changed",
                 "hold each step for at least five time constants",
             )
         )

@@ -97,7 +97,7 @@ def fit_by_zigzag(case: Case) -> AxisFit:
         doubts.append(
             Doubt(
                 "no-bias",
-                "too few half periods to fit a rudder bias. No bias was assumed",
+                "too few half periods to fit a helm bias. No bias was assumed",
                 "fly more half periods",
             )
         )
@@ -105,7 +105,7 @@ def fit_by_zigzag(case: Case) -> AxisFit:
         doubts.append(
             Doubt(
                 "unstable-craft",
-                "inertia and drag have opposite signs. The craft is course-unstable with the rudder amidships, so "
+                "inertia and drag have opposite signs. The craft is course-unstable with the helm amidships, so "
                 "its linear model diverges",
                 "use structure='affine', whose quadratic drag limits the turn rate. Fly a spiral to measure the "
                 "instability loop",
@@ -167,7 +167,7 @@ def _doubts(
                 Doubt(
                     f"{kind}-drag",
                     f"the half periods also show {kind} drag ({clear:.0f} standard errors). The fit is therefore "
-                    "valid only for this rudder angle",
+                    "valid only for this helm",
                     "use structure='affine' to fit both, or method='output-error' to choose",
                 )
             )

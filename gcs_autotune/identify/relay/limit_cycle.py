@@ -331,16 +331,27 @@ def _position(record: Segment, switchings: Array) -> tuple[Array, Array, float]:
 def _switchings(record: Segment, marked: Sequence[float] = ()) -> Array:
     """Return the times at which the input crosses the middle between its two positions.
 
-    The final return to neutral is left out. A relay that stops at a switching returns to neutral at once. Only a mark
-    in the record distinguishes this crossing from a mere return.
+    The start from neutral and the final return to it are left out. A relay that stops at a switching returns to neutral
+    at once. Only a mark in the record distinguishes this crossing from a mere return.
     """
     low, high = np.quantile(record.tau, [0.1, 0.9]) if len(record.tau) > 4 else (record.tau.min(), record.tau.max())
     middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
     side = np.where(record.tau > middle, 1, -1)
     switched: Array = record.t_in[1:][np.diff(side) != 0]
+    if _begins_at_neutral(record, switched):
+        switched = switched[1:]
     if len(switched) > 1 and len(marked) and max(marked) > 0.5 * (switched[-2] + switched[-1]):
         return switched
     return switched[:-1] if _ends_at_neutral(record, switched) else switched
+
+
+def _begins_at_neutral(record: Segment, switched: Array) -> bool:
+    """Return whether the first crossing is the start of the relay from neutral instead of a switching."""
+    if len(switched) < 3 or not record.t_in[0] < switched[0]:
+        return False
+    one, other = (_held_longest(record, float(a), float(b)) for a, b in itertools.pairwise(switched[:3]))
+    before = _held_longest(record, float(record.t_in[0]), float(switched[0]))
+    return abs(before - other) > NEUTRAL * abs(one - other)
 
 
 def _ends_at_neutral(record: Segment, switched: Array) -> bool:

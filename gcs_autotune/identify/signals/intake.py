@@ -18,6 +18,7 @@ from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import BadFile, DataError, MissingChannel
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.signals.cleaning import JUMP_SAMPLES, jumps_back
+from gcs_autotune.rounding import counted
 from gcs_autotune.sname import DOFS, OVERFULL
 from gcs_autotune.trial import Channel, Trial
 
@@ -122,7 +123,7 @@ def clock_jump(name: str, times: int) -> Doubt:
     """Return a doubt that the clock of the run called *name* jumped back, and how many *times*."""
     return Doubt(
         "clock-jump",
-        f"the clock of run '{name}' jumps back {times} time(s)",
+        f"the clock of run '{name}' jumps back {counted(times, 'time')}",
         "the parts were used as separate runs. Check the logger, and that all parts are of one craft",
     )
 

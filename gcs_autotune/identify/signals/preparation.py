@@ -23,6 +23,7 @@ from gcs_autotune.identify.signals.intake import left_out
 from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment, Signal
 from gcs_autotune.models import FORMS, Form
 from gcs_autotune.registry import lookup
+from gcs_autotune.rounding import counted
 from gcs_autotune.sensor import quantum
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
@@ -371,7 +372,7 @@ def _cut(
         notes.append(
             Doubt(
                 "gaps",
-                f"run '{trial.name}' has {len(borders) - 2} gap(s) in its telemetry",
+                f"run '{trial.name}' has {counted(len(borders) - 2, 'gap')} in its telemetry",
                 "each part was fitted with its own initial state. Stay within good radio range",
             )
         )

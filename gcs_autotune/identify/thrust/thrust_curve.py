@@ -278,8 +278,8 @@ def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = No
     if QUADRATIC in has:
         share, (at, part) = effect_number(found, QUADRATIC), _bent_at_half(found)
         sure = share.value > _STDS * share.std
-        square = f"{part:.0%} of the force is proportional to the square of the command at {at:.0%} of full"
-    levels = f". It pushes little harder beyond {effect_number(found, LEVEL).value:.0%}" if LEVEL in has else ""
+        square = f"{part:.0%} of the force at {at:.0%} of full grows with the square of the command"
+    levels = f". Beyond {effect_number(found, LEVEL).value:.0%} the force hardly grows" if LEVEL in has else ""
     if DEAD_ZONE in has:
         what = f"an actuator that does nothing below {effect_number(found, DEAD_ZONE).value:.1%} of full"
         if _lost(found) == 0.0:

@@ -23,7 +23,7 @@ from gcs_autotune.link.transports.udp import UdpIn, UdpOut
 from gcs_autotune.registry import lookup
 from gcs_autotune_files import Refused, whole
 
-__all__ = ["BACKENDS", "TRANSPORTS", "LinkOptions", "open_link"]
+__all__ = ["BACKENDS", "TRANSPORTS", "LinkOptions", "is_serial", "not_mavlink_advice", "open_link"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +117,16 @@ BACKENDS: Mapping[str, Mapping[str, Opener]] = {"pymavlink": TRANSPORTS, "mavsdk
 """Libraries that can carry the frames: our own sockets and ports with pymavlink's messages, or MAVSDK."""
 
 _BARE_DEVICE = re.compile(r"(/|COM\d|\\\\)", re.IGNORECASE)
+
+
+def not_mavlink_advice(uri: str) -> str:
+    """Return what to check if bytes on the link *uri* (or its description) are not MAVLink."""
+    return "Check the baud rate" if is_serial(uri) else "Check the address and port"
+
+
+def is_serial(uri: str) -> bool:
+    """Return whether *uri*, or the description of an open link, names a serial port. Only these have a baud rate."""
+    return bool(_BARE_DEVICE.match(uri)) or uri.strip().lower().startswith("serial")
 
 
 def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend: str = "pymavlink") -> Transport:

@@ -130,7 +130,7 @@ def _turning(authority: Authority, limits: Sequence[ParameterLimit]) -> Iterator
     heads = ("throttle", "speed [m/s]", "port [°/s]", "starboard [°/s]", "port [m]", "starboard [m]")
     table = Table(heads, "lrrrrr", tuple(circles), note="Turn rate and diameter of the steady turn at full steering.")
     plot = (Figure("circles", "Turning diameter against speed.", partial(_draw, authority)),) if circles[1:] else ()
-    steerage = "Below the steerage limit, full rudder does not turn the boat against its constant moment."
+    steerage = "Below the steerage limit, full steering does not turn the boat against its constant moment."
     said = _noted(steerage, "steerage" in authority.figures)
     yield Section("turning", "Turning", (*_table(rows), *said, table, *plot), facts=IN_RESULT)
 

@@ -143,7 +143,7 @@ def flight_document(story: FlightStory) -> Document:
     )
 
 
-SET = ("helm", "heading change at rudder reversal")
+SET = ("helm", "heading change at helm reversal")
 """Figures that were commanded, not found."""
 MOST_FIGURES = 3
 """Largest number of figures in the verdict. Project choice."""
@@ -159,7 +159,7 @@ def _found(story: FlightStory, doubtful: bool) -> Iterator[str]:
     for model in story.models:
         yield f"Model of {model.fit.dof}: {format_percent(model.fit.fit_percent)} of the motion explained."
     if doubtful:
-        yield "See the doubts above before you use these results."
+        yield "See the doubts before you use these results."
     yield NOTHING_WRITTEN
 
 

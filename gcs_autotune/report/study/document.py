@@ -46,6 +46,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_percent,
     remarks,
 )
+from gcs_autotune.rounding import counted
 
 __all__ = ["damping_section", "fit_document", "method_list", "model_section", "study_document"]
 
@@ -111,7 +112,7 @@ def _key_figures(fit: Fit[Model], unseen: Validation | None) -> Iterator[KeyFigu
     yield KeyFigure(format_percent(fit.fit_percent), "fit", "simulated over the identification runs")
     if unseen is not None:
         yield KeyFigure(format_percent(unseen.fit_percent), "prediction", "held-out data")
-    yield KeyFigure(str(len(fitted)), "parameters", f"from {len(fit.used)} run{'s' if len(fit.used) > 1 else ''}")
+    yield KeyFigure(str(len(fitted)), "parameters", f"from {counted(len(fit.used), 'run')}")
     known = [100.0 * p.std / abs(p.value) for p in fitted if p.value and np.isfinite(p.std)]
     if known:
         yield KeyFigure(format_percent(float(np.median(known))), "standard error", "median of the parameters")

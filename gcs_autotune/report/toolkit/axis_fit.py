@@ -110,8 +110,10 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     said = [_DAMPING[fit.structure]]
     if model.beta != 0.0 and fit.structure != "nonlinear":
         time = model.alpha / model.beta
-        how = "decays" if time > 0.0 else "grows without input"
-        said.append(f"At low speed, motion {how} with a time constant of {format_seconds(abs(time))}.")
+        how = "decays" if time > 0.0 else "grows"
+        slow = "at low turn rates" if axis.angular else "at low speed"
+        when = "without input" if fit.structure == "linear" else f"without input and {slow}"
+        said.append(f"{when.capitalize()}, motion {how} with a time constant of {format_seconds(abs(time))}.")
     if axis.restored:
         said.extend(_restoring_sentence(model))
     elif model.input_unit == "1":
@@ -159,8 +161,10 @@ def _top_speed(fit: AxisFit, unit: str) -> list[str]:
     error = math.hypot(error, _by_shape(fit, top))
     shown, factor = to_people(unit)
     speed = f"{format_value(top * factor, error * factor)}{'' if shown.startswith('°') else ' '}{pretty_unit(shown)}"
-    more = "" if output == 1.0 else ", the largest output of the fitted runs"
-    return [f"{_of_full(output)} sustains {speed}{more}."]
+    more = "" if output == 1.0 else ", the largest of the fitted runs,"
+    trimmed = abs(_with_error(fit, lambda m, effects: m.steady_velocity(_acting(effects, output)))[0])
+    without = ", without the constant disturbance" if abs(trimmed - top) > error else ""
+    return [f"{_of_full(output)}{more} sustains {speed}{without}."]
 
 
 def _by_shape(fit: AxisFit, top: float) -> float:

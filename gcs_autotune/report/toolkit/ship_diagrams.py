@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["ship_diagram"]
 
 _CAPTIONS = {
-    "time": "Heading change and helm over the time from the first rudder order (execute). Numbers: overshoot angles.",
+    "time": "Heading change and helm over the time from the first helm order (execute). Numbers: overshoot angles.",
     "track": "Track from the execute (circle), with the approach upwards.",
     "curve": "Steady turn rate over the helm.",
 }

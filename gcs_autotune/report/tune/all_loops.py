@@ -13,6 +13,7 @@ from typing import Any
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, Tone, Verdict, bullets
 from gcs_autotune.report.toolkit.wording import format_moment, format_number, format_seconds, format_share, sentence
 from gcs_autotune.report.tune.wording import SIMULATED_UNDO
+from gcs_autotune.rounding import counted
 
 __all__ = ["JobStep", "JobStory", "job_document"]
 
@@ -154,7 +155,7 @@ def _verdict(story: JobStory) -> Verdict:
     counts = Counter(step.ending for step in tuned)
     told = ", ".join(f"{counts[e]} {e}" for e in (*FLOWN, "aborted", "rejected", "skipped", "open") if counts[e])
     worse = [s for s in story.steps if s.is_recheck and s.ending in WORSE]
-    text = f"{len(tuned)} loop{'s' * (len(tuned) != 1)}: {told}." if tuned else "Nothing was tuned."
+    text = f"{counted(len(tuned), 'loop')}: {told}." if tuned else "Nothing was tuned."
     bad = bool(story.stopped or worse or counts["aborted"] or counts["rejected"] or counts["skipped"])
     tone: Tone = "bad" if bad else "good" if counts["kept"] else "neutral"
     sentences = [sentence(story.stopped)] if story.stopped else []

@@ -103,8 +103,7 @@ def _key_figures(story: TuneStory) -> Iterator[KeyFigure]:
     if story.proposal is not None and (before is None or after is None):
         before, after, source = story.proposal.before.metrics, story.proposal.after.metrics, "predicted"
     if before is not None and after is not None:
-        change = format_change(before.itae, after.itae).replace("-", "\N{MINUS SIGN}")
-        yield KeyFigure(change or UNKNOWN, "tracking error", source)
+        yield KeyFigure(format_change(before.itae, after.itae) or UNKNOWN, "tracking error", source)
         yield KeyFigure(format_share(after.overshoot), "overshoot", f"{source}, was {format_share(before.overshoot)}")
         yield KeyFigure(settling_cell(after), "settling time", f"{source}, was {settling_cell(before)}")
     if story.proposal is not None:

@@ -201,4 +201,4 @@ def test_steps_back_to_neutral_under_quadratic_drag_do_not_bias_the_inertia():
 def test_a_hold_in_which_the_craft_still_slows_down_as_the_record_begins_is_left_out():
     fit = fit_axis(coasting(1), dof="yaw", method="step", structure="nonlinear")
     (doubt,) = [d for d in fit.doubts if d.slug == "not-settled"]
-    assert doubt.cause.startswith("1 of 6 step(s) were left out, because they had not settled")
+    assert doubt.cause.startswith("left out: 1 of 6 steps, not settled")
