@@ -35,8 +35,8 @@ __all__ = [
     "prepare",
     "prepare_as_recorded",
     "prepare_form",
-    "since_release",
     "signals_of",
+    "since_release",
 ]
 
 Array = NDArray[np.float64]
