@@ -26,7 +26,14 @@ from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Fit, LimitCycle, Model
 from gcs_autotune.identify.signals.cleaning import noted
 from gcs_autotune.identify.signals.intake import CONTRADICTION, prepared_runs, take_in
-from gcs_autotune.identify.signals.preparation import form_driven, guess_dof, prepare, prepare_as_recorded, prepare_form
+from gcs_autotune.identify.signals.preparation import (
+    form_driven,
+    guess_dof,
+    prepare,
+    prepare_as_recorded,
+    prepare_form,
+    since_release,
+)
 from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import FORMS, LEVER_ARM, RIGID_BODY, Form, load_form
 from gcs_autotune.registry import lookup
@@ -281,6 +288,8 @@ def fit_axis(
         raise UsageError(_no_answer(method, f"the restoring moment of {axis.name}", others))
     with _contradictions_named(runs):
         runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
+    if not all(any(mark.kind == "release" for mark in run.marks) for run in runs):
+        records = since_release(runs, records)  # another run shows the inertia
     _check_one_input({r.input_names[0] for r in records}, {r.input_units[0] for r in records})
     case = Case(
         records=tuple(records),

@@ -27,7 +27,7 @@ from gcs_autotune.identify.problems.quick_fit import first_levels, first_states
 from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.problems.solution import solve
 from gcs_autotune.identify.result import AxisFit, Trace
-from gcs_autotune.identify.signals.preparation import prepare, prepare_as_recorded, prepare_form
+from gcs_autotune.identify.signals.preparation import prepare, prepare_as_recorded, prepare_form, since_release
 from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.identify.signals.whiteness import autocorrelation, explained, whiteness
 from gcs_autotune.models import CoupledModel, Simulator, SingleDof, explicit_parameters
@@ -153,7 +153,12 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
         The model diverges on this input, or :func:`gcs_autotune.identify.signals.preparation.prepare` raised the error.
     """
     model = fit if isinstance(fit, SingleDof) else fit.model
-    return _joined(trial.name, [run_freely(model, record)[0] for record in prepare(trial, model.dof)])
+    return _joined(trial.name, [run_freely(model, record)[0] for record in _prepared(trial, model)])
+
+
+def _prepared(trial: Trial, model: SingleDof) -> list[Segment]:
+    """Return the segments of *trial*. A model from a relay does not show how strongly the thrusters held the craft."""
+    return since_release([trial], prepare(trial, model.dof))
 
 
 def _on_trial(model: SingleDof | CoupledModel | ExtendedModel, trial: Trial) -> list[Trace]:
@@ -161,7 +166,7 @@ def _on_trial(model: SingleDof | CoupledModel | ExtendedModel, trial: Trial) -> 
     if isinstance(model, ExtendedModel):
         return _with_effects(model, trial)
     if isinstance(model, SingleDof):
-        parts = [run_freely(model, r, tuple(r.signals)) for r in prepare(trial, model.dof)]
+        parts = [run_freely(model, r, tuple(r.signals)) for r in _prepared(trial, model)]
     else:
         parts = [run_freely(model, r) for r in prepare_form(trial, model.form)]
     names = dict.fromkeys(t.signal for traces in parts for t in traces)

@@ -12,7 +12,7 @@ from gcs_autotune.errors import GuardTripped, PreconditionFailed, UsageError, Wr
 from gcs_autotune.identify import fit_axis, load_model, save_model, validate
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.models import SingleDof
-from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.workflow import FlySettings, Unattended, fly
 
 from .sitl_harness import SLOW_LOOP, WHEN, Ear, SitlHarness
@@ -85,10 +85,31 @@ def synthetic(model: SingleDof, seconds: float = 40.0) -> Trial:
         half = p + 0.5 * h * model.acceleration(p, tau, phi)
         p += h * model.acceleration(half, tau, phi + 0.5 * h * p)
         phi += h * half
+    return measured("square", rows)
+
+
+def measured(name: str, rows: list[tuple[float, ...]], marks: tuple[Mark, ...] = ()) -> Trial:
+    """Return a run of *rows* (t, phi, p, K), with noise."""
     t, angle, rate, force = np.array(rows).T
     noise = np.random.default_rng(4).normal(0.0, 0.002, (2, len(t)))
     columns = (("phi", "rad", angle + noise[0]), ("p", "rad/s", rate + noise[1]), ("K", "1", force))
-    return Trial("square", {name: Channel(name, unit, t, values) for name, unit, values in columns})
+    return Trial(name, {n: Channel(n, unit, t, values) for n, unit, values in columns}, marks)
+
+
+def decay(model: SingleDof, angle: float, weak: float) -> Trial:
+    """Return a decay of *model* in roll from *angle* [rad], released after 1 s. Until then the thrusters hold the craft
+    with *weak* times their gain.
+    """
+    h, phi, p, rows = 1e-3, angle, 0.0, []
+    for k in range(9000):
+        held = k < 1000
+        if k % 40 == 0:
+            rows.append((k * h, phi, p, model.restoring * math.sin(angle) / weak if held else 0.0))
+        if not held:
+            half = p + 0.5 * h * model.acceleration(p, 0.0, phi)
+            p += h * model.acceleration(half, 0.0, phi + 0.5 * h * p)
+            phi += h * half
+    return measured("decay", rows, (Mark(1.0, "release"),))
 
 
 TRUTH = SingleDof("roll", "1", 0.05, 0.01, 0.04, 0.01, 0.0, 0.2)
@@ -107,6 +128,14 @@ def test_all_numbers_of_a_roll_model_are_found_and_survive_a_file(tmp_path: Path
     assert again.axis == found.model
     assert "K_sinphi" in again.names
     assert validate(found.model, run).fit_percent > 98.0
+
+
+def test_a_decay_held_by_weak_thrusters_leaves_the_model_of_a_relay_unbiased() -> None:
+    runs = [synthetic(TRUTH), decay(TRUTH, 0.3, 0.4)]
+    found = fit_axis(runs).model
+    assert found.restoring / found.alpha == pytest.approx(TRUTH.restoring / TRUTH.alpha, rel=0.02)
+    assert found.alpha == pytest.approx(TRUTH.alpha, rel=0.02)
+    assert validate(found, runs[1]).fit_percent > 95.0
 
 
 def test_a_method_without_a_restoring_moment_is_refused() -> None:

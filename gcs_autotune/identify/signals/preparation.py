@@ -37,6 +37,7 @@ __all__ = [
     "prepare_as_recorded",
     "prepare_form",
     "signals_of",
+    "since_release",
 ]
 
 Array = NDArray[np.float64]
@@ -200,6 +201,16 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     assert main is not None
     channels = {c.name: c for c in (position, rate) if c is not None}
     return _cut(trial, [drive], channels, main.t, notes)
+
+
+def since_release(runs: Sequence[Trial], records: Sequence[Segment]) -> list[Segment]:
+    """Return the segments of *runs*, those of a decay from its release on (mark ``release``).
+
+    Before it the thrusters hold the craft with a small output. There their gain differs from that of a relay: on a
+    simulated BlueROV2 by a factor of 2.4 in pitch. After it no thruster acts.
+    """
+    released = {run.name: mark.t for run in runs for mark in run.marks if mark.kind == "release"}
+    return [record.since(released.get(record.run, record.start)) for record in records]
 
 
 def _check_excitation(trial: Trial, drive: Channel, outputs: Sequence[Channel]) -> None:

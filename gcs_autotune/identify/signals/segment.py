@@ -194,11 +194,15 @@ class Segment:
         Commands before the record are unknown. With a delay, the start of the record therefore cannot be simulated. The
         segment is returned unchanged if too few samples would remain.
         """
-        start = float(self.t_in[0]) + delay
-        if delay <= 0.0 or start <= self.start:
-            return self
+        return self if delay <= 0.0 else self.since(float(self.t_in[0]) + delay)
+
+    def since(self, start: float) -> Segment:
+        """Return the segment with the samples from the time *start* [s] on. The inputs are not cut.
+
+        The segment is returned unchanged if too few samples would remain.
+        """
         kept = {n: s.since(start) for n, s in self.signals.items()}
-        if any(len(s.t) < MIN_SAMPLES for s in kept.values()):
+        if start <= self.start or any(len(s.t) < MIN_SAMPLES for s in kept.values()):
             return self
         return replace(self, signals=kept)
 
