@@ -58,7 +58,7 @@ def test_thrusters_that_stand_at_their_limit_are_told_of(tmp_path: Path) -> None
 
 def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kept(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    with pytest.raises(NotAchieved, match="Use more rudder"):
+    with pytest.raises(NotAchieved, match="Use more helm"):
         flown(harness, {"turn": TURN, "steering": 0.02}, "turning-circle")
     harness.assert_neutral()
     assert list((harness.directory / "trials").glob("*turning-circle.csv"))
