@@ -50,9 +50,10 @@ def cluster_of(workers: int, scheduler: str = "") -> Iterator[Any]:
     import dask as settings
 
     with (
-        tempfile.TemporaryDirectory(prefix="gcs-autotune-dask-") as folder,
+        tempfile.TemporaryDirectory(prefix="gcs-autotune-dask-", ignore_cleanup_errors=True) as folder,
         settings.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(
+    ):
+        cluster = distributed.LocalCluster(
             n_workers=workers or os.cpu_count() or 1,
             threads_per_worker=1,
             processes=True,
@@ -61,10 +62,13 @@ def cluster_of(workers: int, scheduler: str = "") -> Iterator[Any]:
             memory_limit=0,
             local_directory=folder,
             silence_logs=logging.CRITICAL,
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client
+        )
+        try:
+            with distributed.Client(cluster) as client:
+                yield client
+        finally:
+            with contextlib.suppress(TimeoutError):  # a busy machine ends workers late, when all rows are on disk
+                cluster.close()
 
 
 @contextlib.contextmanager

@@ -121,6 +121,21 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
         pass
 
 
+def test_workers_that_end_late_on_a_busy_machine_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    from distributed import LocalCluster
+
+    close = LocalCluster.close
+
+    def late(self: Any, *given: Any, **named: Any) -> None:
+        close(self, *given, **named)
+        raise TimeoutError
+
+    with cluster_of(1) as client:
+        answer = client.submit(int, "7").result()
+        monkeypatch.setattr(LocalCluster, "close", late)
+    assert answer == 7
+
+
 def test_a_scheduler_that_goes_away_ends_the_study_and_loses_no_row(tmp_path: Path) -> None:
     path = study_file(tmp_path, "add", TEN)
     with cluster_of(1) as client:

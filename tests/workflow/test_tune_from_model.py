@@ -90,7 +90,7 @@ def test_a_stop_while_gains_are_designed_comes_before_the_question_that_answers_
 
     class Stops(Unattended):
         def stop_requested(self) -> bool:
-            return any(text.startswith("predicted:") for text in harness.said)
+            return any(text.startswith("predicted") for text in harness.said)
 
     with pytest.raises(OperatorStopped, match="stopped by the operator"):
         harness.tune(Stops(), agreed=True, given=given)
