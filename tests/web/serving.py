@@ -16,8 +16,10 @@ BRIEF = ROOT / "tests" / "brief_program.py"
 
 
 @contextmanager
-def served(runs: Path, *, scripted: bool, host: str = "127.0.0.1") -> Iterator[str]:
+def served(runs: Path, *, scripted: bool, host: str = "127.0.0.1", ends_by_kill: bool = False) -> Iterator[str]:
     """Yield the link of a server that keeps its runs in *runs*; *scripted*: with a stand-in for what flies.
+
+    A server that *ends_by_kill* has no time to tell its pages how a run ended.
 
     What flies designs in few evaluations: ``tests/closed_loop/test_real_links.py`` flies our own command line.
     """
@@ -27,7 +29,7 @@ def served(runs: Path, *, scripted: bool, host: str = "127.0.0.1") -> Iterator[s
         try:
             yield server.stdout.readline().split()[1]
         finally:
-            server.terminate()
+            (server.kill if ends_by_kill else server.terminate)()
             server.wait(60.0)
 
 

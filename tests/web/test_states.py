@@ -86,8 +86,11 @@ def silent(page: Page) -> None:
 
 
 def cut_off(page: Page) -> None:
-    """The server ends during a run."""
-    with TemporaryDirectory() as runs, served(Path(runs), scripted=True) as link:
+    """The server is killed during a run."""
+    with (
+        TemporaryDirectory(ignore_cleanup_errors=True) as runs,  # the run may still write when the server is gone
+        served(Path(runs), scripted=True, ends_by_kill=True) as link,
+    ):
         elsewhere(page, link)
         shown("flying", "#tile-periods", "agree")(page)
     page.shows("#alarm", "No connection to the server")
