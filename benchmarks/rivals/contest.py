@@ -117,9 +117,13 @@ def flown_again(job: str, entries: Sequence[Entry]) -> list[Entry]:
 
 
 def is_first(entries: Sequence[Entry]) -> bool:
-    """Return whether our ITAE is the least of all that are not searched."""
+    """Return whether our gains were kept and have the least ITAE of all that are not searched.
+
+    A tune that was aborted left the defaults. Their second flight may be better than the first by chance.
+    """
     itae = {entry.rival: entry.metrics.itae for entry in entries if entry.metrics is not None}
-    return itae["ours"] <= min(value for rival, value in itae.items() if not rival.startswith("oracle"))
+    kept = any(entry.rival == "ours" and entry.note == "kept" for entry in entries)
+    return kept and itae["ours"] <= min(value for rival, value in itae.items() if not rival.startswith("oracle"))
 
 
 def has_goal(entries: Sequence[Entry]) -> bool:
