@@ -244,7 +244,7 @@ class _Demands:
         ):
             if not value >= enough:
                 return (
-                    f"with a delay of {model.delay:.2g} s the {name} of its loop is {factor * value:.2g}{unit}; "
+                    f"its {name} would be {factor * value:.2g}{unit} with a delay of {model.delay:.2g} s; "
                     f"{factor * enough:.2g}{unit} is required"
                 )
         return ""

@@ -74,14 +74,16 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
     cure = cure or crooked(firmware, [o for o, _ in servos.driving("X")])
     to = "starboard" if by_throttle > 0.0 else "port"
     steering = "against the steering" if math.sqrt(float(np.mean(whole.steering**2))) > FELT else "without steering"
+    unstable = _unstable_hull(whole, by_throttle)
+    cause = f". Most likely {unstable}. Otherwise {cure}" if unstable else f": {cure}"
     return PreconditionFailed(
         f"{trial.name}: {throttle:.0%} throttle, {steering}, turned the craft {_degrees(by_throttle)} to {to} in "
-        f"{seconds:.0f} s instead of driving it straight ahead: {cure}. {_unstable_hull(whole, by_throttle)}{limit}"
+        f"{seconds:.0f} s instead of driving it straight ahead{cause}. {limit}"
     )
 
 
 def _unstable_hull(whole: _Stretch, turned: float) -> str:
-    """Return a sentence if the record also fits a hull that does not keep its course by itself; else empty.
+    """Return a clause if the record fits a hull that does not keep its course by itself; else empty.
 
     A thruster that is reversed or dead turns the craft as soon as the throttle is applied. An unstable hull continues a
     turn that it had before, or runs straight until it is steered. *turned* [rad]: turn under throttle alone.
@@ -104,7 +106,7 @@ def _unstable_hull(whole: _Stretch, turned: float) -> str:
         why = "it ran straight under throttle until it was steered"
     else:
         return ""
-    return f"Or the hull does not keep its course by itself: {why}. "
+    return f"the hull does not keep its course by itself: {why}"
 
 
 def _turned_by_thrust(s: _Stretch) -> bool:

@@ -131,7 +131,11 @@ def flight_document(story: FlightStory) -> Document:
     return Document(
         title=story.title,
         when=format_moment(story.when),
-        verdict=Verdict(f"Flown: {what}.", "bad" if oscillates else "good", (*ended, *_found(story, bool(doubts)))),
+        verdict=Verdict(
+            f"{what.capitalize() if what.startswith('flown') else f'Flown: {what}'}.",
+            "bad" if oscillates else "good",
+            (*ended, *_found(story, bool(doubts))),
+        ),
         key_figures=tuple(_key_figures(story)),
         doubts=tuple(dict.fromkeys(doubts)) or None,
         sections=tuple(section for make in SECTIONS for section in make(story)),

@@ -106,7 +106,7 @@ def _remark(p: Parameter) -> str:
         return "not distinguishable from zero"
     if p.status == "at_bound" and p.value == 0.0:
         return "none"
-    return {"fitted": "", "absent": "absent", "fixed": "known"}.get(p.status, "AT ITS BOUND")
+    return {"fitted": "", "absent": "not fitted", "fixed": "known"}.get(p.status, "AT ITS BOUND")
 
 
 def meaning_of(name: str) -> str:

@@ -306,7 +306,7 @@ def _effect_title(own: EffectInstance) -> str:
 
 _STATUS: Mapping[str, str] = {
     "fitted": "",
-    "absent": "not in this structure",
+    "absent": "not fitted",
     "fixed": "fixed",
     "at_bound": "AT ITS BOUND: not reliable",
 }
