@@ -321,7 +321,7 @@ _DOUBLET, _DOUBLETS = levels(1.0, -1.0, 0.0), levels(1.0, -1.0, 0.0, 1.0, -1.0, 
 KINDS: tuple[ManoeuvreKind, ...] = (
     _of_any_force(
         "steps",
-        "one force in timed steps: full, half, none, then in the other direction (a boat's thrust: ahead only)",
+        "one force in timed steps: full, half, none, in each direction that is allowed",
         lambda given, either_way: _EITHER_WAY if either_way else _THROTTLES,
         ("steering step", "N", partial(_timed, full, "N", 0.0)),
         ("steering steps", "N", partial(_timed, _EITHER_WAY, "N", 0.0)),
@@ -331,7 +331,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "staircase",
-        "one force in equal steps up and down, then in the other direction (a boat's thrust: ahead only)",
+        "one force in equal steps up and down, in each direction that is allowed",
         lambda given, either_way: staircase(int(given["levels"]), either_way),
         options=("levels",),
     ),
