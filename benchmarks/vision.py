@@ -14,12 +14,13 @@ from __future__ import annotations
 
 import argparse
 import math
-import shutil
 import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,35 +187,59 @@ SECONDS = 25
 """Length of these dives [s]."""
 
 
-def hidden(folder: Path, seeds: int, level: str) -> list[Figure]:
+WIDTH = 320
+"""Width of their pictures [pixels]. Half of the usual width takes a third of the time."""
+
+
+class Answer(NamedTuple):
+    """What was found in the dives of one seed. ``error``: relative error of the effect's size, None if not found."""
+
+    effect: str
+    seed: int
+    right: bool
+    grouped: bool
+    error: float | None
+    said: str
+
+
+def hidden(seeds: int, level: str, jobs: int) -> list[Figure]:
     """Hide an effect in dives, and diagnose the runs that ``track`` writes."""
-    camera, right, errors = None, dict.fromkeys(HIDDEN, 0), []
-    for seed in range(seeds):
-        for effect, dives in HIDDEN.items():
-            runs = []
-            for k in range(dives):
-                at = folder / f"hidden-{seed}-{len(errors)}-{k}-{effect[:5]}"
-                more = ["--effect", effect] if effect else []
-                drawn = ["--seed", str(100 + 10 * seed + k), "--noise", level, "--seconds", str(SECONDS)]
-                render(["pool", str(at), *drawn, *more])
-                camera = camera or calibrate_camera(at / "floor.csv", str(at / "boards"))[0]
-                runs.append(joined(track(str(at), camera), load_runs(at / "log.csv")[0]).run)
-                shutil.rmtree(at)
-            found = diagnose(runs, dof="yaw")
-            slug, _, rest = effect.partition("@")
-            causes = [cause.effect.slug for cause in found.causes]
-            right[effect] += causes == ([slug] if slug else [])
-            print(f"hidden {effect or 'nothing'}, seed {seed}: {found.verdict} {causes}", flush=True)
-            if slug and causes == [slug]:
-                name, _, true = rest.partition(".")[2].partition("=")
-                errors.append(abs(found.causes[0].parameters[name].value / float(true) - 1.0))
-    figures = [
-        count(f"diagnose from pictures: {effect.partition('@')[0] or 'nothing'} hidden and found", n, seeds)
-        for effect, n in right.items()
-    ]
-    if errors:
-        figures.append(Figure("diagnose from pictures: largest error of the effect's size", 100.0 * max(errors), "%"))
-    return figures
+    with ProcessPoolExecutor(jobs) as workers:
+        futures = [workers.submit(answer, effect, seed, level) for seed in range(seeds) for effect in HIDDEN]
+        answers = []
+        for future in as_completed(futures):
+            answers.append(future.result())
+            print(answers[-1].said, flush=True)
+    figures = []
+    for effect in HIDDEN:
+        own, name = [a for a in answers if a.effect == effect], effect.partition("@")[0]
+        said = f"{name} hidden and reported alone" if effect else "nothing hidden and nothing reported"
+        figures.append(count(said, sum(a.right for a in own), len(own)))
+        if any(a.grouped for a in own):
+            figures.append(count(f"{name} reported in a group", sum(a.grouped for a in own), len(own)))
+    errors = [a.error for a in answers if a.error is not None]
+    return [*figures, Figure("largest error of a reported effect's size", 100.0 * max(errors, default=math.nan), "%")]
+
+
+def answer(effect: str, seed: int, level: str) -> Answer:
+    """Render the dives of *seed* with *effect* hidden, track and diagnose them."""
+    runs, camera = [], None
+    for k in range(HIDDEN[effect]):
+        with tempfile.TemporaryDirectory() as at:
+            drawn = ["--seed", str(100 + 10 * seed + k), "--noise", level, "--seconds", str(SECONDS)]
+            render(["pool", at, *drawn, "--width", str(WIDTH), *(["--effect", effect] if effect else [])])
+            camera = camera or calibrate_camera(Path(at) / "floor.csv", str(Path(at) / "boards"))[0]
+            runs.append(joined(track(at, camera), load_runs(Path(at) / "log.csv")[0]).run)
+    found = diagnose(runs, dof="yaw")
+    slug, _, rest = effect.partition("@")
+    name, _, true = rest.partition(".")[2].partition("=")
+    causes = [str(cause.effect) for cause in found.causes]
+    groups = [group for group in found.indistinguishable if set(group) & set(causes)]
+    right = [cause.effect.slug for cause in found.causes] == ([slug] if slug else [])
+    error = abs(found.causes[0].parameters[name].value / float(true) - 1.0) if right and slug else None
+    grouped = not right and len(causes) == 1 and any(m.partition("@")[0] == slug for group in groups for m in group)
+    said = f"{effect or 'nothing'}, seed {seed}: {found.verdict} {causes} {groups or ''}"
+    return Answer(effect, seed, right, grouped, error, said)
 
 
 def errors_of_tables(runs: Sequence[Trial]) -> list[Figure]:
@@ -318,6 +343,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="3 seeds and 2 dives")
     parser.add_argument("--noise", choices=list(NOISE), default="turbid", help="noise of the pool (default turbid)")
     parser.add_argument("--part", choices=list(PARTS), action="append", help="measure this part only; may be repeated")
+    parser.add_argument("--jobs", type=int, default=2, help="processes of the diagnosis (default 2)")
     parser.add_argument("--page", action="store_true", help="update docs/vision.md from the recorded figures, and end")
     args = parser.parse_args()
     if args.page:
@@ -332,7 +358,7 @@ def main() -> int:
             elif part == "lasers":
                 figures = table_3_1(folder) + lasers(folder, 3 if quick else 20)
             else:
-                figures = hidden(folder, 1 if quick else 5, args.noise)
+                figures = hidden(1 if quick else 5, args.noise, args.jobs)
         headline(f"vision-{part}", PARTS[part], figures)
     return 0
 
