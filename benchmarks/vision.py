@@ -233,11 +233,11 @@ def answer(effect: str, seed: int, level: str) -> Answer:
     found = diagnose(runs, dof="yaw")
     slug, _, rest = effect.partition("@")
     name, _, true = rest.partition(".")[2].partition("=")
-    causes = [str(cause.effect) for cause in found.causes]
+    causes = [cause.effect.slug for cause in found.causes]
     groups = [group for group in found.indistinguishable if set(group) & set(causes)]
-    right = [cause.effect.slug for cause in found.causes] == ([slug] if slug else [])
+    right = causes == ([slug] if slug else [])
     error = abs(found.causes[0].parameters[name].value / float(true) - 1.0) if right and slug else None
-    grouped = not right and len(causes) == 1 and any(m.partition("@")[0] == slug for group in groups for m in group)
+    grouped = not right and len(causes) == 1 and any(slug in group for group in groups)
     said = f"{effect or 'nothing'}, seed {seed}: {found.verdict} {causes} {groups or ''}"
     return Answer(effect, seed, right, grouped, error, said)
 
