@@ -96,8 +96,10 @@ def main() -> None:
         for name, word in WORDS.items():
             pairs = np.array([row[name] for row in rows if name in row])
             figures += [
-                Figure(f"{kind}: mean error of {word}, {len(pairs)} seeds", 100.0 * pairs[:, 0].mean(), "%"),
-                Figure(f"{kind}: largest error of {word} / standard error", np.abs(pairs[:, 0] / pairs[:, 1]).max()),
+                Figure(f"{kind}: mean error of {word}, {len(pairs)} seeds", 100.0 * float(pairs[:, 0].mean()), "%"),
+                Figure(
+                    f"{kind}: largest error of {word} / standard error", float(np.abs(pairs[:, 0] / pairs[:, 1]).max())
+                ),
             ]
     for u, word in ((0.0, "from rest"), (DRIFT, f"at {DRIFT:g} m/s ahead")):
         error = ratios(fit_axis(released(u), dof="pitch"))["gamma_theta"][0]
