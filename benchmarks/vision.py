@@ -238,7 +238,8 @@ def answer(effect: str, seed: int, level: str) -> Answer:
     right = causes == ([slug] if slug else [])
     error = abs(found.causes[0].parameters[name].value / float(true) - 1.0) if right and slug else None
     grouped = not right and len(causes) == 1 and any(slug in group for group in groups)
-    said = f"{effect or 'nothing'}, seed {seed}: {found.verdict} {causes} {groups or ''}"
+    size = "" if error is None else f", size wrong by {100.0 * error:.1f} %"
+    said = f"{effect or 'nothing'}, seed {seed}: {found.verdict} {causes} {groups or ''}{size}"
     return Answer(effect, seed, right, grouped, error, said)
 
 
