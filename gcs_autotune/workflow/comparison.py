@@ -188,7 +188,7 @@ def _changes(found: Comparison) -> dict[str, tuple[CraftComparison, ...]]:
     for run in found.runs:
         rows = []
         for dof, fit in run.fits.items():
-            reference = reference_of(found.runs, dof)
+            reference = reference_of(found.runs, dof, run)
             if reference is None or reference is run:
                 continue
             first = reference.fits[dof]

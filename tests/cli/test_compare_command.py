@@ -97,14 +97,27 @@ def test_a_motion_that_was_not_excited_is_not_compared(tmp_path, capsys):
     assert told["runs"][0]["not_identified"]["surge"] == "the manoeuvres flown do not excite surge"
 
 
-def test_runs_of_two_vehicles_raise_a_doubt_and_are_not_called_a_change(tmp_path, capsys):
+def test_runs_of_two_vehicles_raise_a_doubt_and_are_not_compared(tmp_path, capsys):
     one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
     other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2, inertia=1.4), uid="bb")
     assert main(["compare", str(one), str(other)]) == 0
-    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    assert "2 different vehicles (aa, bb)" in told
-    assert "are not changes of one craft" in told
-    assert "payload" not in told and "have changed" not in told
+    output = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "2 different vehicles (aa, bb)" in output
+    assert "The runs are of different vehicles" in output
+    assert "payload" not in output and "have changed" not in output
+
+
+def test_a_run_of_another_vehicle_does_not_hide_a_change_between_two_runs_of_one(tmp_path, capsys):
+    runs = [
+        directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1), uid="bb"),
+        directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(1)),
+        directory(tmp_path, "july", "2026-07-01T10:00:00", relay_run(2, inertia=1.4)),
+    ]
+    assert main(["compare", *map(str, runs)]) == 0
+    output = capsys.readouterr().out
+    assert "run 3 against run 2, yaw: inertia x 1.4" in output
+    assert "run 2 against run 1" not in output
+    assert "The model of run 3 differs by more than the intervals" in output
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ class Comparison(Displayed):
 
     @property
     def vehicles(self) -> tuple[str, ...]:
-        """The different vehicles of the runs, as far as known."""
+        """Identifiers of the different vehicles, without those of logs that do not contain one."""
         return tuple(dict.fromkeys(run.vehicle for run in self.runs if run.vehicle))
 
     @property
@@ -99,12 +99,9 @@ class Comparison(Displayed):
     @property
     def told(self) -> str:
         """The result in one or two sentences."""
-        if len(self.vehicles) > 1:
-            return (
-                f"The runs are of {len(self.vehicles)} autopilots. Differences between their models are not changes of "
-                "one craft, unless the autopilot was replaced."
-            )
         rows = [(run, row) for run in self.runs for row in self.changes.get(run.name, ())]
+        if not rows and len(self.vehicles) > 1:
+            return "The runs are of different vehicles, so their models are shown side by side and not compared."
         if not rows:
             return "The runs have no model in common, so only their loops are compared."
         if not self.changed:
@@ -124,14 +121,16 @@ class Comparison(Displayed):
         return Display(self.told, tables, (*said, *self.doubts))
 
 
-def reference_of(runs: Sequence[ComparedRun], dof: str) -> ComparedRun | None:
-    """Return the first of *runs* with a model of *dof*, with which the others are compared; None if there is none."""
-    return next((run for run in runs if dof in run.fits), None)
+def reference_of(runs: Sequence[ComparedRun], dof: str, run: ComparedRun) -> ComparedRun | None:
+    """Return the first of *runs* with a model of *dof* and of the vehicle of *run*, with which *run* is compared; None
+    if there is none. A run that does not identify its vehicle counts as one of the same vehicle.
+    """
+    return next((one for one in runs if dof in one.fits and len({one.vehicle, run.vehicle} - {""}) < 2), None)
 
 
 def _unlike(found: Comparison, run: ComparedRun, dof: str) -> Iterator[str]:
     """Yield what else than the craft may explain a difference of the model of *dof* from its reference."""
-    first = reference_of(found.runs, dof)
+    first = reference_of(found.runs, dof, run)
     if first is None:
         return
     if first.manoeuvres != run.manoeuvres:
@@ -178,7 +177,7 @@ def _sections(found: Comparison) -> Iterator[Section]:
         f"run {_number(found, run)} against run {_number(found, first)}, {row.dof}: {row.told}"
         for run in runs
         for row in found.changes.get(run.name, ())
-        if (first := reference_of(found.runs, row.dof)) is not None and first.vehicle == run.vehicle
+        if (first := reference_of(found.runs, row.dof, run)) is not None
     )
     yield Section("changes", "What changed", tuple(bullets(told)), facts=IN_RESULT)
     for dof in dict.fromkeys(dof for run in runs for dof in run.fits):
