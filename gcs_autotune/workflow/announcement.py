@@ -146,7 +146,7 @@ def styled(name: str, *, designs: bool = True) -> Intention:
 
 
 def in_modes(modes: Sequence[str], back: str, when: str) -> Intention:
-    """Return a sentence on the *modes* that are used, and on *back*, the mode to return to.
+    """Return a sentence on the *modes* that are used, at least one, and on *back*, the mode to return to.
 
     when : when the vehicle returns, as text.
     """
@@ -154,9 +154,8 @@ def in_modes(modes: Sequence[str], back: str, when: str) -> Intention:
     used = f"{', '.join(others)}{' and ' if others else ''}{last}"
     if list(modes) == [back]:
         return Intention(f"stay in mode {back}", "Modes", f"{back}, as now")
-    return Intention(
-        f"use mode{'s' * bool(others)} {used}, and return to {back} {when}", "Modes", f"{used}, then {back} again"
-    )
+    brief = f"{used}, {back} at the end" if back in modes else f"{used}, then {back} again"
+    return Intention(f"use mode{'s' * bool(others)} {used}, and return to {back} {when}", "Modes", brief)
 
 
 def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention, ...]:

@@ -274,7 +274,8 @@ class _Job:
         )
         yield Intention(f"write {written}", "Writes", written)
         used = sorted({mode for mission in left.values() for mode in mission.modes})
-        yield in_modes(used, craft.mode, "after each step")
+        if used:  # not if only rechecks are left
+            yield in_modes(used, craft.mode, "after each step")
 
     def _done(self, craft: MavlinkCraft) -> dict[str, JobStep]:
         """Return the finished steps of the job that is resumed; check that its vehicle has not changed since.

@@ -12,7 +12,7 @@ from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.observer import Progress
 from gcs_autotune.report.toolkit.live import describe_progress
 from gcs_autotune.workflow import Connection, TuneSettings
-from gcs_autotune.workflow.announcement import battery, how_long, room
+from gcs_autotune.workflow.announcement import battery, how_long, in_modes, room
 from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment, legs_of_tune, pace_of
 
@@ -33,6 +33,23 @@ def heading(**given: object) -> Itinerary:
 
 def at(itinerary: Itinerary, t: float, stage: str) -> Progress:
     return itinerary.at(Progress(stage, stage, t))
+
+
+@pytest.mark.parametrize(
+    ("modes", "brief", "text"),
+    [
+        (["MANUAL"], "MANUAL, as now", "stay in mode MANUAL"),
+        (["ALT_HOLD"], "ALT_HOLD, then MANUAL again", "use mode ALT_HOLD, and return to MANUAL at the end"),
+        (
+            ["ALT_HOLD", "MANUAL"],
+            "ALT_HOLD and MANUAL, MANUAL at the end",
+            "use modes ALT_HOLD and MANUAL, and return to MANUAL at the end",
+        ),
+    ],
+)
+def test_the_modes_are_announced_with_the_one_at_the_end(modes, brief, text):
+    intention = in_modes(modes, "MANUAL", "at the end")
+    assert (intention.brief, intention.text) == (brief, text)
 
 
 def test_the_stages_of_a_tune_are_told_with_their_times():

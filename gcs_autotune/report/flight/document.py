@@ -132,7 +132,7 @@ def flight_document(story: FlightStory) -> Document:
         title=story.title,
         when=format_moment(story.when),
         verdict=Verdict(
-            f"{what.capitalize() if what.startswith('flown') else f'Flown: {what}'}.",
+            f"{what[0].upper() + what[1:] if what.startswith('flown') else f'Flown: {what}'}.",
             "bad" if oscillates else "good",
             (*ended, *_found(story, bool(doubts))),
         ),
