@@ -26,12 +26,18 @@ from gcs_autotune.logs import load_runs
 from gcs_autotune.trial import Channel, Mark, Trial
 from sitl.catalogue import load_vehicle
 from sitl.craft import Craft
-from sitl.plants import Wrench
+from sitl.plants import Wrench, values_of
 
 VEHICLE = "bluerov2-6dof"
-INERTIA, WEIGHT, BUOYANCY, ARM = 0.365, 132.39, 134.39, 0.01
-"""Of its file: kg m^2, N, N, m."""
-TRUTH = {"gamma_theta": BUOYANCY * ARM / INERTIA, "beta_q": 0.8 / INERTIA, "beta_qq": 0.47 / INERTIA}
+PITCH, BODY = (values_of(load_vehicle(VEHICLE).tables[name]) for name in ("pitch", "body"))
+"""Tables of its file."""
+WEIGHT, BUOYANCY, ARM = BODY["weight"], BODY["buoyancy"], -BODY["z_B"]
+"""N, N, m. The centre of gravity is the origin."""
+TRUTH = {
+    "gamma_theta": BUOYANCY * ARM / PITCH["alpha"],
+    "beta_q": PITCH["beta"] / PITCH["alpha"],
+    "beta_qq": PITCH["beta2"] / PITCH["alpha"],
+}
 """Restoring moment, linear and quadratic damping per inertia, in SI."""
 WORDS = {"gamma_theta": "restoring moment", "beta_q": "linear damping", "beta_qq": "quadratic damping"}
 TILT, DRIFT = 0.28, 0.06

@@ -87,6 +87,12 @@ def test_boards_and_four_points_give_lens_and_floor(camera: FloorCamera) -> None
     assert camera.distortion[0] == pytest.approx(-0.22, abs=0.02)
 
 
+def test_the_page_shows_the_recorded_error_functions() -> None:
+    from benchmarks import vision
+
+    assert vision.PAGE.read_text(encoding="utf-8") == vision.page(), "run: python3 -m benchmarks.vision --page"
+
+
 def test_a_camera_of_half_the_width_has_the_same_view(tmp_path: Path) -> None:
     whole, half = PoolCamera(), PoolCamera.of_width(320)
     assert half.picture(0.0, 0.0, 0.0).shape == (240, 320, 3)
