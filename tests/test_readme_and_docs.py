@@ -59,8 +59,8 @@ def test_the_success_maps_show_the_recorded_figures_and_the_pages_name_them():
     assert {"day 1: valid experiments", "day 2: pairs decided for the linear model, no margin"} <= set(shared)
     assert shared == {name: drawn[name] for name in shared}
     pages = [(ROOT / page).read_text() for page in ("docs/study.md", "benchmarks/notes/thesis-7-5.md")]
-    told = [f"{right} of {cases}" for right, cases in drawn.values()]
-    assert [(words, page[:40]) for words in told for page in pages if words not in page] == []
+    counts = [f"{right} of {cases}" for right, cases in drawn.values()]
+    assert [(words, page[:40]) for words in counts for page in pages if words not in page] == []
 
 
 def test_every_page_is_looked_at():

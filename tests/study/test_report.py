@@ -117,11 +117,11 @@ def test_a_replay_by_another_version_is_done_and_both_versions_are_named(
     own = json.loads(head)["build"]["version"]
     (folder / "study.json").write_text(head.replace(own, "0.0.9+00000000"))
     assert main(command) == 0
-    told = capsys.readouterr()
-    assert "may differ" in told.err
-    assert own in told.err
-    assert "0.0.9+00000000" in told.err
-    assert "cost: 4.0" in told.out
+    printed = capsys.readouterr()
+    assert "may differ" in printed.err
+    assert own in printed.err
+    assert "0.0.9+00000000" in printed.err
+    assert "cost: 4.0" in printed.out
 
 
 def test_a_goal_is_a_limit_on_a_result(tmp_path: Path) -> None:
@@ -196,10 +196,10 @@ def test_a_map_of_two_ranges_is_shown_whole_on_80_columns(
     found = case_study_of(tmp_path / "out").map
     assert found is not None
     assert main(["study", "report", str(tmp_path / "out")]) == 0
-    told = capsys.readouterr().out.partition("Success by value")[0]
-    assert "Rows: argument.y. Columns: argument.x." in told
-    assert "…" not in told
-    assert all(word in told.split() for label in (*found.xs, *found.ys) for word in label.split())
+    output = capsys.readouterr().out.partition("Success by value")[0]
+    assert "Rows: argument.y. Columns: argument.x." in output
+    assert "…" not in output
+    assert all(word in output.split() for label in (*found.xs, *found.ys) for word in label.split())
 
 
 def test_the_state_of_a_stopped_study_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

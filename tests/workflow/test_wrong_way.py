@@ -100,9 +100,9 @@ def unstable(start: float, pulse: float) -> Trial:
     [(0.4, 0.0, "was already turning at 22 deg/s"), (-0.4, 0.0, "was already turning at"), (0.0, 0.4, "ran straight")],
 )
 def test_a_hull_that_does_not_keep_its_course_is_named_first(start: float, pulse: float, why: str) -> None:
-    told = str(why_tripped(unstable(start, pulse), TRIPPED, BOAT, servos_of(SKID)))
-    assert f"Most likely the hull does not keep its course by itself: it {why}" in told
-    assert "Otherwise one of the two thrusters is reversed or dead" in told
+    message = str(why_tripped(unstable(start, pulse), TRIPPED, BOAT, servos_of(SKID)))
+    assert f"Most likely the hull does not keep its course by itself: it {why}" in message
+    assert "Otherwise one of the two thrusters is reversed or dead" in message
 
 
 @pytest.mark.parametrize("steering", [0.0, 0.5])
