@@ -76,7 +76,7 @@ class OwnDesign(Displayed):
     model : the identified one, its delay with that of the sampled loop.
     bound : (left, right) of the stability condition for the measured uncertainty; stable while left < right.
     effort : largest command in the required step, in units of the input.
-    limited_by : why the loop cannot be faster, in words.
+    limited_by : why the loop cannot be faster, in words: the limit that the next faster loop tried breaks.
     """
 
     law: FeedbackLaw
@@ -222,7 +222,7 @@ class _Demands:
             broken = self.broken(reference_model(kind, float(omega)))
             if not broken:
                 return float(omega), why
-            why = broken
+            why = f"at {omega:.2g} rad/s {broken}"
         return 0.0, why
 
     def broken(self, wanted: ReferenceModel) -> str:

@@ -109,9 +109,7 @@ def _speed(authority: Authority, motors: Mapping[str, float]) -> Iterator[Row]:
     how = "astern" if brakes and "deceleration-astern" in figures else "coasting"
     if (stop := figures.get(f"deceleration-{how}")) is not None and stop.sure > 0.0:
         words = "with full astern" if how == "astern" else "without thrust"
-        part = f"{part} of " if how == "astern" else ""
-        share = RESERVE if how == "astern" else 1.0
-        yield "ATC_DECEL_MAX", share * stop.sure, "m/s/s", f"{part}the mean deceleration {words}"
+        yield "ATC_DECEL_MAX", RESERVE * stop.sure, "m/s/s", f"{part} of the mean deceleration {words}"
 
 
 def _motors(authority: Authority) -> Iterator[Row]:

@@ -48,7 +48,6 @@ class CircleAndPullOut(UnderWay):
         side, base = self._steering.side, now.psi
         helm = side * self._steering.share
         self._execute("turn", helm, now)
-        self.target = base + side * self._turn
         since, gained = now.t, LEAST_GAIN
         while side * (now.psi - base) < self._turn:
             turned = side * (now.psi - base)

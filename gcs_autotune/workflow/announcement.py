@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gcs_autotune.axes import excitation_of, position_axis
@@ -20,7 +21,7 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_D
 from gcs_autotune.workflow.itinerary import Itinerary
 from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
-__all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "room", "styled", "whole_of"]
+__all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "modes_then", "room", "styled", "whole_of"]
 
 ROOM_AND_TIME = "Space, time"
 """Row of the announcement that states both, for a run whose every stage was simulated."""
@@ -55,6 +56,12 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
         below += f". More than {limit:.0f} deg of {dof} ends the run (--max-{dof})"
     around = f"about {ROV_ROOM:g} m of free water around the vehicle{below}"
     return Intention(f"need {around}", "Space", around)
+
+
+def modes_then(used: Sequence[str], back: str) -> str:
+    """Return the modes of a run in words, with the mode *back* of the vehicle at its end."""
+    told = " and ".join(filter(None, (", ".join(used[:-1]), used[-1])))
+    return told if told == back else f"{told}, then {back}{' again' * (back not in used)}"
 
 
 def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:

@@ -223,7 +223,9 @@ class HoldSetPoint(Task):
         """Return the step in words."""
         step, kind = self.step(context), context.axis.kind
         shown = f"{math.degrees(step):.0f} deg" if kind.angular else f"{step:g} m"
-        return f"a {shown} step in {context.axis.name}"
+        seconds = self.settings.seconds
+        after = f" and {seconds:g} s of holding" if seconds > 0.0 else ""
+        return f"a {shown} step in {context.axis.name}{after}"
 
     def legs(self, context: TuneContext) -> list[Leg]:
         """Return the step, and the holding after it."""

@@ -18,7 +18,7 @@ from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.preflight import crooked, cure_of
 
-__all__ = ["SPUN", "contradiction_in", "tripped", "why_tripped"]
+__all__ = ["SPUN", "contradiction_in", "straight_throttle", "tripped", "turning_time", "why_tripped"]
 
 Array = NDArray[np.float64]
 
@@ -44,8 +44,13 @@ LEAST_TURN, MOSTLY = math.radians(20.0), 0.5
 choice."""
 
 
-def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: ServoMap) -> PreconditionFailed | None:
-    """Return the error with the reason why a heading limit tripped, if the manoeuvre's record shows it; else None."""
+def why_tripped(
+    trial: Trial, error: GuardTripped, firmware: Firmware, servos: ServoMap, straight: float = 0.0
+) -> PreconditionFailed | None:
+    """Return the error with the reason why a heading limit tripped, if the manoeuvre's record shows it; else None.
+
+    straight : :func:`straight_throttle` of the earlier records of the run.
+    """
     if error.guard not in SPUN or "N" not in trial or "psi" not in trial:
         return None
     limit = tripped(error)
@@ -70,56 +75,101 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
     if abs(by_throttle) < LEAST_TURN or by_throttle * whole.turned < MOSTLY * whole.turned**2:
         return None
     throttle, seconds = float(np.mean(whole.throttle[idle])), float(np.sum(steps[idle]))
+    unstable = _unstable_hull(whole, by_throttle)
+    turned = f"the craft {_degrees(by_throttle)} to {'starboard' if by_throttle > 0.0 else 'port'} in {seconds:.0f} s"
+    if unstable and straight >= MOSTLY * abs(throttle):
+        return PreconditionFailed(
+            f"{trial.name}: {throttle:.0%} throttle without steering turned {turned}. Earlier in this run the craft "
+            f"ran straight with {straight:.0%} throttle. So the hull does not keep its course by itself, unless a "
+            f"thruster has failed since: {unstable}. Use less --throttle, or set gains with which the craft does not "
+            f"oscillate. {limit}"
+        )
     cure = _wrong_thruster(firmware, servos, by_throttle) if throttle > 0.0 else ""
     cure = cure or crooked(firmware, [o for o, _ in servos.driving("X")])
-    to = "starboard" if by_throttle > 0.0 else "port"
     steering = "against the steering" if math.sqrt(float(np.mean(whole.steering**2))) > FELT else "without steering"
+    third = f"Or the hull does not keep its course by itself: {unstable}. " if unstable else ""
     return PreconditionFailed(
-        f"{trial.name}: {throttle:.0%} throttle, {steering}, turned the craft {_degrees(by_throttle)} to {to} in "
-        f"{seconds:.0f} s instead of driving it straight ahead: {cure}. {_unstable_hull(whole, by_throttle)}{limit}"
+        f"{trial.name}: {throttle:.0%} throttle, {steering}, turned {turned} instead of driving it straight ahead: "
+        f"{cure}. {third}{limit}"
     )
 
 
+def straight_throttle(trial: Trial) -> float:
+    """Return the largest throttle [fraction of full] with which the craft ran straight at the beginning of *trial*,
+    without steering; 0 if it did not.
+    """
+    if "N" not in trial or "psi" not in trial:
+        return 0.0
+    whole = _stretch(trial, math.inf)
+    begin, end = _unsteered(whole)
+    return float(np.max(np.abs(whole.throttle[begin:end]))) if _is_straight(whole, begin, end) else 0.0
+
+
+def _unsteered(whole: _Stretch) -> tuple[int, int]:
+    """Return the first and the last index + 1 of the first time under throttle alone; equal if there is none."""
+    driven = np.abs(whole.throttle) > IDLE
+    if not driven.any():
+        return 0, 0
+    begin = int(np.argmax(driven))
+    steered = np.flatnonzero((np.abs(whole.steering[begin:]) >= STEERED) | ~driven[begin:])
+    return begin, begin + int(steered[0]) if len(steered) else len(whole.t)
+
+
+def _is_straight(whole: _Stretch, begin: int, end: int) -> bool:
+    """Return whether the craft ran straight between two indices, for long enough that a dead thruster would show."""
+    if end - begin < FEWEST // 3 or float(whole.t[end - 1] - whole.t[begin]) < STRAIGHT:
+        return False
+    heading = np.cumsum(whole.rate[begin:end] * np.gradient(whole.t[begin:end]))
+    return float(np.ptp(heading)) < LEAST_TURN / 4.0
+
+
 def _unstable_hull(whole: _Stretch, turned: float) -> str:
-    """Return a sentence if the record also fits a hull that does not keep its course by itself; else empty.
+    """Return a clause if the record also fits a hull that does not keep its course by itself; else empty.
 
     A thruster that is reversed or dead turns the craft as soon as the throttle is applied. An unstable hull continues a
     turn that it had before, or runs straight until it is steered. *turned* [rad]: turn under throttle alone.
     """
-    driven = np.abs(whole.throttle) > IDLE
-    begin = int(np.argmax(driven))
-    steered = np.flatnonzero(np.abs(whole.steering[begin:]) >= STEERED)
-    end = begin + int(steered[0]) if len(steered) else len(whole.t)
+    begin, end = _unsteered(whole)
     if end - begin < 2:
         return ""
     start, way = float(np.median(whole.rate[: begin + 1])), math.copysign(1.0, turned)
     mean = way * float(np.mean(whole.rate[begin:end]))
     if 0.0 < MOSTLY * mean < way * start:
-        why = f"it was already turning at {_degrees(start)}/s when the throttle was applied"
-    elif (
-        len(steered)
-        and float(whole.t[end] - whole.t[begin]) >= STRAIGHT
-        and abs(float(np.trapezoid(whole.rate[begin:end], whole.t[begin:end]))) < LEAST_TURN / 4.0
-    ):
-        why = "it ran straight under throttle until it was steered"
-    else:
-        return ""
-    return f"Or the hull does not keep its course by itself: {why}. "
+        return f"it was already turning at {_degrees(start)}/s when the throttle was applied"
+    if end < len(whole.t) and _is_straight(whole, begin, end):
+        return "it ran straight under throttle until it was steered"
+    return ""
 
 
 def _turned_by_thrust(s: _Stretch) -> bool:
     """Return whether the throttle, and not the steering, turned the craft."""
     if len(s.t) < FEWEST or s.seconds <= 0.0:
         return False
-    by_steering, by_throttle = _accelerations(s)
+    by_steering, by_throttle, _ = _accelerations(s)
     steered, driven = (
         abs(by) * math.sqrt(float(np.mean(x**2))) for by, x in ((by_steering, s.steering), (by_throttle, s.throttle))
     )
     return driven > steered and abs(float(np.mean(s.throttle))) > IDLE and by_steering > -STEERED * abs(by_throttle)
 
 
-def _accelerations(s: _Stretch) -> tuple[float, float]:
-    """Return the turning accelerations [rad/s^2] due to full steering and full throttle.
+def turning_time(trial: Trial, output: float) -> float:
+    """Return the distance that the craft of *trial* needs to turn around, as the time [s] of straight travel.
+
+    With a constant steering *output* [fraction of full] a craft with time constant T and steady turn rate r goes on
+    ahead for T + 1/r (Nomoto1957: first order, small drift). NaN if the record does not show both.
+    """
+    if "N" not in trial or "psi" not in trial:
+        return math.nan
+    whole = _stretch(trial, math.inf)
+    if len(whole.t) < FEWEST or min(float(np.max(side * whole.steering)) for side in (1.0, -1.0)) < STEERED:
+        return math.nan  # without steering to both sides, drag and a constant disturbance look alike
+    by_steering, _, growth = _accelerations(whole)
+    return -1.0 / growth - growth / (by_steering * output) if by_steering > 0.0 > growth else math.nan
+
+
+def _accelerations(s: _Stretch) -> tuple[float, float, float]:
+    """Return the turning accelerations [rad/s^2] due to full steering and full throttle, and that due to the turn rate
+    itself [1/s], negative for drag.
 
     They come from a regression of the turn rate on the integrals of both inputs, and on its own integral for the drag.
     A ship that is unstable on course also turns against its steering while it is being corrected, but the steering
@@ -128,7 +178,7 @@ def _accelerations(s: _Stretch) -> tuple[float, float]:
     steps = np.diff(s.t, prepend=s.t[0])
     design = np.column_stack([np.cumsum(steps * part) for part in (s.steering, s.throttle, s.rate)])
     found = np.linalg.lstsq(design, s.rate - s.rate[0], rcond=None)[0]
-    return float(found[0]), float(found[1])
+    return float(found[0]), float(found[1]), float(found[2])
 
 
 def tripped(error: GuardTripped) -> str:

@@ -487,3 +487,9 @@ def test_the_list_of_manoeuvres_breaks_no_option_and_names_none_that_is_not_ther
     assert not re.search(r"-$", out, re.MULTILINE)
     assert "Takes ." not in out
     assert "Takes --heading, --rudder," in re.sub(r"\s+", " ", out)
+
+
+@pytest.mark.parametrize("line", ["compare run --bad", "tune heading --bad", "params save file --bad"])
+def test_an_unknown_option_points_to_the_help_of_its_command(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(line.split()) == 2
+    assert f"unrecognized arguments: --bad (see `gcs-autotune {line.split()[0]} --help`)" in capsys.readouterr().err

@@ -54,7 +54,7 @@ def test_a_reversed_actuator_is_refused_with_its_cure_after_two_small_pulses(bia
     _, flown = check(craft)
     assert [m.detail["N"] for m in flown.marks] == [0.15, -0.15, 0.15, -0.15]
     assert flown.ending == "aborted"
-    assert "+0.15 of full N output moved the craft" in flown.reason
+    assert "+0.15 of full N output turned the craft" in flown.reason
     assert "to port" in flown.reason
     assert flown.reason.endswith("the wrong way. Turn it round")
     assert abs(craft.psi) < math.radians(60.0)

@@ -129,7 +129,7 @@ def _compared(c: DofComparison, other: str) -> tuple[str, str]:
 def structure_title(fit: Fit[Model]) -> str:
     """Return the heading of the table with the fitted model."""
     if is_of_one_axis(fit):
-        return f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})"
+        return f"Model of {fit.dof}: {model_words(fit)}"
     known = FORMS.get(fit.structure)
     return f"Model '{fit.structure}'" + (f": {known.title}" if known is not None else "")
 

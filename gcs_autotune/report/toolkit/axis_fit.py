@@ -41,6 +41,7 @@ __all__ = [
     "model_table",
     "model_words",
     "remainder_sentence",
+    "remark_of",
     "short_name",
     "structure_words",
 ]
@@ -322,11 +323,16 @@ def model_table(fit: AxisFit) -> Table:
             _parameter_value(p),
             pretty_unit(p.unit) or "1",
             meaning.get(p.name, ""),
-            _STATUS[p.status],
+            remark_of(p),
         )
         for p in fit.parameters.values()
     )
     return Table(("parameter", "value ± std", "unit", "meaning", "remark"), "lrlll", rows)
+
+
+def remark_of(parameter: Parameter) -> str:
+    """Return the remark on a parameter in a table. A delay belongs to every structure; a fit may have none."""
+    return "none" if (parameter.name, parameter.status) == ("delay", "absent") else _STATUS[parameter.status]
 
 
 def _parameter_value(parameter: Parameter) -> str:
