@@ -48,6 +48,8 @@ class CircleAndPullOut(UnderWay):
         side, base = self._steering.side, now.psi
         helm = side * self._steering.share
         self._execute("turn", helm, now)
+        if self._turn < math.tau:  # after a full circle the target would be the heading at the start
+            self.target = base + side * self._turn
         since, gained = now.t, LEAST_GAIN
         while side * (now.psi - base) < self._turn:
             turned = side * (now.psi - base)

@@ -44,6 +44,12 @@ def test_the_rudder_is_held_to_its_side_until_the_bow_has_gone_round_and_then_pu
     assert circle.settings["turn"] == pytest.approx(math.radians(90.0))
 
 
+def test_a_full_circle_shows_no_target_because_it_would_be_the_heading_at_the_start() -> None:
+    circle = CircleAndPullOut(math.radians(360.0), Steering(0.5, 1))
+    answered(circle, Turner(0.2))
+    assert math.isnan(circle.target)
+
+
 @pytest.mark.parametrize(("rate", "ending"), [(0.02, "completed"), (0.016, "aborted"), (-0.2, "aborted")])
 def test_a_bow_that_comes_round_by_no_thirty_degrees_more_in_a_minute_is_given_up(rate: float, ending: str) -> None:
     circle = CircleAndPullOut(math.radians(100.0), Steering(0.5))
