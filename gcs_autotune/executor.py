@@ -254,7 +254,13 @@ class DaskExecutor:
 
     def _verify_connected(self) -> None:
         if self._client.status != "running":
-            raise ConnectionError(f"the scheduler {self._client._start_arg or ''} has gone away")
+            raise ConnectionError(f"{self._scheduler} has gone away")
+
+    @property
+    def _scheduler(self) -> str:
+        """The scheduler's name in a sentence: with its address, unless it is of this process."""
+        address = self._client._start_arg
+        return f"the scheduler {address}" if isinstance(address, str) else "the scheduler"
 
     def _room(self) -> int:
         """Return how many tasks may be submitted at a time."""
@@ -295,7 +301,7 @@ class DaskExecutor:
 
     def _answer_of(self, future: Any) -> _Answers | _Unsuited | _Killed | BaseException:
         if future.status == "cancelled":
-            raise ConnectionError("the scheduler has gone away, or another client cancelled the tasks")
+            raise ConnectionError(f"{self._scheduler} has gone away, or another client cancelled the tasks")
         if future.status == "error":
             error = future.exception()
             return _Killed(int(error.allowed_failures) + 1) if type(error).__name__ == "KilledWorker" else error

@@ -52,6 +52,17 @@ def test_the_picture_of_a_tune_says_what_it_was_drawn_from_and_another_run_is_no
     assert draw_picture.differs(tmp_path, ROOT / "docs" / "pictures" / "tune.png") == [change[0]["parameter"]]
 
 
+def test_the_success_maps_show_the_recorded_figures_and_the_pages_name_them():
+    drawn = module_of_the_docs("draw_success_maps").drawn_from(ROOT / "docs" / "pictures" / "thesis-7-5.svg")
+    recorded = json.loads((ROOT / "benchmarks" / "results" / "thesis_7_5.json").read_text())["figures"]
+    shared = {f["name"]: [f["value"], f["of"]] for f in recorded if f["name"] in drawn}
+    assert {"day 1: valid experiments", "day 2: pairs decided for the linear model, no margin"} <= set(shared)
+    assert shared == {name: drawn[name] for name in shared}
+    pages = [(ROOT / page).read_text() for page in ("docs/study.md", "benchmarks/notes/thesis-7-5.md")]
+    told = [f"{right} of {cases}" for right, cases in drawn.values()]
+    assert [(words, page[:40]) for words in told for page in pages if words not in page] == []
+
+
 def test_every_page_is_looked_at():
     assert {"README.md", "CONTRIBUTING.md", "docs/tune.md", "docs/diagnose.md"} <= set(PAGES)
 

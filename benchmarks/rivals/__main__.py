@@ -27,6 +27,7 @@ import argparse
 import math
 import os
 import sys
+from pathlib import Path
 
 from benchmarks.results import Figure, count, headline
 from benchmarks.rivals.contest import Entry, entries_of, flown_again, has_goal, is_first
@@ -77,9 +78,10 @@ def main() -> int:
     parser.add_argument("--again", action="store_true", help="fly the stored gains once more, from an empty integral")
     args = parser.parse_args()
     wanted = [name for name in args.only.split(",") if name in FLEET]
-    lacking = {BINARIES[FLEET[name].data.firmware] for name in wanted} - {n for n in os.environ if os.environ[n]}
+    needed = {BINARIES[FLEET[name].data.firmware] for name in wanted}
+    lacking = sorted(name for name in needed if not Path(os.environ.get(name) or ".").is_file())
     if lacking:
-        print(f"benchmarks.rivals flies ArduPilot's own firmware: set {' and '.join(sorted(lacking))} to its binaries")
+        print(f"benchmarks.rivals flies ArduPilot's own firmware: set {' and '.join(lacking)} to its binaries")
         return 2
     jobs = tuple(f"{n} {j.axis}" for n in wanted for j in FLEET[n].jobs if args.axis in (None, j.axis))
     fixed = {"argument.budget": args.budget}

@@ -198,7 +198,7 @@ def _list() -> int:
         options = (*(["force"] if kind.for_force else []), *kind.options)
         takes = f" Takes {', '.join(f'--{n}' for n in options)}." if options else ""
         how = takes if kind.make else f" Flown by {kind.command}."
-        text = f"{kind.described}. {tells}Space: {kind.room}.{how}"
+        text = f"{kind.help}. {tells}Space: {kind.room}.{how}"
         filled = textwrap.fill(text, 80, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
         sys.stdout.write(f"{kind.name}\n{filled}\n")
     return 0

@@ -152,7 +152,7 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from gcs_autotune.study import Case, Started, Store, commands_of, plan_of, play
+    from gcs_autotune.study import Case, Started, Store, commands_of, other_code, plan_of, play
 
     store = Store(args.folder)
     plan = plan_of(store)
@@ -160,6 +160,8 @@ def _replay(args: argparse.Namespace) -> int:
     folder = args.out or fresh(args.folder / f"replay-{args.case}")
     folder.mkdir(parents=True, exist_ok=True)
     case = Case(index, given)
+    if why := other_code(store, plan):
+        sys.stderr.write(f"The results may differ from those stored. This is {visible(why)}\n")
     for line in commands_of(plan.do, given, folder, plan.home):
         sys.stdout.write(f"{shlex.join(['gcs-autotune', *line])}\n")
     row = play(Started.of(plan), case, folder)

@@ -76,7 +76,7 @@ class OwnDesign(Displayed):
     model : the identified one, its delay with that of the sampled loop.
     bound : (left, right) of the stability condition for the measured uncertainty; stable while left < right.
     effort : largest command in the required step, in units of the input.
-    limited_by : why the loop cannot be faster, in words: the limit that the next faster loop tried breaks.
+    limited_by : why the loop cannot be faster, in words.
     """
 
     law: FeedbackLaw
@@ -222,7 +222,7 @@ class _Demands:
             broken = self.broken(reference_model(kind, float(omega)))
             if not broken:
                 return float(omega), why
-            why = f"at {omega:.2g} rad/s {broken}"
+            why = broken
         return 0.0, why
 
     def broken(self, wanted: ReferenceModel) -> str:
@@ -244,7 +244,7 @@ class _Demands:
         ):
             if not value >= enough:
                 return (
-                    f"with a delay of {model.delay:.2g} s the {name} of its loop is {factor * value:.2g}{unit}; "
+                    f"its {name} would be {factor * value:.2g}{unit} with a delay of {model.delay:.2g} s; "
                     f"{factor * enough:.2g}{unit} is required"
                 )
         return ""

@@ -38,8 +38,6 @@ SHORTEST = 0.5
 """Shortest window [s]. Project choice: time shifts between sensors of one craft are usually shorter."""
 SURE = 4.0
 """Number of standard errors by which a ratio or a shift must differ to count. Project choice."""
-TOLERANCE = 0.12
-"""Deviation of the ratio from 1 that filters and scales of good sensors may cause (0.88 to 1.12). Project choice."""
 ALIKE, APART = 0.75, 0.5
 """Coherence above which two motions are equal up to a ratio (ALIKE), and below which they differ (APART).
 
@@ -91,12 +89,15 @@ class Expected:
     floor : least motion for a comparison, as the rms of the rate.
     way : least total distance of the position, in its unit. In one short turn a filter looks like a contradiction.
     shift : time [s] by which one sensor may be later than the other.
+    tolerance : deviation of the ratio from 1 that filters and scales may cause. Default 0.12 (0.88 to 1.12), a project
+        choice.
     """
 
     offset: float
     floor: float
     way: float
     shift: float = 0.4
+    tolerance: float = 0.12
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +195,7 @@ def _still_part(
         if not still.any() or rest.sum() < count:
             continue
         slope, std, _ = _regression(a[rest], b[rest], windows.overlap, expected.offset, noise)
-        if abs(slope - 1.0) > 2.0 * TOLERANCE + SURE * min(std, 0.03) or _cosine(a[rest], b[rest]) < ALIKE:
+        if abs(slope - 1.0) > 2.0 * expected.tolerance + SURE * min(std, 0.03) or _cosine(a[rest], b[rest]) < ALIKE:
             continue
         edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
         k = int(np.argmax(edges[1::2] - edges[::2]))
@@ -364,7 +365,7 @@ def _judge(
     quiet = _rms(following) < max(STILL * _rms(leading), 2.0 * own_noise)
     steady = _rms(leading - float(np.mean(leading))) < 0.1 * _rms(leading)
     frozen = float(np.ptp(following)) <= 1e-9 * _rms(following) and (not steady or high < 0.1)
-    excluded = high + SURE * std < 1.0 - TOLERANCE
+    excluded = high + SURE * std < 1.0 - expected.tolerance
     nothing = excluded and high < APART and (frozen or _rms(following) < 3.0 * own_noise)
     little = excluded and high < 0.5 * APART and high < max(3.0 * std, 0.1)
     if nothing or (little and (abs(coherence) < ALIKE or _is_flat(leading, following))):
@@ -372,7 +373,9 @@ def _judge(
         kind, factor, factor_std = (still if quiet else "unrelated"), math.nan, math.nan
     elif abs(coherence) >= ALIKE:
         swing = _swing(windows, leading)
-        allowed = TOLERANCE + 1.0 - 1.0 / math.hypot(1.0, swing * shift) if abs(shift) <= expected.shift else TOLERANCE
+        allowed = expected.tolerance
+        if abs(shift) <= expected.shift:
+            allowed += 1.0 - 1.0 / math.hypot(1.0, swing * shift)
         away = abs(math.log(max(high, 1e-12)))
         if slope < 0.0 and -slope > SURE * std:
             kind = "sign"
@@ -386,7 +389,7 @@ def _judge(
             kind = "shift"
         elif std < SPREAD:
             kind = "agrees"
-    elif std < SPREAD and abs(slope - 1.0) < 2.0 * TOLERANCE:
+    elif std < SPREAD and abs(slope - 1.0) < 2.0 * expected.tolerance:
         kind = "agrees"
     clear = _rms(leading) / noise[0 if position_leads else 1]
     return Comparison(kind, factor, factor_std, shift, shift_std, coherence, moved, told, clear)

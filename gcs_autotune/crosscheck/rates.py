@@ -19,7 +19,11 @@ __all__ = ["compared_with_rate", "rate_contradictions"]
 
 FULL_TURN = 2.0 * math.pi
 _TURN = Expected(offset=math.radians(0.5), floor=math.radians(0.4), way=math.radians(45.0))
-_CLIMB = Expected(offset=0.03, floor=0.02, way=0.5, shift=0.6)
+_CLIMB = Expected(offset=0.03, floor=0.02, way=0.5, shift=0.6, tolerance=0.25)
+"""The tolerance is larger than for turns: in oscillations with a period of 3 s, the depth that ArduSub's EKF reports
+changes 1.10 to 1.13 times as much as that of the hull, and its vertical speed is right (measured with ArduSub of
+December 2025 on our hull). Slow motion is right in both. Errors of a unit (feet: 3.28) are far larger.
+"""
 
 Rates = Callable[[Trial], Channel | None]
 

@@ -88,7 +88,6 @@ def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
     """
     tried: list[GainCandidate] = []
     best: GainCandidate | None = None
-    patience = PATIENCE
     for wanted in _specifications(problem):
         fastest = (tried[0].wanted if tried else wanted).omega_0
         span = problem.spec.step_duration or SPANS * settling_time(wanted.kind, fastest)

@@ -117,7 +117,7 @@ def _told(change: CraftChange, size: float) -> str:
     if change.name == "trim":
         return f"trim by {size:+.3g} ({change.more if size > 0.0 else change.less}; effect {change.slug})"
     example = change.more if size > 1.0 else change.less
-    return f"{change.name} x {size:.2f} (for example: {example}; effect {change.slug})"
+    return f"{change.name} x {size:.3g} (for example: {example}; effect {change.slug})"
 
 
 NAMES = ("inertia", "drag", "trim")

@@ -35,7 +35,7 @@ from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
-from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
+from gcs_autotune.manoeuvres.step import Step, StepSettings, are_read, common_windows, windows_of
 from gcs_autotune.manoeuvres.step_position import PushPosition, StepPosition
 from gcs_autotune.manoeuvres.table import MANOEUVRES
 from gcs_autotune.manoeuvres.throttle_steps import BOTH_WAYS, LEVELS, ThrottleSteps, ThrottleStepsSettings
@@ -115,6 +115,7 @@ __all__ = [
     "ZigZag",
     "ZigZagSettings",
     "Zone",
+    "are_read",
     "common_windows",
     "far_out",
     "fly_on",

@@ -43,7 +43,7 @@ class ManoeuvreKind:
 
     Attributes
     ----------
-    name, help : its name in records, and its description. for_boats : what differs for the thrust of a boat.
+    name, help : its name in records, and its description.
     excites : degrees of freedom that it excites. drives : forces that it commands.
     make : function that creates it from options (SI and radians) by name: those of ``options``, and ``throttle``,
         ``duration``,
@@ -85,12 +85,6 @@ class ManoeuvreKind:
     timed: bool = False
     for_force: Callable[[str], ManoeuvreKind] | None = None
     shrinks: Mapping[str, float] = field(default_factory=dict)
-    for_boats: str = ""
-
-    @property
-    def described(self) -> str:
-        """The description for any craft."""
-        return f"{self.help} ({self.for_boats})" if self.for_boats else self.help
 
     def of(self, force: str) -> ManoeuvreKind:
         """Return this entry of the table for *force* (``X`` to ``N``; empty: unchanged).

@@ -207,10 +207,6 @@ def _preset(title: str, forces: str, kind: str, programme: Callable[[float, floa
     )
 
 
-AHEAD_ONLY = dict.fromkeys(("steps", "staircase"), "a boat's thrust: ahead only")
-"""Manoeuvre -> what differs for the thrust of a boat."""
-
-
 def _of_any_force(
     name: str,
     help: str,
@@ -245,7 +241,6 @@ def _of_any_force(
         return ManoeuvreKind(
             name=name,
             help=help,
-            for_boats=AHEAD_ONLY.get(name, ""),
             excites=frozenset({DOF_OF[force]}),
             drives=frozenset({force}),
             make=make,
@@ -326,7 +321,7 @@ _DOUBLET, _DOUBLETS = levels(1.0, -1.0, 0.0), levels(1.0, -1.0, 0.0, 1.0, -1.0, 
 KINDS: tuple[ManoeuvreKind, ...] = (
     _of_any_force(
         "steps",
-        "one force in timed steps: full, half, none, then in the other direction",
+        "one force in timed steps: full, half, none, in each direction that is allowed",
         lambda given, either_way: _EITHER_WAY if either_way else _THROTTLES,
         ("steering step", "N", partial(_timed, full, "N", 0.0)),
         ("steering steps", "N", partial(_timed, _EITHER_WAY, "N", 0.0)),
@@ -336,7 +331,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "staircase",
-        "one force in equal steps up and down, then in the other direction",
+        "one force in equal steps up and down, in each direction that is allowed",
         lambda given, either_way: staircase(int(given["levels"]), either_way),
         options=("levels",),
     ),

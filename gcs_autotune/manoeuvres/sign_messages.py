@@ -62,13 +62,13 @@ _WAYS: Mapping[str, tuple[str, str]] = {
 def moved(stretch: Pulse, signal: str, force: str) -> str:
     """Return a clause on the motion caused by one pulse."""
     angular = SIGNALS[signal].angular
-    size = f"{abs(math.degrees(stretch.moved)):.1f} deg" if angular else f"{abs(stretch.moved):.2f} m"
-    way = _WAYS.get(force, ("to starboard", "to port"))
-    did = "turned" if angular else "moved"
-    return (
-        f"{stretch.command:+.2f} of full {force} output {did} the craft {size} {way[0 if stretch.moved > 0.0 else 1]} "
-        f"in {stretch.seconds:.1f} s"
+    does, size = (
+        ("turned", f"{abs(math.degrees(stretch.moved)):.1f} deg")
+        if angular
+        else ("moved", f"{abs(stretch.moved):.2f} m")
     )
+    way = _WAYS.get(force, ("to starboard", "to port"))[0 if stretch.moved > 0.0 else 1]
+    return f"{stretch.command:+.2f} of full {force} output {does} the craft {size} {way} in {stretch.seconds:.1f} s"
 
 
 def acts_rightly(stretch: Pulse, signal: str, force: str) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,10 @@ from gcs_autotune.trial import Trial
 
 Array = NDArray[np.float64]
 
-__all__ = ["Step", "StepSettings", "common_windows", "windows_of"]
+__all__ = ["Step", "StepSettings", "are_read", "common_windows", "windows_of"]
+
+SHORTEST_HALF = 1.0
+"""Shortest record [s] of a half that is evaluated. Project choice."""
 
 SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
 """Distance from the target within which a signal counts as settled: fraction of the step, and standard deviations of
@@ -311,6 +314,14 @@ def windows_of(trial: Trial) -> tuple[float, ...]:
     lasted = [float(seconds) for seconds in trial.meta.get("lasted", ())]
     longest = float(trial.meta.get("duration", math.inf))
     return tuple(lasted[i] if i < len(lasted) else longest for i in range(max(flown, 0)))
+
+
+def are_read(windows: Sequence[float]) -> list[bool]:
+    """Return for each half of a step, recorded for *windows* [s], whether it is evaluated.
+
+    A half that a limit ended at once is too short, and is left out if the other one is not.
+    """
+    return [seconds >= min(SHORTEST_HALF, max(windows)) for seconds in windows]
 
 
 def common_windows(one: Trial, other: Trial) -> tuple[float, ...]:

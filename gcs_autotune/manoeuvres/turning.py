@@ -48,13 +48,13 @@ class CircleAndPullOut(UnderWay):
         side, base = self._steering.side, now.psi
         helm = side * self._steering.share
         self._execute("turn", helm, now)
-        if self._turn < math.tau:  # after a full circle the target would be the heading at the start
-            self.target = base + side * self._turn
         since, gained = now.t, LEAST_GAIN
         while side * (now.psi - base) < self._turn:
             turned = side * (now.psi - base)
             if turned >= gained:
                 since, gained = now.t, turned + LEAST_GAIN
+                # a target would be shown as a heading: after a full turn that at which the turn began
+                self.phase = f"turn, {math.degrees(turned):.0f} of {math.degrees(self._turn):.0f} deg"
             elif now.t - since > PATIENCE:
                 self._end("aborted", self._stuck(turned))
             now = yield self._command(helm, now)

@@ -31,6 +31,7 @@ from gcs_autotune.report.cases import (
     SuccessMap,
     WorstCase,
     case_study_document,
+    draw_success_map,
 )
 from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document, styles_compared
 from gcs_autotune.report.diagnosis.document import diagnosis_document
@@ -126,6 +127,7 @@ __all__ = [
     "designed_document",
     "diagnosis_document",
     "distance_figures",
+    "draw_success_map",
     "effects_document",
     "figures_on",
     "files_section",

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, KeyFigure, Note, Section, Table, Verdict
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Drawing
+    from matplotlib.image import AxesImage
 
 __all__ = [
     "BOUND_CLASSES",
@@ -24,6 +26,7 @@ __all__ = [
     "SuccessMap",
     "WorstCase",
     "case_study_document",
+    "draw_success_map",
 ]
 
 
@@ -179,8 +182,8 @@ def _map_section(found: SuccessMap) -> Iterator[Section]:
         (y, *(f"{h}/{n}" if n else "" for h, n in zip(hits, totals, strict=True)))
         for y, hits, totals in zip(found.ys, found.hits, found.totals, strict=True)
     )
-    heads = (f"{found.y} \\ {found.x}", *found.xs)
-    table = Table(heads, "l" + "r" * len(found.xs), rows)
+    note = f"Rows: {found.y}. Columns: {found.x}."
+    table = Table(("", *found.xs), "l" + "r" * len(found.xs), rows, note=note)
     figure = Figure("success-map", f"Success over {found.x} and {found.y}.", lambda: _draw_map(found))
     yield Section("map", "Success map", (figure, table), facts=IN_RESULT)
 
@@ -189,7 +192,12 @@ def _draw_map(found: SuccessMap) -> Drawing:
     from matplotlib.figure import Figure as Drawing
 
     drawing = Drawing(figsize=(6.4, 4.0), layout="constrained")
-    ax = drawing.subplots()
+    drawing.colorbar(draw_success_map(found, drawing.subplots()), label="success")
+    return drawing
+
+
+def draw_success_map(found: SuccessMap, ax: Axes) -> AxesImage:
+    """Draw the map into *ax*: colour and count of each cell. Return the image, for a colour bar from 0 to 1."""
     shares = [
         [h / n if n else float("nan") for h, n in zip(*row, strict=True)]
         for row in zip(found.hits, found.totals, strict=True)
@@ -201,9 +209,9 @@ def _draw_map(found: SuccessMap) -> Drawing:
     ax.set_ylabel(found.y)
     for j, row in enumerate(zip(found.hits, found.totals, strict=True)):
         for i, (h, n) in enumerate(zip(*row, strict=True)):
-            ax.annotate(f"{h}/{n}" if n else "", (i, j), ha="center", va="center", fontsize=8)
-    drawing.colorbar(image, label="success")
-    return drawing
+            colour = "black" if n and 0.15 < h / n < 0.85 else "white"  # the ends of the colours are dark
+            ax.annotate(f"{h}/{n}" if n else "", (i, j), ha="center", va="center", fontsize=8, color=colour)
+    return image
 
 
 def _rates(study: CaseStudy) -> Iterator[Section]:

@@ -16,10 +16,10 @@ cluster         a Dask cluster: local processes, or an existing scheduler
 from __future__ import annotations
 
 from gcs_autotune.study.cluster import cluster_of
-from gcs_autotune.study.figures import StudyProgress, case_study_of, plan_of, progress_of
+from gcs_autotune.study.figures import StudyProgress, case_study_of, plan_of, progress_of, success_map
 from gcs_autotune.study.jobs import commands_of
 from gcs_autotune.study.plan import Case, Plan, load_plan
-from gcs_autotune.study.run import Started, check_plan, given_up, play, run_study, unsuited
+from gcs_autotune.study.run import Started, check_plan, given_up, other_code, play, run_study, unsuited
 from gcs_autotune.study.store import Row, Store, open_study
 
 __all__ = [
@@ -36,9 +36,11 @@ __all__ = [
     "given_up",
     "load_plan",
     "open_study",
+    "other_code",
     "plan_of",
     "play",
     "progress_of",
     "run_study",
+    "success_map",
     "unsuited",
 ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import os
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -14,7 +16,7 @@ from typing import Any
 
 from gcs_autotune import __version__
 
-__all__ = ["Build", "build_of", "difference_from"]
+__all__ = ["Build", "build_of", "difference_from", "importing_from"]
 
 PACKAGES = ("gcs_autotune", "gcs_autotune_files", "sitl")
 _COMPILED = ("numba", "llvmlite", "numpy", "scipy")
@@ -51,6 +53,21 @@ def difference_from(expected: Build, do: str, home: Path) -> str:
     return "" if own == expected else f"{own}, but the study needs {expected}"
 
 
+@contextlib.contextmanager
+def importing_from(home: str) -> Iterator[None]:
+    """Search modules in the folder *home* first, as Python does for a program there. Afterwards it is searched last."""
+    if not (home and Path(home).is_dir()):
+        yield
+        return
+    sys.path.insert(0, home)
+    try:
+        yield
+    finally:
+        sys.path.remove(home)
+        if home not in sys.path:
+            sys.path.append(home)
+
+
 @cache
 def _own() -> tuple[str, str]:
     digest = hashlib.sha256()
@@ -80,10 +97,9 @@ def _hash_of_module(module: str, home: str) -> str:
 
     The module itself is not imported for it.
     """
-    if home and Path(home).is_dir() and home not in sys.path:
-        sys.path.append(home)
     try:
-        spec = importlib.util.find_spec(module)
+        with importing_from(home):
+            spec = importlib.util.find_spec(module)
     except (ImportError, ValueError):
         return ""
     if spec is None or not spec.origin or not Path(spec.origin).is_file():

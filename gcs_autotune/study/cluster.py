@@ -42,7 +42,9 @@ def cluster_of(workers: int, scheduler: str = "") -> Iterator[Any]:
         Dask is not installed. CannotOpenLink: no scheduler answers at the address.
     """
     distributed = dask()
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a killed worker is reported by its case
+    for name in ("distributed", *logging.root.manager.loggerDict):  # some of Dask's loggers have a level of their own
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # killed workers are reported by their cases
     if scheduler:
         with _connected(distributed, scheduler) as client:
             yield client

@@ -29,9 +29,9 @@ from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.study.craft import NONE
 from gcs_autotune.study.jobs import JOBS, Job
 from gcs_autotune.study.plan import Goal, Plan, load_plan
-from gcs_autotune.study.store import DONE, FAILED, GIVEN_UP, Store, frame_of
+from gcs_autotune.study.store import DONE, FAILED, GIVEN_UP, Store, frame_of, open_study
 
-__all__ = ["StudyProgress", "case_study_of", "plan_of", "progress_of"]
+__all__ = ["StudyProgress", "case_study_of", "plan_of", "progress_of", "success_map"]
 
 _MOST_VALUES = 24
 """Largest number of values of a name for which rates are shown one by one; more are shown in groups. Project choice."""
@@ -131,7 +131,7 @@ def case_study_of(folder: Path, against: Path | None = None) -> CaseStudy:
         found["success"] = rate_of(goal, hit)
         found["by_value"] = tuple(_by_value(plan, frame, hit))
         if spec.map:
-            found["map"] = _map(spec.map, frame, hit)
+            found["map"] = success_map(spec.map, frame, hit)
     if measure:
         found["spreads"] = (_spread(measure, frame[measure]),)
     return CaseStudy(
@@ -205,7 +205,8 @@ def _by_value(plan: Plan, frame: Any, hit: Any) -> list[tuple[str, Rate]]:
     return found
 
 
-def _map(names: Sequence[str], frame: Any, hit: Any) -> SuccessMap:
+def success_map(names: Sequence[str], frame: Any, hit: Any) -> SuccessMap:
+    """Return the map of *hit* (true or false for each row of the DataFrame *frame*) over two of its columns."""
     xs, ys = (_groups(frame[name]) for name in names)
     hits = tuple(tuple(int(hit[x & y].sum()) for _, x in xs) for _, y in ys)
     totals = tuple(tuple(int((x & y).sum()) for _, x in xs) for _, y in ys)
@@ -290,8 +291,7 @@ def _worst(plan: Plan, frame: Any, hit: Any, measure: str, folder: Path) -> list
 
 def _against(plan: Plan, job: Job, frame: Any, hit: Any, measure: str, folder: Path) -> StudyComparison:
     """Compare with an earlier study, by cases with equal values."""
-    other = Store(folder)
-    old = frame_of(other.table()).drop_duplicates("point")
+    old = open_study(folder).drop_duplicates("point")
     if not set(old["point"]) & set(frame["point"]):
         raise BadFile(f"{folder} and this study have no case in common. Compare results of the same study file")
     before = _successes(plan, job, old)[1]

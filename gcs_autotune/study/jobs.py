@@ -13,7 +13,6 @@ import json
 import math
 import re
 import shlex
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from typing import Any
 
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.plain_json import plain_data
+from gcs_autotune.study.build import importing_from
 from gcs_autotune.study.command_server import CommandServer
 from gcs_autotune.study.craft import link_of
 
@@ -141,7 +141,7 @@ def commands_of(do: str, given: Mapping[str, Any], folder: Path, home: Path) -> 
 
 
 def function_of(do: str, home: Path) -> Callable[..., Mapping[str, Any]]:
-    """Return the function that *do* names. Its module is also searched for in *home*.
+    """Return the function that *do* names. Its module is searched for in *home* first.
 
     Raises
     ------
@@ -149,10 +149,9 @@ def function_of(do: str, home: Path) -> Callable[..., Mapping[str, Any]]:
         It cannot be imported.
     """
     module, _, name = do.partition(":")
-    if home.is_dir() and str(home) not in sys.path:
-        sys.path.append(str(home))
     try:
-        found: Callable[..., Mapping[str, Any]] = getattr(importlib.import_module(module), name)
+        with importing_from(str(home)):
+            found: Callable[..., Mapping[str, Any]] = getattr(importlib.import_module(module), name)
     except Exception as error:
         raise UsageError(f"do: '{do}' cannot be imported: {error}") from error
     return found

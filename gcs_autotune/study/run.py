@@ -22,7 +22,7 @@ from gcs_autotune.study.jobs import JOBS, TRIES, Killed, argument_names, command
 from gcs_autotune.study.plan import Case, Plan
 from gcs_autotune.study.store import DONE, FAILED, GIVEN_UP, Row, Store
 
-__all__ = ["Started", "check_plan", "given_up", "play", "run_study", "unsuited"]
+__all__ = ["Started", "check_plan", "given_up", "other_code", "play", "run_study", "unsuited"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +235,7 @@ def run_study(
     started = Started.of(plan)
     store = Store(folder)
     with store.writing():
-        _verify_same(store, plan, started)
+        _verify_same(store, plan)
         store.begin(
             plan.file.read_text(encoding="utf-8"),
             {
@@ -269,7 +269,12 @@ def run_study(
     return started
 
 
-def _verify_same(store: Store, plan: Plan, started: Started) -> None:
+def other_code(store: Store, plan: Plan) -> str:
+    """Return how the code of this process differs from that of the results in *store*; empty if it does not."""
+    return difference_from(Build(**store.head["build"]), plan.do, plan.home)
+
+
+def _verify_same(store: Store, plan: Plan) -> None:
     """Verify that the folder is new, or contains this study and this code."""
     if not store.has_head:
         return
@@ -281,8 +286,8 @@ def _verify_same(store: Store, plan: Plan, started: Started) -> None:
             f"{store.folder} contains results of another study: {plan.file} differs from it in {differing[0]}. "
             "Use another --out"
         )
-    if head.get("build") != asdict(started.build):
+    if why := other_code(store, plan):
         raise BadFile(
-            f"{store.folder} contains results of {Build(**head['build'])}, but this is {started.build}. Use another "
-            "--out, or the code of that version"
+            f"{store.folder} contains results of another version. This is {why}. Use another --out, or the code of "
+            "that version"
         )

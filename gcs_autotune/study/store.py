@@ -19,6 +19,7 @@ from gcs_autotune.documents import load_json
 from gcs_autotune.errors import BadFile, PreconditionFailed, UsageError
 from gcs_autotune.notebook import pandas_module
 from gcs_autotune.plain_json import json_text
+from gcs_autotune.rounding import counted
 
 try:
     import fcntl
@@ -229,7 +230,7 @@ class Store:
     def _write_table(self, table: Any) -> Path:
         last = max((int(p.name.split("-")[1].split(".")[0]) for p in self._parts.glob("part-*")), default=-1)
         path = self._parts / f"part-{last + 1:06d}.parquet"
-        with _naming_disk(path, f"{table.num_rows} cases"):
+        with _naming_disk(path, counted(table.num_rows, "case")):
             _write(path, lambda temporary: parquet().write_table(table, temporary))
         return path
 
@@ -303,8 +304,9 @@ def _naming_disk(path: Path, what: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        why = os.strerror(error.errno) if error.errno else error  # pyarrow wraps the words of the system in its own
         raise BadFile(
-            f"cannot write {what} to {path}: {error.strerror or error}. Free some space and repeat the command; "
+            f"cannot write {what} to {path}: {why}. Free some space and repeat the command; "
             "the stored cases are not repeated"
         ) from error
 

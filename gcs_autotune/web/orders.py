@@ -125,7 +125,7 @@ def _manoeuvre(kind: ManoeuvreKind) -> dict[str, Any]:
     """Return the fields of a manoeuvre: its options and the forces that it can drive, each with a simulated craft."""
     return {
         "name": kind.name,
-        "help": kind.described,
+        "help": kind.help,
         "room": kind.room,
         "options": [_field(name) for name in kind.options],
         "forces": {force: _example(kind.of(force)) for force in _forces(kind)},

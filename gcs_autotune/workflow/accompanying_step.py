@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.design import OTHER_MODE, StepMetrics, Verdict, is_followed, scatter_of
 from gcs_autotune.errors import PreconditionFailed
-from gcs_autotune.manoeuvres import common_windows
+from gcs_autotune.manoeuvres import are_read, common_windows
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria
@@ -73,8 +73,8 @@ class AccompanyingStep:
 
 def compared_over(alike: Sequence[float]) -> str:
     """Return a sentence on the durations [s] of the step and the step back over which two flights are compared."""
-    legs = zip(alike, ("step", "step back"), strict=False)
-    parts = " and ".join(f"the first {seconds:.0f} s of the {leg}" for seconds, leg in legs)
+    legs = zip(alike, ("step", "step back"), are_read(alike), strict=False)
+    parts = " and ".join(f"the first {seconds:.0f} s of the {leg}" for seconds, leg, is_read in legs if is_read)
     return f"both flights are compared over {parts}: the shorter flight ends there"
 
 

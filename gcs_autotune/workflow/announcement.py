@@ -21,7 +21,7 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_D
 from gcs_autotune.workflow.itinerary import Itinerary
 from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
-__all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "modes_then", "room", "styled", "whole_of"]
+__all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "in_modes", "room", "styled", "whole_of"]
 
 ROOM_AND_TIME = "Space, time"
 """Row of the announcement that states both, for a run whose every stage was simulated."""
@@ -56,12 +56,6 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
         below += f". More than {limit:.0f} deg of {dof} ends the run (--max-{dof})"
     around = f"about {ROV_ROOM:g} m of free water around the vehicle{below}"
     return Intention(f"need {around}", "Space", around)
-
-
-def modes_then(used: Sequence[str], back: str) -> str:
-    """Return the modes of a run in words, with the mode *back* of the vehicle at its end."""
-    told = " and ".join(filter(None, (", ".join(used[:-1]), used[-1])))
-    return told if told == back else f"{told}, then {back}{' again' * (back not in used)}"
 
 
 def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
@@ -149,6 +143,20 @@ def styled(name: str, *, designs: bool = True) -> Intention:
         return Intention(f"design for style {name}: {style}", "Style", f"{name}: {style}")
     told = f"an error up to {style.slower:.2g} times as large is accepted if the actuator travels clearly less"
     return Intention(f"compare by style {name}: {told}", "Style", f"{name}: {told}")
+
+
+def in_modes(modes: Sequence[str], back: str, when: str) -> Intention:
+    """Return a sentence on the *modes* that are used, and on *back*, the mode to return to.
+
+    when : when the vehicle returns, as text.
+    """
+    *others, last = modes
+    used = f"{', '.join(others)}{' and ' if others else ''}{last}"
+    if list(modes) == [back]:
+        return Intention(f"stay in mode {back}", "Modes", f"{back}, as now")
+    return Intention(
+        f"use mode{'s' * bool(others)} {used}, and return to {back} {when}", "Modes", f"{used}, then {back} again"
+    )
 
 
 def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention, ...]:

@@ -203,12 +203,8 @@ def _changes(found: Comparison) -> dict[str, tuple[CraftComparison, ...]]:
 
 def _doubts(found: Comparison) -> list[str]:
     doubts = []
-    vehicles = dict.fromkeys(run.vehicle for run in found.runs if run.vehicle)
-    if len(vehicles) > 1:
-        doubts.append(
-            f"the runs are of {len(vehicles)} different vehicles ({', '.join(vehicles)}). Differences are not "
-            "changes of one craft"
-        )
+    if len(found.vehicles) > 1:
+        doubts.append(f"the runs are of {len(found.vehicles)} different vehicles ({', '.join(found.vehicles)})")
     for dof in COMPARED:
         units = dict.fromkeys(run.fits[dof].model.input_unit for run in found.runs if dof in run.fits)
         if len(units) > 1:

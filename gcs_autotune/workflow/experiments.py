@@ -25,6 +25,7 @@ from gcs_autotune.manoeuvres import (
     ThrottleSteps,
     ThrottleStepsSettings,
     WallRelay,
+    are_read,
     windows_of,
 )
 from gcs_autotune.sensor import noise_of, quantum
@@ -263,7 +264,8 @@ def measure_halves(
     trial: Trial, noise_std: float = 0.0, resolution: float = 0.0, windows: Sequence[float] = ()
 ) -> list[StepMetrics]:
     """Return the metrics of the step out and of the step back of a step trial, as far as they were flown. Each half is
-    evaluated over its first ``windows`` [s], or over its record if that is shorter.
+    evaluated over its first ``windows`` [s], or over its record if that is shorter. A half that is too short is left
+    out (:func:`gcs_autotune.manoeuvres.are_read`).
 
     A step that was stopped because the loop diverged counts as if its last error had lasted to the end. *noise_std* and
     the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass with a resolution of two
@@ -274,7 +276,9 @@ def measure_halves(
     targets = [m for m in trial.marks if m.kind == "target"]
     own, found = windows_of(trial), []
     read = (*map(min, own, windows), *own[len(windows) :])
-    for (before, after), window in zip(itertools.pairwise(targets), read, strict=True):
+    for (before, after), window, is_read in zip(itertools.pairwise(targets), read, are_read(read), strict=True):
+        if not is_read:
+            continue
         values = float(before.detail["value"]), float(after.detail["value"])
         asked = _Step(*values, after.t + late, window)
         found.append(_one_step(trial, signal, asked, noise_std, resolution))

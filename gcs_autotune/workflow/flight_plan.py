@@ -107,10 +107,8 @@ class FlySettings:
             )
         strange = [name for name in self.options if name not in kind.options]
         if strange:
-            have = ", ".join(f"--{name}" for name in kind.options)
-            raise UsageError(
-                f"{kind.name} has no option --{strange[0]}. Its options are {have}, --throttle and --first-to"
-            )
+            have = ", ".join(f"--{name}" for name in (*kind.options, "throttle"))
+            raise UsageError(f"{kind.name} has no option --{strange[0]}. Its options are {have} and --first-to")
         if "rudder" in self.options and "full-rudder" not in self.options:
             raise UsageError(
                 "--rudder is an angle. Add --full-rudder, the rudder angle at full output, or use --steering"

@@ -337,9 +337,8 @@ class _Flight:
     def _movements(self) -> str:
         if len(self.runs) == 1:
             kind = self.runs[0].settings.kind
-            whole = kind.described if self._visit.craft.firmware.needs_way and kind.drives == {"X"} else kind.help
-            title, _, rest = whole.partition(": ")
-            meaning = rest if title.replace(" ", "-") == kind.name else whole
+            title, _, rest = kind.help.partition(": ")
+            meaning = rest if title.replace(" ", "-") == kind.name else kind.help
             return f"{self._relays_told()}{kind.name}: {meaning}"
         back = ", with a return to the start in between" if self._visit.craft.firmware.needs_way else ""
         left = self._left

@@ -220,11 +220,10 @@ class HoldSetPoint(Task):
             raise UsageError(f"hold has no loop of {context.axis.name} of its own. Use {' or '.join(TASKS)}")
 
     def movements(self, context: TuneContext) -> str:
-        """Return the step in words."""
-        step, kind = self.step(context), context.axis.kind
+        """Return the step, and the holding after it, in words."""
+        step, kind, seconds = self.step(context), context.axis.kind, self.settings.seconds
         shown = f"{math.degrees(step):.0f} deg" if kind.angular else f"{step:g} m"
-        seconds = self.settings.seconds
-        after = f" and {seconds:g} s of holding" if seconds > 0.0 else ""
+        after = f", back, and {seconds:g} s of holding," if seconds > 0.0 else " and back"
         return f"a {shown} step in {context.axis.name}{after}"
 
     def legs(self, context: TuneContext) -> list[Leg]:

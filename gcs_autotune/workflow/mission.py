@@ -17,7 +17,7 @@ from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
 from gcs_autotune.manoeuvres import Envelope, restore_on_exit
 from gcs_autotune.observer import Intention, Intentions
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.announcement import after_a_silence, modes_then
+from gcs_autotune.workflow.announcement import after_a_silence, in_modes
 from gcs_autotune.workflow.background import agreed, ask_now, beside
 from gcs_autotune.workflow.connection import arming, connect_craft, say_link_times
 from gcs_autotune.workflow.itinerary import Itinerary, MissionLog
@@ -195,16 +195,13 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
     OperatorStopped
         The answer was no.
     """
-    craft, modes = visit.craft, mission.modes
+    craft = visit.craft
     visit.log.itinerary = mission.itinerary
-    *others, last = modes
-    used, back = f"{', '.join(others)}{' and ' if others else ''}{last}", craft.mode
-    in_modes = f"use mode{'s' * (len(modes) > 1)} {used}, and return to {back} at the end"
     visit.log.announce(
         Intentions(
             (
                 arming(craft),
-                Intention(in_modes, "Modes", modes_then(modes, back)),
+                in_modes(mission.modes, craft.mode, "at the end"),
                 Intention(f"move: {mission.movements}", "Moves", mission.movements),
                 *(need if isinstance(need, Intention) else Intention(need) for need in mission.needs),
                 *after_a_silence(visit.common, armed=craft.armed),

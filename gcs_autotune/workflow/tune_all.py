@@ -36,7 +36,7 @@ from gcs_autotune.observer import Intention, Intentions, ListedStep, Observer, S
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import JobStep, JobStory, job_document, save_page, to_json
 from gcs_autotune.tunables import TUNABLES, Tunable
-from gcs_autotune.workflow.announcement import battery, exactly, modes_then, styled
+from gcs_autotune.workflow.announcement import battery, exactly, in_modes, styled
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.excursion import overhead
 from gcs_autotune.workflow.experiments import SHALLOW, WORKING_DEPTH, speed_for
@@ -274,9 +274,7 @@ class _Job:
         )
         yield Intention(f"write {written}", "Writes", written)
         used = sorted({mode for mission in left.values() for mode in mission.modes})
-        modes = " and ".join(filter(None, (", ".join(used[:-1]), *used[-1:])))
-        in_modes = f"use modes {modes}, and return to {craft.mode} after each step"
-        yield Intention(in_modes, "Modes", modes_then(used, craft.mode))
+        yield in_modes(used, craft.mode, "after each step")
 
     def _done(self, craft: MavlinkCraft) -> dict[str, JobStep]:
         """Return the finished steps of the job that is resumed; check that its vehicle has not changed since.

@@ -80,17 +80,17 @@ def why_tripped(
     if unstable and straight >= MOSTLY * abs(throttle):
         return PreconditionFailed(
             f"{trial.name}: {throttle:.0%} throttle without steering turned {turned}. Earlier in this run the craft "
-            f"ran straight with {straight:.0%} throttle. So the hull does not keep its course by itself, unless a "
-            f"thruster has failed since: {unstable}. Use less --throttle, or set gains with which the craft does not "
+            f"ran straight with {straight:.0%} throttle. Unless a thruster has failed since, "
+            f"{unstable}. Use less --throttle, or set gains with which the craft does not "
             f"oscillate. {limit}"
         )
     cure = _wrong_thruster(firmware, servos, by_throttle) if throttle > 0.0 else ""
     cure = cure or crooked(firmware, [o for o, _ in servos.driving("X")])
     steering = "against the steering" if math.sqrt(float(np.mean(whole.steering**2))) > FELT else "without steering"
-    third = f"Or the hull does not keep its course by itself: {unstable}. " if unstable else ""
+    cause = f". Most likely {unstable}. Otherwise {cure}" if unstable else f": {cure}"
     return PreconditionFailed(
-        f"{trial.name}: {throttle:.0%} throttle, {steering}, turned {turned} instead of driving it straight ahead: "
-        f"{cure}. {third}{limit}"
+        f"{trial.name}: {throttle:.0%} throttle, {steering}, turned {turned} instead of driving it straight "
+        f"ahead{cause}. {limit}"
     )
 
 
@@ -124,7 +124,7 @@ def _is_straight(whole: _Stretch, begin: int, end: int) -> bool:
 
 
 def _unstable_hull(whole: _Stretch, turned: float) -> str:
-    """Return a clause if the record also fits a hull that does not keep its course by itself; else empty.
+    """Return a clause if the record fits a hull that does not keep its course by itself; else empty.
 
     A thruster that is reversed or dead turns the craft as soon as the throttle is applied. An unstable hull continues a
     turn that it had before, or runs straight until it is steered. *turned* [rad]: turn under throttle alone.
@@ -135,10 +135,12 @@ def _unstable_hull(whole: _Stretch, turned: float) -> str:
     start, way = float(np.median(whole.rate[: begin + 1])), math.copysign(1.0, turned)
     mean = way * float(np.mean(whole.rate[begin:end]))
     if 0.0 < MOSTLY * mean < way * start:
-        return f"it was already turning at {_degrees(start)}/s when the throttle was applied"
-    if end < len(whole.t) and _is_straight(whole, begin, end):
-        return "it ran straight under throttle until it was steered"
-    return ""
+        why = f"it was already turning at {_degrees(start)}/s when the throttle was applied"
+    elif end < len(whole.t) and _is_straight(whole, begin, end):
+        why = "it ran straight under throttle until it was steered"
+    else:
+        return ""
+    return f"the hull does not keep its course by itself: {why}"
 
 
 def _turned_by_thrust(s: _Stretch) -> bool:

@@ -29,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     wall.add_argument("--angle", type=float, default=0.0, help="angle to the wall [deg], -15 to 15 (default 0)")
     pool = scenes.add_parser("pool", help="S-manoeuvre of the VideoRay seen from above, its log, floor and boards")
     pool.add_argument("--seconds", type=int, default=40, help="length, 5 to 120 s (default 40)")
+    pool.add_argument("--width", type=int, default=640, help="width of a picture, 160 to 1920 pixels (default 640)")
     pool.add_argument(
         "--effect",
         action="append",
@@ -51,11 +52,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if not 5 <= args.seconds <= 120:
         parser.error("--seconds: use 5 to 120 s")
+    if not 160 <= args.width <= 1920:
+        parser.error("--width: use 160 to 1920 pixels")
     try:
         dive = pool_dive(args.seed, args.seconds, args.effect)
     except BadEffect as error:
         parser.error(f"--effect: {error}")
-    _write_pool(args.folder, PoolCamera(args.noise, seed=args.seed), dive)
+    _write_pool(args.folder, PoolCamera.of_width(args.width, args.noise, seed=args.seed), dive)
     sys.stdout.write(f"{args.folder}: pictures, times.csv, log.csv, floor.csv, truth.csv and boards\n")
     return 0
 

@@ -6,6 +6,7 @@ The camera is a pinhole with a distorting lens. It looks down, slightly tilted. 
 from __future__ import annotations
 
 import math
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,11 @@ class PoolCamera:
         self._north, self._east = self._on(self._plane)
         self._pixel = above / focal
         self._spoiler = Spoiler(NOISE[noise] if isinstance(noise, str) else noise, height, width, seed)
+
+    @classmethod
+    def of_width(cls, width: int, noise: str | PictureNoise = "clear", *, seed: int = 0) -> Self:
+        """Return the camera with pictures of another *width* [pixels] and the same view."""
+        return cls(noise, width=width, height=width * 3 // 4, focal=420.0 * width / 640, seed=seed)
 
     def _all_rays(self) -> Array:
         """Return the directions (3, height, width) of all pixels without the distortion of the lens."""

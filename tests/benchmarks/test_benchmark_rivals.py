@@ -86,10 +86,11 @@ def test_a_contest_is_a_row_with_every_entry(tmp_path: Path, monkeypatch: pytest
 
 
 def test_the_goal_is_missed_far_from_the_search_or_behind_the_defaults() -> None:
-    def goal(ours: float, defaults: float) -> bool:
+    def goal(ours: float, defaults: float, ending: str = "kept") -> bool:
         found = {"defaults": defaults, "ours": ours, "oracle": 1.0}
-        return contest.has_goal([Entry(name, {}, 0.0, step(itae)) for name, itae in found.items()])
+        return contest.has_goal([Entry(name, {}, 0.0, step(itae), ending) for name, itae in found.items()])
 
     assert goal(1.05, 3.0)
     assert goal(2.0, 3.0)
     assert not goal(2.0, 1.5)
+    assert not goal(2.0, 3.0, "aborted: a sensor")

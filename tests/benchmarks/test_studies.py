@@ -59,8 +59,18 @@ def test_exact_limit_cycles_of_the_published_drag_decide_most_pairs_of_one_speed
     rows = thesis_7_5.exact_rows(load_plan(FOLDER / "thesis_7_5.toml"))
     assert thesis_7_5.decisions(rows, "none") == (1121, 229, 0)
     assert thesis_7_5.decisions(rows, "none", one_speed=True) == (255, 15, 0)
+    assert thesis_7_5.decisions(rows, "none", over_inertia=True) == (1260, 90, 0)
     first = next(row for row in rows if (row["argument.n2"], row["argument.C"], row["argument.x_a"]) == (25, 10, 5))
     assert first["iso.beta"] == pytest.approx(1.008 * 2.635, rel=1e-3)
+
+
+def test_a_rudder_of_another_effect_at_another_speed_does_not_change_the_decision_by_drag_over_inertia() -> None:
+    quadratic = [
+        relay_row(C, 5.0, gain * C, **{"argument.n2": n2, "iso.alpha": gain * 10.0, "iso.beta_quadratic": gain})
+        for n2, gain, C in ((16, 1.5, 10.0), (25, 1.0, 15.0))
+    ]
+    assert thesis_7_5.decisions(quadratic, "none") == (1, 0, 0)  # wrong: 15 and 15 are equal, 1.5 and 1 are not
+    assert thesis_7_5.decisions(quadratic, "none", over_inertia=True) == (0, 1, 0)
 
 
 def test_the_drag_of_a_relay_is_compared_with_least_squares_at_its_speed() -> None:

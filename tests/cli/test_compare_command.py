@@ -97,11 +97,14 @@ def test_a_motion_that_was_not_excited_is_not_compared(tmp_path, capsys):
     assert told["runs"][0]["not_identified"]["surge"] == "the manoeuvres flown do not excite surge"
 
 
-def test_runs_of_two_vehicles_raise_a_doubt(tmp_path, capsys):
+def test_runs_of_two_vehicles_raise_a_doubt_and_are_not_called_a_change(tmp_path, capsys):
     one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
-    other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2), uid="bb")
+    other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2, inertia=1.4), uid="bb")
     assert main(["compare", str(one), str(other)]) == 0
-    assert "2 different vehicles (aa, bb)" in " ".join(capsys.readouterr().out.split())
+    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "2 different vehicles (aa, bb)" in told
+    assert "are not changes of one craft" in told
+    assert "payload" not in told and "have changed" not in told
 
 
 @pytest.mark.parametrize(

@@ -152,6 +152,16 @@ def test_a_factor_near_that_of_a_unit_but_surely_another_is_not_called_a_unit() 
     assert found.unit == "" and found.value == pytest.approx(2.0, rel=0.01)
 
 
+@pytest.mark.parametrize(("factor", "named"), [(1.13, ""), (1.0 / 3.2808, "feet")])
+def test_a_depth_that_an_estimator_exaggerates_is_no_contradiction_but_one_in_feet_is(
+    factor: float, named: str
+) -> None:
+    t = np.arange(0.0, 30.0, 0.05)
+    depth, w = -0.2 * np.cos(2.3 * t), 0.2 * 2.3 * np.sin(2.3 * t)
+    found = contradictions(Trial("dive", {"z": Channel("z", "m", t, factor * depth), "w": Channel("w", "m/s", t, w)}))
+    assert [c.unit for c in found] == ([named] if named else [])
+
+
 @pytest.mark.parametrize("exchanged", [False, True])
 def test_a_craft_that_slides_in_its_turns_is_not_taken_for_exchanged_axes(exchanged: bool) -> None:
     t = np.arange(0.0, 120.0, 0.2)

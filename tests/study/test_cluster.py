@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import suppress
@@ -119,6 +120,17 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("gcs_autotune.study.cluster._PATIENCE", 0.5)
     with pytest.raises(CannotOpenLink, match="no Dask scheduler answers at nowhere"), cluster_of(1, "nowhere:1"):
         pass
+
+
+def test_a_lost_connection_to_a_scheduler_is_reported_without_log_lines_of_dask(client: Any, tmp_path: Path) -> None:
+    log = logging.getLogger("distributed.client")
+    log.setLevel(logging.WARNING)  # as Dask sets it when it is imported
+    address = client.scheduler_info()["address"]
+    with cluster_of(1, address) as other:
+        assert not log.isEnabledFor(logging.ERROR)
+        other.close()
+        with pytest.raises(LinkLost, match=f"the scheduler {address} has gone away"):
+            ran(study_file(tmp_path, "add", TEN), tmp_path / "out", on(other))
 
 
 def test_workers_that_end_late_on_a_busy_machine_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:

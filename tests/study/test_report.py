@@ -107,6 +107,23 @@ def test_the_worst_cases_come_first_and_their_command_repeats_them(
     assert main(["study", "replay", str(folder), "zzz"]) == 2
 
 
+def test_a_replay_by_another_version_is_done_and_both_versions_are_named(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = case_study_of(folder).worst[8].command.split()[1:]
+    assert main(command) == 0
+    assert capsys.readouterr().err == ""
+    head = (folder / "study.json").read_text()
+    own = json.loads(head)["build"]["version"]
+    (folder / "study.json").write_text(head.replace(own, "0.0.9+00000000"))
+    assert main(command) == 0
+    told = capsys.readouterr()
+    assert "may differ" in told.err
+    assert own in told.err
+    assert "0.0.9+00000000" in told.err
+    assert "cost: 4.0" in told.out
+
+
 def test_a_goal_is_a_limit_on_a_result(tmp_path: Path) -> None:
     text = GRID.replace('success = "good"', 'success = { of = "cost", least = 1.0, most = 2.5 }')
     ran(study_file(tmp_path, "work", text, FUNCTIONS), tmp_path / "out")
@@ -130,7 +147,6 @@ def test_two_studies_are_compared_case_by_case(tmp_path: Path) -> None:
             module.rename(tmp_path / name / "versions.py")
             path.write_text(path.read_text().replace(module.stem, "versions"))
         sys.modules.pop("versions", None)
-        sys.path[:] = [p for p in sys.path if p != str(tmp_path / "old")]
         ran(path, tmp_path / name / "out")
     found = case_study_of(tmp_path / "new" / "out", tmp_path / "old" / "out").against
     assert found is not None
@@ -145,6 +161,8 @@ def test_studies_without_a_common_case_are_not_compared(folder: Path, tmp_path: 
     ran(study_file(tmp_path / "b", "work", GRID, FUNCTIONS), tmp_path / "b" / "out")  # another module name
     with pytest.raises(BadFile, match="no case in common"):
         case_study_of(folder, tmp_path / "b" / "out")
+    with pytest.raises(BadFile, match="b contains no study"):
+        case_study_of(folder, tmp_path / "b")
 
 
 def test_the_page_and_the_json_show_the_same_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -164,6 +182,24 @@ def test_many_values_of_a_range_are_shown_in_groups(tmp_path: Path) -> None:
     rates = [rate for _, rate in case_study_of(tmp_path / "out").by_value]
     assert [r.total for r in rates] == [10] * 6
     assert (rates[0].hits, rates[-1].hits) == (0, 10)
+
+
+def test_a_map_of_two_ranges_is_shown_whole_on_80_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    functions = FUNCTIONS.replace("effect=", "y=0.0, effect=")
+    spans = "x = { from = 0.1, to = 7.9 }\ny = { from = 0.00123, to = 0.0456 }"
+    report = 'success = "good"\nmap = ["argument.x", "argument.y"]'
+    text = f'design = "sobol"\ncases = 64\n[vary.argument]\n{spans}\n[report]\n{report}'
+    ran(study_file(tmp_path, "work", text, functions), tmp_path / "out")
+    found = case_study_of(tmp_path / "out").map
+    assert found is not None
+    assert main(["study", "report", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out.partition("Success by value")[0]
+    assert "Rows: argument.y. Columns: argument.x." in told
+    assert "…" not in told
+    assert all(word in told.split() for label in (*found.xs, *found.ys) for word in label.split())
 
 
 def test_the_state_of_a_stopped_study_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

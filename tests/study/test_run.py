@@ -160,7 +160,7 @@ def test_a_full_disk_is_named_and_stored_rows_stay(tmp_path: Path, monkeypatch: 
         written.append(where)
         if len(written) > 1:
             Path(where).write_bytes(b"half")
-            raise OSError(errno.ENOSPC, "No space left on device")
+            raise OSError(errno.ENOSPC, "Error writing bytes. Detail: [errno 28] No space left on device")  # as pyarrow
         write(table, where)
 
     monkeypatch.setattr(parquet(), "write_table", filling)

@@ -87,6 +87,15 @@ def test_boards_and_four_points_give_lens_and_floor(camera: FloorCamera) -> None
     assert camera.distortion[0] == pytest.approx(-0.22, abs=0.02)
 
 
+def test_a_camera_of_half_the_width_has_the_same_view(tmp_path: Path) -> None:
+    whole, half = PoolCamera(), PoolCamera.of_width(320)
+    assert half.picture(0.0, 0.0, 0.0).shape == (240, 320, 3)
+    for at in ((0.0, 0.0), (1.0, -0.7), (-0.9, 1.1)):
+        assert (np.array(half.pixel(*at)) + 0.5) * 2.0 == pytest.approx(np.array(whole.pixel(*at)) + 0.5)
+    with pytest.raises(SystemExit):
+        render(["pool", str(tmp_path), "--width", "100"])
+
+
 @pytest.mark.parametrize(("noise", "most"), [("clear", 0.003), ("turbid", 0.004)])
 def test_a_red_line_gives_position_and_heading(noise: str, most: float, camera: FloorCamera) -> None:
     made = PoolCamera(noise, seed=7)

@@ -10,7 +10,8 @@ import pytest
 
 from gcs_autotune.manoeuvres import common_windows, windows_of
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.workflow.experiments import measure, resolution, steering_throttle
+from gcs_autotune.workflow.accompanying_step import compared_over
+from gcs_autotune.workflow.experiments import measure, measure_halves, resolution, steering_throttle
 
 QUANTUM = math.radians(2.0)
 STEP = math.radians(30.0)
@@ -70,6 +71,20 @@ def test_steps_are_compared_over_what_both_recorded_and_nothing_is_made_up() -> 
     ]
     assert there[0].itae == pytest.approx(there[1].itae, rel=1e-9)
     assert measure(long).itae > 5.0 * there[0].itae
+
+
+def test_a_step_back_that_a_limit_ended_at_once_is_left_out_of_both_steps() -> None:
+    long, short = flown(0.0, 0.05), flown(0.0, 0.05)
+    short = replace(short, meta={**short.meta, "lasted": [29.0, 0.02]})
+    alike = common_windows(long, short)
+    assert alike == (29.0, 0.02)
+    halves = [measure_halves(trial, windows=alike) for trial in (long, short)]
+    assert [len(found) for found in halves] == [1, 1]
+    assert halves[0][0].itae == pytest.approx(halves[1][0].itae)
+    assert (
+        compared_over(alike)
+        == "both flights are compared over the first 29 s of the step: the shorter flight ends there"
+    )
 
 
 def test_a_half_that_only_one_of_two_steps_has_is_read_all_the_same() -> None:

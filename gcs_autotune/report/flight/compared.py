@@ -87,6 +87,11 @@ class Comparison(Displayed):
     doubts: tuple[str, ...] = ()
 
     @property
+    def vehicles(self) -> tuple[str, ...]:
+        """The different vehicles of the runs, as far as known."""
+        return tuple(dict.fromkeys(run.vehicle for run in self.runs if run.vehicle))
+
+    @property
     def changed(self) -> bool:
         """Whether any model changed by more than noise explains."""
         return any(row.changed for rows in self.changes.values() for row in rows)
@@ -94,6 +99,11 @@ class Comparison(Displayed):
     @property
     def told(self) -> str:
         """The result in one or two sentences."""
+        if len(self.vehicles) > 1:
+            return (
+                f"The runs are of {len(self.vehicles)} autopilots. Differences between their models are not changes of "
+                "one craft, unless the autopilot was replaced."
+            )
         rows = [(run, row) for run in self.runs for row in self.changes.get(run.name, ())]
         if not rows:
             return "The runs have no model in common, so only their loops are compared."
@@ -168,7 +178,7 @@ def _sections(found: Comparison) -> Iterator[Section]:
         f"run {_number(found, run)} against run {_number(found, first)}, {row.dof}: {row.told}"
         for run in runs
         for row in found.changes.get(run.name, ())
-        if (first := reference_of(found.runs, row.dof)) is not None
+        if (first := reference_of(found.runs, row.dof)) is not None and first.vehicle == run.vehicle
     )
     yield Section("changes", "What changed", tuple(bullets(told)), facts=IN_RESULT)
     for dof in dict.fromkeys(dof for run in runs for dof in run.fits):

@@ -120,10 +120,7 @@ class FlightStory:
 def flight_document(story: FlightStory) -> Document:
     """Return the report of a flight: its manoeuvring figures and models, and the signals and track of each run."""
     flown, steps = story.flown, story.steps
-    (_, first), *_ = flown
-    what = f"{first.ending.capitalize()}: {first.reason}"
-    if not story.is_single:
-        what = f"Flown: {len(flown)} runs, {_together([t for _, t in flown])}"
+    what = flown[0][1].reason if story.is_single else f"{len(flown)} runs, {_together([t for _, t in flown])}"
     oscillates = any(figure.slug == "oscillation" for sheet in story.sheets for figure in sheet.figures)
     ended = (f"{steps[-1].known}: {steps[-1].ended}.",) if steps else ()
     doubts = (
@@ -134,7 +131,11 @@ def flight_document(story: FlightStory) -> Document:
     return Document(
         title=story.title,
         when=format_moment(story.when),
-        verdict=Verdict(f"{what}.", "bad" if oscillates else "good", (*ended, *_found(story, bool(doubts)))),
+        verdict=Verdict(
+            f"{what.capitalize() if what.startswith('flown') else f'Flown: {what}'}.",
+            "bad" if oscillates else "good",
+            (*ended, *_found(story, bool(doubts))),
+        ),
         key_figures=tuple(_key_figures(story)),
         doubts=tuple(dict.fromkeys(doubts)) or None,
         sections=tuple(section for make in SECTIONS for section in make(story)),

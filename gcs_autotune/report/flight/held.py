@@ -441,7 +441,7 @@ def _margins(design: OwnDesign) -> Table:
         ("vector margin", f"{found.vector:.2f}"),
         (
             "stable for every model within its uncertainty",
-            f"{'yes' if left < right else 'no'} (bound: {format_number(left, 3)} below {format_number(right, 3)})",
+            f"{'yes' if left < right else 'no'} ({format_number(left, 3)}, must be below {format_number(right, 3)})",
         ),
     )
     return Table(("margin", "value"), "ll", rows)

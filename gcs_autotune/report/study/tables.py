@@ -6,7 +6,7 @@ import math
 
 from gcs_autotune.identify import Fit, Model, Parameter, Validation, is_of_one_axis
 from gcs_autotune.report.study.study import MethodOutcome, Study
-from gcs_autotune.report.toolkit.axis_fit import meanings, model_table, remark_of, short_name
+from gcs_autotune.report.toolkit.axis_fit import meanings, model_table, short_name
 from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
@@ -106,7 +106,7 @@ def _remark(p: Parameter) -> str:
         return "not distinguishable from zero"
     if p.status == "at_bound" and p.value == 0.0:
         return "none"
-    return remark_of(p)
+    return {"fitted": "", "absent": "not fitted", "fixed": "known"}.get(p.status, "AT ITS BOUND")
 
 
 def meaning_of(name: str) -> str:

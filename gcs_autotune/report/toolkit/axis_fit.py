@@ -41,7 +41,6 @@ __all__ = [
     "model_table",
     "model_words",
     "remainder_sentence",
-    "remark_of",
     "short_name",
     "structure_words",
 ]
@@ -307,7 +306,7 @@ def _effect_title(own: EffectInstance) -> str:
 
 _STATUS: Mapping[str, str] = {
     "fitted": "",
-    "absent": "not in this structure",
+    "absent": "not fitted",
     "fixed": "fixed",
     "at_bound": "AT ITS BOUND: not reliable",
 }
@@ -323,16 +322,11 @@ def model_table(fit: AxisFit) -> Table:
             _parameter_value(p),
             pretty_unit(p.unit) or "1",
             meaning.get(p.name, ""),
-            remark_of(p),
+            _STATUS[p.status],
         )
         for p in fit.parameters.values()
     )
     return Table(("parameter", "value ± std", "unit", "meaning", "remark"), "lrlll", rows)
-
-
-def remark_of(parameter: Parameter) -> str:
-    """Return the remark on a parameter in a table. A delay belongs to every structure; a fit may have none."""
-    return "none" if (parameter.name, parameter.status) == ("delay", "absent") else _STATUS[parameter.status]
 
 
 def _parameter_value(parameter: Parameter) -> str:

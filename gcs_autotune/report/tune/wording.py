@@ -217,7 +217,7 @@ def parameters_sentence(story: TuneStory) -> str:
         return "All parameters have their original values, verified by reading back."
     written = [name for name in changed if name in {c.parameter for c in story.changes}]
     names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
-    also = f" The vehicle itself changed {own}. This tool never writes these parameters." if own else ""
+    also = f" The vehicle itself, not this tool, changed {own}." if own else ""
     if not written:
         return (
             f"All parameters written during the run have their original values again, verified by reading back.{also}"
