@@ -35,6 +35,9 @@ FEWEST = 30
 """Smallest number of samples for a regression with three unknowns. Project choice."""
 STRAIGHT = 3.0
 """Time [s] under throttle alone in which a reversed or dead thruster would have turned the craft. Project choice."""
+LONG = 1.5
+"""Distance to turn around with an unknown time constant, in multiples of the shortest possible one. It is enough up to
+2.6 times the time constant that has the shortest distance. Project choice."""
 SPUN = ("heading excursion", "turn rate")
 """Safety limits that trip when a craft turns in the wrong direction."""
 REACTION = (0.0, 0.4, 0.8, 1.5)
@@ -147,7 +150,7 @@ def _turned_by_thrust(s: _Stretch) -> bool:
     """Return whether the throttle, and not the steering, turned the craft."""
     if len(s.t) < FEWEST or s.seconds <= 0.0:
         return False
-    by_steering, by_throttle, _ = _accelerations(s)
+    by_steering, by_throttle = _accelerations(s)
     steered, driven = (
         abs(by) * math.sqrt(float(np.mean(x**2))) for by, x in ((by_steering, s.steering), (by_throttle, s.throttle))
     )
@@ -158,20 +161,39 @@ def turning_time(trial: Trial, output: float) -> float:
     """Return the distance that the craft of *trial* needs to turn around, as the time [s] of straight travel.
 
     With a constant steering *output* [fraction of full] a craft with time constant T and steady turn rate r goes on
-    ahead for T + 1/r (Nomoto1957: first order, small drift). NaN if the record does not show both.
+    ahead for T + 1/r (Nomoto1957: first order, small drift). The short pulses of a sign check show the acceleration
+    r/T, but hardly T. With T unknown the distance is at least 2/sqrt(r/T), and :data:`LONG` times this is returned. NaN
+    if the record does not show the acceleration.
     """
     if "N" not in trial or "psi" not in trial:
         return math.nan
     whole = _stretch(trial, math.inf)
     if len(whole.t) < FEWEST or min(float(np.max(side * whole.steering)) for side in (1.0, -1.0)) < STEERED:
         return math.nan  # without steering to both sides, drag and a constant disturbance look alike
-    by_steering, _, growth = _accelerations(whole)
-    return -1.0 / growth - growth / (by_steering * output) if by_steering > 0.0 > growth else math.nan
+    by_steering, growth = _turning_response(whole)
+    if not by_steering > 0.0:
+        return math.nan
+    unit = 1.0 / math.sqrt(by_steering * output)
+    slow = -1.0 / (growth * unit) if growth < 0.0 else math.inf  # T, as a multiple of that of the shortest distance
+    return min(slow + 1.0 / slow, 2.0 * LONG) * unit if slow > 1.0 else (slow + 1.0 / slow) * unit
 
 
-def _accelerations(s: _Stretch) -> tuple[float, float, float]:
-    """Return the turning accelerations [rad/s^2] due to full steering and full throttle, and that due to the turn rate
-    itself [1/s], negative for drag.
+def _turning_response(s: _Stretch) -> tuple[float, float]:
+    """Return the turning acceleration [rad/s^2] due to full steering, and that due to the turn rate itself [1/s].
+
+    The equation of motion is integrated twice, so that the heading is not differentiated: its noise would be taken for
+    drag. Angle and rate at the start are unknowns.
+    """
+    steps = np.diff(s.t, prepend=s.t[0])
+    turned = np.cumsum(steps * s.rate)
+    twice = [np.cumsum(steps * np.cumsum(steps * part)) for part in (s.steering, s.throttle)]
+    design = np.column_stack([*twice, np.cumsum(steps * turned), np.ones(len(s.t)), s.t - s.t[0]])
+    found = np.linalg.lstsq(design, turned, rcond=None)[0]
+    return float(found[0]), float(found[2])
+
+
+def _accelerations(s: _Stretch) -> tuple[float, float]:
+    """Return the turning accelerations [rad/s^2] due to full steering and full throttle.
 
     They come from a regression of the turn rate on the integrals of both inputs, and on its own integral for the drag.
     A ship that is unstable on course also turns against its steering while it is being corrected, but the steering
@@ -180,7 +202,7 @@ def _accelerations(s: _Stretch) -> tuple[float, float, float]:
     steps = np.diff(s.t, prepend=s.t[0])
     design = np.column_stack([np.cumsum(steps * part) for part in (s.steering, s.throttle, s.rate)])
     found = np.linalg.lstsq(design, s.rate - s.rate[0], rcond=None)[0]
-    return float(found[0]), float(found[1]), float(found[2])
+    return float(found[0]), float(found[1])
 
 
 def tripped(error: GuardTripped) -> str:

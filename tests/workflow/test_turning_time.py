@@ -7,12 +7,14 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer, TurnAbout, TurnAboutSettings
 from gcs_autotune.observer import SilentObserver
+from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.wrong_way import turning_time
 
@@ -58,6 +60,18 @@ def test_the_distance_to_turn_around_follows_from_a_record_of_the_craft(K: float
     kept: list[Any] = []
     Sequencer(Boat(K, T), ROOM, SilentObserver(), kept.append).fly(relay())
     assert turning_time(kept[0], 0.5) == pytest.approx(T + 1.0 / (0.5 * K), rel=0.15)
+
+
+@pytest.mark.parametrize(("K", "T"), [(0.14, 10.0), (0.12, 5.7), (0.2, 3.3)])
+def test_short_pulses_to_both_sides_already_show_enough_distance(K: float, T: float) -> None:
+    t = np.arange(0.0, 16.0, 0.1)
+    N = np.select([(t > 4.0) & (t <= 8.0), (t > 12.0)], [0.15, -0.15], 0.0)
+    r = np.zeros(len(t))
+    for i in range(1, len(t)):
+        r[i] = r[i - 1] + 0.1 * (K * N[i - 1] - r[i - 1]) / T
+    psi = 0.1 * np.cumsum(r) + np.random.default_rng(3).normal(0.0, 0.002, len(t))
+    pulses = Trial("sign-check", {n: Channel(n, "1", t, v) for n, v in (("N", N), ("psi", psi))})
+    assert 0.8 < turning_time(pulses, 0.5) / (T + 1.0 / (0.5 * K)) < 1.7
 
 
 def test_a_record_with_steering_to_one_side_only_shows_no_distance() -> None:
