@@ -194,9 +194,15 @@ class GuardTripped(ManoeuvreError):
     ) -> None:
         super().__init__(f"{message}. {advice}" if advice else message)
         self.happened = message
+        self.advice = advice
         self.guard = guard
         self.value = value
         self.limit = limit
+
+    def during(self, manoeuvre: str) -> GuardTripped:
+        """Return this error with the name of the *manoeuvre* in which it occurred."""
+        told = f"{manoeuvre}: {self.happened}"
+        return GuardTripped(told, guard=self.guard, value=self.value, limit=self.limit, advice=self.advice)
 
 
 class OperatorStopped(ManoeuvreError):

@@ -18,7 +18,7 @@ from gcs_autotune.cli.command import Command, what_remains
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, craft_of, find_config, read_config, shown_value
 from gcs_autotune.cli.help import add_help
 from gcs_autotune.cli.tune_cmd import RESTORED, carry_out, tune_settings
-from gcs_autotune.cli.writing import in_plain_signs
+from gcs_autotune.cli.writing import folded, in_plain_signs
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, OperatorStopped, UsageError, exit_code
 from gcs_autotune.registry import nearest_of
 from gcs_autotune.untrusted_text import visible
@@ -115,10 +115,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         config = read_config(find_config())
         verb = next((word for word in arguments if word in COMMANDS), None)
-        args = make_parser(config, None if verb == COMPLETION else verb).parse_args(arguments)
+        args = make_parser(config, None if verb == COMPLETION else verb).read(arguments)
         if craft := craft_of(config, args):
             config = config.of(craft)
-            args = make_parser(config, verb).parse_args(arguments)
+            args = make_parser(config, verb).read(arguments)
         if used := config.used_by(args):
             told = ", ".join(f"{name} {shown_value(value)}" for name, value in used.items())
             told = f"craft {craft}: {told}" if craft else told
@@ -129,7 +129,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except AutotuneError as error:
         if getattr(args, "verbose", False):
             traceback.print_exc()
-        sys.stderr.write(f"gcs-autotune: {visible(str(error))}\n")
+        sys.stderr.write(folded(f"gcs-autotune: {visible(str(error))}", sys.stderr))
         sys.stderr.writelines(f"{visible(line)}\n" for line in (() if args is None else what_remains(args)))
         return exit_code(error)
     except KeyboardInterrupt:  # at the desk: what flies takes signals itself, and cleans up
@@ -153,8 +153,15 @@ class _Parser(argparse.ArgumentParser):
         hint = nearest_of(wrong[1], re.findall(r"[^', ]+", wrong[2]))[1] if wrong else ""
         raise UsageError(f"{message.removeprefix('argument ')}{'.' if hint else ''}{hint} (see `{self.prog} --help`)")
 
+    def read(self, arguments: Sequence[str]) -> argparse.Namespace:
+        """Return the parsed *arguments*. An unknown one is reported with the help of the verb it was given to."""
+        args, unknown = self.parse_known_args(arguments)
+        if unknown:
+            raise UsageError(f"unrecognized arguments: {' '.join(unknown)} (see `{self.prog} {args.command} --help`)")
+        return args
 
-def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argparse.ArgumentParser:
+
+def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> _Parser:
     """Return the parser of the whole command line, with the defaults of the settings file.
 
     only : the verb to be run. The others are listed without their options and are not imported.

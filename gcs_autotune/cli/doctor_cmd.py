@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number, waiting
 from gcs_autotune.cli.config_file import find_config
+from gcs_autotune.cli.writing import folded
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.untrusted_text import visible
 
@@ -98,11 +97,7 @@ def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
 
 
 def _print(sign: str, what: str, text: str) -> None:
-    line = f"{sign} {what:9s} {visible(text)}"
-    if sys.stdout.isatty():
-        width = shutil.get_terminal_size().columns
-        line = textwrap.fill(line, width, subsequent_indent=12 * " ", break_long_words=False, break_on_hyphens=False)
-    sys.stdout.write(f"{line}\n")
+    sys.stdout.write(folded(f"{sign} {what:9s} {visible(text)}", sys.stdout, 12 * " "))
     sys.stdout.flush()
 
 

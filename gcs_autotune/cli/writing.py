@@ -8,7 +8,9 @@ from __future__ import annotations
 import codecs
 import itertools
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
 from io import TextIOWrapper
@@ -22,7 +24,7 @@ from gcs_autotune.untrusted_text import visible
 if TYPE_CHECKING:
     from gcs_autotune.report import Document
 
-__all__ = ["fresh", "in_plain_signs", "on_replacing", "put_out", "write_page"]
+__all__ = ["folded", "fresh", "in_plain_signs", "on_replacing", "put_out", "write_page"]
 
 
 PLAIN = {"°": " deg", "²": "^2", "±": "+-", "·": "*", "\N{MINUS SIGN}": "-", "→": "->", "…": "...", "\u00a0": " "}
@@ -90,6 +92,16 @@ def _linked(source: Path) -> Iterator[Path]:
         return
     for pattern in ("*.html", "*.json", "*.csv", "trials/*.csv"):
         yield from sorted(source.glob(pattern))
+
+
+def folded(text: str, stream: TextIO, indent: str = "") -> str:
+    """Return *text* as lines for *stream*, folded between words if it is a terminal. *indent* is that of the lines
+    after the first.
+    """
+    if stream.isatty():
+        width = shutil.get_terminal_size().columns
+        text = textwrap.fill(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return f"{text}\n"
 
 
 def put_out(document: Document, *lines: str, as_json: bool = False) -> None:

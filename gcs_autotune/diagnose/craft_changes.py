@@ -91,7 +91,7 @@ class CraftComparison(Displayed):
     def told(self) -> str:
         """Return a summary of the comparison in one sentence."""
         if not self.changed:
-            return "unchanged"
+            return "no change found"
         if not self.causes:
             return (
                 f"changed ({', '.join(self.outside) or 'all together'}). No single cause explains the change. "

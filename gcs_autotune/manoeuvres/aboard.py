@@ -14,7 +14,7 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 from gcs_autotune.firmware import ServoMap
-from gcs_autotune.manoeuvres.envelope import NEARLY, TO_COME_ABOUT, Envelope
+from gcs_autotune.manoeuvres.envelope import NEARLY, Envelope
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_DURING, HoldGains
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 
@@ -186,7 +186,7 @@ class AboardScript:
             "depth_min": e.depth_min or None,
             "speed": e.speed_limit,
             "distance": far,
-            "room": min(NEARLY * far, far - min(TO_COME_ABOUT * e.cruise, 0.5 * far)),
+            "room": min(NEARLY * far, far - min(e.turning * e.cruise, 0.5 * far)),
             "turn_rate": e.turn_rate,
             "roll": e.roll,
             "pitch": e.pitch,

@@ -18,8 +18,8 @@ NEARLY = 0.9
 FAR_OUT = 0.4
 """Fraction of the distance limit beyond which a boat turns around before a further manoeuvre. Project choice."""
 TO_COME_ABOUT = 12.0
-"""Distance that a boat needs to turn around, as the time [s] of straight travel at cruise speed. The boat Charlie needs
-8 to 11 s after an unsteady step. Project choice.
+"""Distance that a boat needs to turn around, as the time [s] of straight travel at cruise speed, until its records show
+that it needs more. The boat Charlie needs 8 to 11 s after an unsteady step. Project choice.
 """
 STOPPING = 1.0
 """Time [s] that a craft is assumed to need to stop a turn or a change of depth, in addition to the delay of the link.
@@ -36,7 +36,8 @@ class Envelope:
     ``heading_excursion`` and ``depth_excursion`` count from the start of the manoeuvre, ``distance`` from the start of
     the run; ``depth_min`` and ``depth_max`` bound the depth itself; ``battery_voltage`` [V] and ``battery_remaining``
     [0..1] are lower limits; ``time`` limits one manoeuvre. ``speed`` and ``distance`` None: 4 m/s and 300 m, or more if
-    ``cruise`` [m/s] requires it. ``area`` is the permitted area, in the metres of ``x`` and ``y``. Defaults are chosen
+    ``cruise`` [m/s] requires it. ``turning`` is the distance needed to turn around, as the time [s] of straight travel
+    at ``cruise``. ``area`` is the permitted area, in the metres of ``x`` and ``y``. Defaults are chosen
     for boats and ROVs of up to a few metres in a few boat lengths of free water.
 
     Raises
@@ -59,6 +60,7 @@ class Envelope:
     cruise: float = 0.0
     area: Area | None = None
     turn_rate: float = math.inf
+    turning: float = TO_COME_ABOUT
 
     def __post_init__(self) -> None:
         """Check that every limit is a valid number."""
@@ -201,7 +203,7 @@ class Watch:
     def room_ends(self, now: Observation) -> str:
         """Return a sentence on the space limit to which the craft is too close; empty if there is none."""
         envelope, limit, away = self.envelope, self.envelope.distance_limit, self.away(now)
-        to_come_about = TO_COME_ABOUT * envelope.cruise
+        to_come_about = envelope.turning * envelope.cruise
         least = min(to_come_about, 0.5 * limit)  # a small room is not over at its start
         if away >= min(NEARLY * limit, limit - least):
             return f"{away:.0f} m from the start, limit {limit:.0f} m (--max-distance)"

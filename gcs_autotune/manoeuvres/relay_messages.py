@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
+from gcs_autotune.sname import SIGNALS
 
 __all__ = [
     "improper",
@@ -43,8 +44,9 @@ def link_too_slow(settings: RelaySettings, period: float) -> str:
 
 def wrong_way(settings: RelaySettings, output: float) -> str:
     """Return the message for a first relay pulse that moved the craft in the wrong direction."""
+    did = "turned" if SIGNALS[settings.signal].angular else "moved"
     return (
-        f"{output:.2f} of full {settings.force} output moved {settings.signal} the wrong way. "
+        f"{output:.2f} of full {settings.force} output {did} the craft the wrong way. "
         "The actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION), or a constant disturbance is "
         "stronger"
     )

@@ -64,6 +64,8 @@ class Sequencer:
             outcome = Outcome("aborted", happened or type(error).__name__)
             self._broken = outcome.reason
             self._end(manoeuvre, outcome, error)
+            if isinstance(error, GuardTripped):
+                raise error.during(manoeuvre.name) from error
             raise
         return self._end(manoeuvre, outcome, None).proper
 

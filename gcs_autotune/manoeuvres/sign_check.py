@@ -278,7 +278,7 @@ class SignCheck(Manoeuvre):
             self._refuse(messages.turned_round(seen, s.signal, s.force, s.cure))
             return
         if is_last and not (seen.is_reversed and self._reversals < TWICE):
-            self._refuse(messages.unclear(seen, s.signal, s.force, s.outlets))
+            self._refuse(messages.unclear(seen, s.signal, s.force, s.outlets, under_way=s.throttle > 0.0))
             return
         if not (seen.is_reversed and self._reversals < TWICE):
             self._size += 1

@@ -82,19 +82,21 @@ def turned_round(seen: PulseResponse, signal: str, force: str, cure: str) -> str
     return f"{moved(shown, signal, force)}, the wrong way. {cure}"
 
 
-def unclear(seen: PulseResponse, signal: str, force: str, outlets: Sequence[Outlet]) -> str:
-    """Return the message that the craft did not respond, or only in one direction."""
-    both = f"{moved(seen.forward, signal, force)}, and {moved(seen.back, signal, force)}{_drifting(seen, signal)}"
+def unclear(seen: PulseResponse, signal: str, force: str, outlets: Sequence[Outlet], *, under_way: bool = False) -> str:
+    """Return the message that the craft did not respond, or only in one direction. *under_way*: with thrust ahead."""
+    both = f"{moved(seen.forward, signal, force)}, and {moved(seen.back, signal, force)}"
+    drifting = _drifting(seen, signal)
     if seen.is_silent:
+        rudder = ". A rudder may need more --throttle" if under_way else ""
         return (
-            f"{both}, although {_pulses(seen, outlets)}. The actuator is dead or too weak for a relay. Check linkage, "
-            "propellers, their power supply and the trim. A rudder may need more --throttle"
+            f"{both}, although {_pulses(seen, outlets)}{drifting}. The actuator is dead or too weak for a relay. Check "
+            f"linkage, propellers, their power supply and the trim{rudder}"
         )
     down = SIGNALS[signal].down
     cure = "ballast the craft to neutral buoyancy" if down else "trim the craft, or wait for less wind or current"
     return (
-        f"{both}. The actuator acts in one direction only, or a disturbance is stronger. Check that it works in both "
-        f"directions, {cure}"
+        f"{both}{drifting}. The actuator acts in one direction only, or a disturbance is stronger. Check that it works "
+        f"in both directions, {cure}"
     )
 
 

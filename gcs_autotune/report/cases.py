@@ -154,10 +154,10 @@ def case_study_document(study: CaseStudy) -> Document:
     left = (f"{missing} cases are missing. `study run` continues the study.",) if missing else ()
     sentences = (*left, *study.notes)
     figures = [KeyFigure(f"{study.done}", "cases done", f"of {study.cases}")]
-    text = counts
+    text = f"{counts}."
     if study.success is not None:
         number, share, interval = study.success.cells
-        text = f"{study.success.of}: {number} ({share}, 95 % interval {interval}); {counts}"
+        text = f"{study.success.of}: {number} ({share}, 95 % interval {interval}); {counts}."
         figures.insert(0, KeyFigure(share, study.success.of, f"{number}, 95 % interval {interval}"))
     sections = (
         *(_map_section(study.map) if study.map is not None else ()),

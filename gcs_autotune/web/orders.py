@@ -247,7 +247,7 @@ def _chosen_manoeuvre(chosen: Mapping[str, Any]) -> tuple[ManoeuvreKind, str]:
     """Return the row of the chosen manoeuvre, and the force to drive; empty for its own."""
     kind = lookup(MANOEUVRES, str(chosen.get("manoeuvre", "")), "manoeuvre")
     if kind.make is None:
-        raise UsageError(f"{kind.name} is flown only by {kind.command}")
+        raise UsageError(f"{kind.name} is not flown by itself, but by {kind.command}")
     force = str(chosen.get("force") or "")
     if force and force not in _forces(kind):
         raise UsageError(f"{kind.name} cannot drive the force '{force[:10]}'")

@@ -53,7 +53,10 @@ def compare(
     """
     places = [path.resolve() for path in sources]
     if not 2 <= len(places) <= MOST_RUNS:
-        raise UsageError(f"{len(places)} run given. Give 2 to {MOST_RUNS} run directories or logs of one craft")
+        raise UsageError(
+            f"{len(places)} run{'s' * (len(places) != 1)} given. Give 2 to {MOST_RUNS} run directories or logs of one "
+            "craft"
+        )
     if len(set(places)) < len(places):
         twice = next(path for path in sources if places.count(path.resolve()) > 1)
         raise UsageError(f"{twice} is given twice. Give each run once")

@@ -103,7 +103,7 @@ class FlySettings:
         kind = self.kind
         if kind.make is None:
             raise UsageError(
-                f"{kind.name} is flown only by {kind.command}. See `gcs-autotune fly --list` for the others"
+                f"{kind.name} is not flown by itself, but by {kind.command}. `gcs-autotune fly --list` shows the others"
             )
         strange = [name for name in self.options if name not in kind.options]
         if strange:

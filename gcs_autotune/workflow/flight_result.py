@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify import Fit, Model, Validation, fit_axis, moved_besides, save_model, validate
 from gcs_autotune.identify.thrust import with_doubt_of_thrust
@@ -191,9 +193,10 @@ def _left_out(dof: str, flown: Sequence[tuple[FlySettings, Trial]], directory: P
 
 def _limited(trial: Trial) -> list[str]:
     """Return a remark if an actuator delivered clearly less than commanded, because it was at a limit."""
+    thrusts = "X" in trial and bool(np.any(trial["X"].values > 0.0))
     return [
         f"{force} was limited: {asked:.0%} commanded, {came:.0%} at the output"
-        f"{' (a lower --throttle leaves the thrusters more range to steer)' * (force == 'N')}. "
+        f"{' (a lower --throttle leaves the thrusters more range to steer)' * (force == 'N' and thrusts)}. "
         "Figures and model use the actual output"
         for force, (asked, came) in limited_orders(trial).items()
     ][:1]

@@ -13,6 +13,7 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import replace
 from functools import partial
+from statistics import median
 
 from gcs_autotune.axes import AxisKind
 from gcs_autotune.craft import Intervention
@@ -41,7 +42,7 @@ from gcs_autotune.observer import Observer
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import SHALLOW
 from gcs_autotune.workflow.preflight import check_signs
-from gcs_autotune.workflow.wrong_way import contradiction_in, tripped, why_tripped
+from gcs_autotune.workflow.wrong_way import contradiction_in, straight_throttle, tripped, turning_time, why_tripped
 
 __all__ = ["MOST", "ManoeuvreRunner", "Patience"]
 
@@ -72,6 +73,8 @@ class ManoeuvreRunner:
         self._dive: Dive | None = None
         self._envelope = envelope
         self._last: Trial | None = None
+        self._straight = 0.0
+        self._turnings: list[float] = []
         self._spoilt = 0
         self.contradicted = False
         """Whether sensors contradicted each other in a manoeuvre that later stages depend on."""
@@ -81,10 +84,19 @@ class ManoeuvreRunner:
 
     def _keeping(self, keep: Callable[[Trial], None]) -> Callable[[Trial], None]:
         def keep_and_remember(trial: Trial) -> None:
+            if self._last is not None:
+                self._straight = max(self._straight, straight_throttle(self._last))
             self._last = trial
+            needed = turning_time(trial, TurnAboutSettings(0.0).output)
+            self._turnings += [needed] * math.isfinite(needed)
             keep(trial)
 
         return keep_and_remember
+
+    def _with_turning(self, envelope: Envelope) -> Envelope:
+        """Return *envelope* with the distance to turn around that the records so far show; the median of several."""
+        needed = median(self._turnings) if self._turnings else 0.0
+        return replace(envelope, turning=min(max(envelope.turning, needed), MOST_TURNING * envelope.turning))
 
     @property
     def speed_limit(self) -> float:
@@ -115,7 +127,7 @@ class ManoeuvreRunner:
         while True:
             begun = self._craft.clock.now()
             try:
-                flown = self._sequencer.fly(manoeuvre, stage, envelope or self._envelope)
+                flown = self._sequencer.fly(manoeuvre, stage, self._with_turning(envelope or self._envelope))
                 if flown.ending != "aborted" or not self._is_spoilt_by_us(begun, flown.reason):
                     self._check_sensors_agree(manoeuvre)
                     return flown
@@ -173,7 +185,7 @@ class ManoeuvreRunner:
             return
         if error.guard == "speed" and self.too_fast:
             raise PreconditionFailed(f"{self._last.name}: {self.too_fast}. {tripped(error)}") from error
-        why = why_tripped(self._last, error, self._craft.firmware, self._craft.servos)
+        why = why_tripped(self._last, error, self._craft.firmware, self._craft.servos, self._straight)
         if why is not None:
             raise why from error
         found = contradiction_in(self._last)
@@ -238,6 +250,8 @@ class ManoeuvreRunner:
             self.attempt(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
 
 
+MOST_TURNING = 3.0
+"""Largest factor on the assumed distance to turn around. A record that shows more is not believed. Project choice."""
 LEFT_ALONE = 0.5
 """Time [s] without commands after which ArduRover without a receiver assumes that its pilot is lost (mid-2025 builds).
 It is vehicle time."""

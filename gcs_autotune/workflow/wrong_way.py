@@ -18,7 +18,7 @@ from gcs_autotune.firmware import Firmware, ServoMap
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.preflight import crooked, cure_of
 
-__all__ = ["SPUN", "contradiction_in", "tripped", "why_tripped"]
+__all__ = ["SPUN", "contradiction_in", "straight_throttle", "tripped", "turning_time", "why_tripped"]
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,9 @@ FEWEST = 30
 """Smallest number of samples for a regression with three unknowns. Project choice."""
 STRAIGHT = 3.0
 """Time [s] under throttle alone in which a reversed or dead thruster would have turned the craft. Project choice."""
+LONG = 1.5
+"""Distance to turn around with an unknown time constant, in multiples of the shortest possible one. It is enough up to
+2.6 times the time constant that has the shortest distance. Project choice."""
 SPUN = ("heading excursion", "turn rate")
 """Safety limits that trip when a craft turns in the wrong direction."""
 REACTION = (0.0, 0.4, 0.8, 1.5)
@@ -44,8 +47,13 @@ LEAST_TURN, MOSTLY = math.radians(20.0), 0.5
 choice."""
 
 
-def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: ServoMap) -> PreconditionFailed | None:
-    """Return the error with the reason why a heading limit tripped, if the manoeuvre's record shows it; else None."""
+def why_tripped(
+    trial: Trial, error: GuardTripped, firmware: Firmware, servos: ServoMap, straight: float = 0.0
+) -> PreconditionFailed | None:
+    """Return the error with the reason why a heading limit tripped, if the manoeuvre's record shows it; else None.
+
+    straight : :func:`straight_throttle` of the earlier records of the run.
+    """
     if error.guard not in SPUN or "N" not in trial or "psi" not in trial:
         return None
     limit = tripped(error)
@@ -70,16 +78,52 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
     if abs(by_throttle) < LEAST_TURN or by_throttle * whole.turned < MOSTLY * whole.turned**2:
         return None
     throttle, seconds = float(np.mean(whole.throttle[idle])), float(np.sum(steps[idle]))
+    unstable = _unstable_hull(whole, by_throttle)
+    turned = f"the craft {_degrees(by_throttle)} to {'starboard' if by_throttle > 0.0 else 'port'} in {seconds:.0f} s"
+    if unstable and straight >= MOSTLY * abs(throttle):
+        return PreconditionFailed(
+            f"{trial.name}: {throttle:.0%} throttle without steering turned {turned}. Earlier in this run the craft "
+            f"ran straight with {straight:.0%} throttle. Unless a thruster has failed since, "
+            f"{unstable}. Use less --throttle, or set gains with which the craft does not "
+            f"oscillate. {limit}"
+        )
     cure = _wrong_thruster(firmware, servos, by_throttle) if throttle > 0.0 else ""
     cure = cure or crooked(firmware, [o for o, _ in servos.driving("X")])
-    to = "starboard" if by_throttle > 0.0 else "port"
     steering = "against the steering" if math.sqrt(float(np.mean(whole.steering**2))) > FELT else "without steering"
-    unstable = _unstable_hull(whole, by_throttle)
     cause = f". Most likely {unstable}. Otherwise {cure}" if unstable else f": {cure}"
     return PreconditionFailed(
-        f"{trial.name}: {throttle:.0%} throttle, {steering}, turned the craft {_degrees(by_throttle)} to {to} in "
-        f"{seconds:.0f} s instead of driving it straight ahead{cause}. {limit}"
+        f"{trial.name}: {throttle:.0%} throttle, {steering}, turned {turned} instead of driving it straight "
+        f"ahead{cause}. {limit}"
     )
+
+
+def straight_throttle(trial: Trial) -> float:
+    """Return the largest throttle [fraction of full] with which the craft ran straight at the beginning of *trial*,
+    without steering; 0 if it did not.
+    """
+    if "N" not in trial or "psi" not in trial:
+        return 0.0
+    whole = _stretch(trial, math.inf)
+    begin, end = _unsteered(whole)
+    return float(np.max(np.abs(whole.throttle[begin:end]))) if _is_straight(whole, begin, end) else 0.0
+
+
+def _unsteered(whole: _Stretch) -> tuple[int, int]:
+    """Return the first and the last index + 1 of the first time under throttle alone; equal if there is none."""
+    driven = np.abs(whole.throttle) > IDLE
+    if not driven.any():
+        return 0, 0
+    begin = int(np.argmax(driven))
+    steered = np.flatnonzero((np.abs(whole.steering[begin:]) >= STEERED) | ~driven[begin:])
+    return begin, begin + int(steered[0]) if len(steered) else len(whole.t)
+
+
+def _is_straight(whole: _Stretch, begin: int, end: int) -> bool:
+    """Return whether the craft ran straight between two indices, for long enough that a dead thruster would show."""
+    if end - begin < FEWEST // 3 or float(whole.t[end - 1] - whole.t[begin]) < STRAIGHT:
+        return False
+    heading = np.cumsum(whole.rate[begin:end] * np.gradient(whole.t[begin:end]))
+    return float(np.ptp(heading)) < LEAST_TURN / 4.0
 
 
 def _unstable_hull(whole: _Stretch, turned: float) -> str:
@@ -88,21 +132,14 @@ def _unstable_hull(whole: _Stretch, turned: float) -> str:
     A thruster that is reversed or dead turns the craft as soon as the throttle is applied. An unstable hull continues a
     turn that it had before, or runs straight until it is steered. *turned* [rad]: turn under throttle alone.
     """
-    driven = np.abs(whole.throttle) > IDLE
-    begin = int(np.argmax(driven))
-    steered = np.flatnonzero(np.abs(whole.steering[begin:]) >= STEERED)
-    end = begin + int(steered[0]) if len(steered) else len(whole.t)
+    begin, end = _unsteered(whole)
     if end - begin < 2:
         return ""
     start, way = float(np.median(whole.rate[: begin + 1])), math.copysign(1.0, turned)
     mean = way * float(np.mean(whole.rate[begin:end]))
     if 0.0 < MOSTLY * mean < way * start:
         why = f"it was already turning at {_degrees(start)}/s when the throttle was applied"
-    elif (
-        len(steered)
-        and float(whole.t[end] - whole.t[begin]) >= STRAIGHT
-        and abs(float(np.trapezoid(whole.rate[begin:end], whole.t[begin:end]))) < LEAST_TURN / 4.0
-    ):
+    elif end < len(whole.t) and _is_straight(whole, begin, end):
         why = "it ran straight under throttle until it was steered"
     else:
         return ""
@@ -118,6 +155,41 @@ def _turned_by_thrust(s: _Stretch) -> bool:
         abs(by) * math.sqrt(float(np.mean(x**2))) for by, x in ((by_steering, s.steering), (by_throttle, s.throttle))
     )
     return driven > steered and abs(float(np.mean(s.throttle))) > IDLE and by_steering > -STEERED * abs(by_throttle)
+
+
+def turning_time(trial: Trial, output: float) -> float:
+    """Return the distance that the craft of *trial* needs to turn around, as the time [s] of straight travel.
+
+    With a constant steering *output* [fraction of full] a craft with time constant T and steady turn rate r goes on
+    ahead for T + 1/r (Nomoto1957: first order, small drift). The short pulses of a sign check show the acceleration
+    r/T, but hardly T. With T unknown the distance is at least 2/sqrt(r/T), and :data:`LONG` times this is returned. NaN
+    if the record does not show the acceleration.
+    """
+    if "N" not in trial or "psi" not in trial:
+        return math.nan
+    whole = _stretch(trial, math.inf)
+    if len(whole.t) < FEWEST or min(float(np.max(side * whole.steering)) for side in (1.0, -1.0)) < STEERED:
+        return math.nan  # without steering to both sides, drag and a constant disturbance look alike
+    by_steering, growth = _turning_response(whole)
+    if not by_steering > 0.0:
+        return math.nan
+    unit = 1.0 / math.sqrt(by_steering * output)
+    slow = -1.0 / (growth * unit) if growth < 0.0 else math.inf  # T, as a multiple of that of the shortest distance
+    return min(slow + 1.0 / slow, 2.0 * LONG) * unit if slow > 1.0 else (slow + 1.0 / slow) * unit
+
+
+def _turning_response(s: _Stretch) -> tuple[float, float]:
+    """Return the turning acceleration [rad/s^2] due to full steering, and that due to the turn rate itself [1/s].
+
+    The equation of motion is integrated twice, so that the heading is not differentiated: its noise would be taken for
+    drag. Angle and rate at the start are unknowns.
+    """
+    steps = np.diff(s.t, prepend=s.t[0])
+    turned = np.cumsum(steps * s.rate)
+    twice = [np.cumsum(steps * np.cumsum(steps * part)) for part in (s.steering, s.throttle)]
+    design = np.column_stack([*twice, np.cumsum(steps * turned), np.ones(len(s.t)), s.t - s.t[0]])
+    found = np.linalg.lstsq(design, turned, rcond=None)[0]
+    return float(found[0]), float(found[2])
 
 
 def _accelerations(s: _Stretch) -> tuple[float, float]:

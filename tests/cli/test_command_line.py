@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import math
 import os
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from gcs_autotune.cli import COMMANDS, fly_cmd, main, make_parser
+from gcs_autotune.cli.writing import folded
 from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.link import Journal
 
@@ -487,3 +489,22 @@ def test_the_list_of_manoeuvres_breaks_no_option_and_names_none_that_is_not_ther
     assert not re.search(r"-$", out, re.MULTILINE)
     assert "Takes ." not in out
     assert "Takes --heading, --rudder," in re.sub(r"\s+", " ", out)
+
+
+@pytest.mark.parametrize("line", ["compare run --bad", "tune heading --bad", "params save file --bad"])
+def test_an_unknown_option_points_to_the_help_of_its_command(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(line.split()) == 2
+    assert f"unrecognized arguments: --bad (see `gcs-autotune {line.split()[0]} --help`)" in capsys.readouterr().err
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_an_error_is_folded_between_words_on_a_terminal_and_one_line_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    text = "gcs-autotune: " + "a word after another " * 5 + "/a/path/that/is/longer/than/a/line/of/the/terminal.param"
+    lines = folded(text, _Terminal()).splitlines()
+    assert " ".join(lines) == text and max(map(len, lines[:-1])) <= 40
+    assert folded(text, io.StringIO()) == f"{text}\n"

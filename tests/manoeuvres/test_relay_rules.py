@@ -81,7 +81,7 @@ def test_a_first_push_that_moves_it_the_wrong_way_grows_each_time_it_goes_anothe
     relay, rows, marks = flown(lambda t, _: H * next(v for k, v in reversed(falls.items()) if t >= k), hysteresis=H)
     assert [t for t, _ in told(marks, "grow", "C")] == [4.0, 8.0, 10.0]
     assert rows[-1][0].t == 12.0
-    assert "0.90 of full N output moved psi the wrong way" in reason(relay)
+    assert "0.90 of full N output turned the craft the wrong way" in reason(relay)
     given, rows, _ = flown(lambda t, _: -2.01 * H * (t >= 2.0), hysteresis=H, output=0.3)
     assert (rows[-1][0].t, "the wrong way" in reason(given)) == (2.0, True)
 

@@ -104,6 +104,7 @@ def test_an_excursion_in_depth_ends_the_manoeuvre_of_an_rov_and_is_none_of_a_boa
     with pytest.raises(GuardTripped) as caught:
         fly()
     assert (caught.value.guard, caught.value.limit) == ("depth excursion", 1.0)
+    assert str(caught.value).count(kept[-1].name) == 1, "the manoeuvre is named once"
     assert craft.log[-1] == "neutral"
 
 

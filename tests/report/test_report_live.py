@@ -159,3 +159,11 @@ def test_a_step_of_a_job_announces_only_what_the_job_did_not():
         assert shown.count(once) == 1
     assert shown.count("Writes") == 3
     assert "will write" not in shown
+
+
+def test_a_command_to_copy_stays_on_one_line():
+    observer, out, _ = _observer(terminal=False, width=60)
+    command = "gcs-autotune tune heading --connect /dev/ttyUSB0,57600 --resume runs/20261127-boat-heading"
+    observer.say(f"these records can be used again: step-before. To continue, use the same options: {command}")
+    assert f"  {command}" in out.getvalue().splitlines()
+    assert max(map(len, out.getvalue().splitlines()[:-1])) <= 60

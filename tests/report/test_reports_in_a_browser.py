@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import diagnosis_stories
+import numpy as np
 import pytest
 import report_stories
 
 from gcs_autotune.api import example_run, fit, save_model
 from gcs_autotune.cli import main
+from gcs_autotune.trial import Channel, Trial, save_trial
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 PAPER = {"width": 688, "height": 1017}
 """A4 less its margins [CSS px]."""
-KINDS = ("tune", "study", "flight", "diagnosis")
+KINDS = ("tune", "study", "flight", "diagnosis", "compare", "figures", "design")
 WIDER = """() => [...document.querySelectorAll(".scroll, .paper, pre")]
   .filter((node) => node.scrollWidth > node.clientWidth + 1).map((node) => node.textContent.trim().slice(0, 60))"""
 FIGURES = """() => [...document.querySelectorAll("figure")].map((node) => {
@@ -26,6 +29,20 @@ FIGURES = """() => [...document.querySelectorAll("figure")].map((node) => {
   const beside = node.parentElement.querySelectorAll(":scope > figure").length;
   return { top: box.top, high: box.height, letters: 8.8 * scale, beside };
 })"""
+
+
+def zig_zag() -> Trial:
+    """Return a 20/20 zig-zag of a ship with 4 r' + r = 0.25 delta, sampled at 10 Hz."""
+    psi = r = delta = 0.0
+    rows = []
+    for k in range(1200):
+        if k >= 100 and (delta == 0.0 or abs(psi) >= 20.0):
+            delta = 20.0 if psi < 20.0 else -20.0
+        rows.append((0.1 * k, math.radians(psi), math.radians(delta)))
+        r += 0.1 * (0.25 * delta - r) / 4.0
+        psi += 0.1 * r
+    t, heading, helm = np.array(rows).T
+    return Trial("zig-zag", {n: Channel(n, "rad", t, v) for n, v in (("psi", heading), ("delta", helm))})
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +61,16 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     preview = ["fly", "zig-zag", "--preview", f"--model={model}", "--throttle=0.5", "--speed=1", f"--out={folder}"]
     assert main([*preview, "--quiet"]) == 0
     (folder / "preview.html").rename(folder / "flight.html")
+    run.to_pandas().to_csv(folder / "later.csv")
+    save_trial(zig_zag(), folder / "zig-zag.csv")
+    files = {name: str(folder / f"{name}.csv") for name in ("run", "later", "zig-zag")}
+    others = {
+        "compare": (files["run"], files["later"]),
+        "figures": (files["zig-zag"],),
+        "design": (model, "--for=heading", "--speed=1"),
+    }
+    for verb, what in others.items():
+        assert main([verb, *what, f"--page={folder / verb}.html"]) == 0
     return {kind: folder / f"{kind}.html" for kind in KINDS}
 
 
@@ -65,7 +92,7 @@ def test_nothing_is_cut_off_and_all_can_be_read_on_a_telephone(
     page.close()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "compare"])  # of two logs: tables only
 def test_on_paper_pictures_stand_two_abreast_and_can_be_read(browser: Any, reports: dict[str, Path], kind: str) -> None:
     page = browser.new_page(viewport=PAPER, color_scheme="dark")
     page.emulate_media(media="print")

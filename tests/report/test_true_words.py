@@ -240,6 +240,12 @@ def test_a_gain_margin_above_100_is_said_one_way(gain: float) -> None:
     assert ("gain margin", "more than 100", "more than 100") in margins_table(proposal).rows
 
 
+def test_no_new_gains_are_called_stable_if_none_were_proposed() -> None:
+    proposal = stories.proposal()
+    assert proposal.changes and safety(proposal).startswith("With the new gains")
+    assert safety(replace(proposal, changes=())).startswith("With the present gains")
+
+
 def test_a_heading_axis_begins_within_a_turn_and_rises_from_label_to_label() -> None:
     t = np.linspace(0.0, 60.0, 400)
     psi = np.radians(660.0 + 6.0 * t)

@@ -246,7 +246,7 @@ def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestCli
         ({**HEADING, "numbers": {"full-scale": "40"}}, "full-scale applies only to a model"),
         ({**HEADING, "connect": "udpin:\n--yes"}, "not a connection URI"),
         ({"job": "fly", "manoeuvre": "zigzag"}, "zig-zag"),
-        ({"job": "fly", "manoeuvre": "step"}, "flown only by tune AXIS"),
+        ({"job": "fly", "manoeuvre": "step"}, "not flown by itself, but by tune AXIS"),
         ({"job": "fly", "manoeuvre": "zig-zag", "force": "Y"}, "cannot drive the force 'Y'"),
         ({"job": "fly", "manoeuvre": "zig-zag", "first_to": "up"}, "starboard"),
         ({"job": "fly", "manoeuvre": "zig-zag", "area": "44.4,8.9 44.5,8.9"}, "area"),

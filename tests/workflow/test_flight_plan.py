@@ -70,7 +70,7 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
         ("[[run]]\nmanoeuvre = 'zig-zag'\nrudder = 10\n", "Add --full-rudder"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = 'left'\n", "unknown side 'left'"),
         ("[[run]]\nmanoeuvre = 'zig-zag'\nsides = ['port', 1]\n", "unknown side '1'"),
-        ("[[run]]\nmanoeuvre = 'step'\n", "step is flown only by tune AXIS"),
+        ("[[run]]\nmanoeuvre = 'step'\n", "step is not flown by itself, but by tune AXIS"),
         ("[[run]]\nheading = 3\n", "no manoeuvre given"),
         ("[conditions]\nclam = true\n" + ZIG_ZAG, "[conditions]: unknown key 'clam'. Did you mean calm?"),
         ("[conditions]\ncalm = 1\n" + ZIG_ZAG, "calm must be true or false"),

@@ -17,7 +17,7 @@ from gcs_autotune.manoeuvres import SignCheck, SignCheckSettings
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import FlySettings, Unattended, fly
 from gcs_autotune.workflow.preflight import most_speed_of, steered_meanwhile
-from gcs_autotune.workflow.wrong_way import contradiction_in, why_tripped
+from gcs_autotune.workflow.wrong_way import contradiction_in, straight_throttle, why_tripped
 from sitl.effects import parse_effect
 
 from .sitl_harness import WHEN, Ear, SitlHarness
@@ -103,6 +103,19 @@ def test_a_hull_that_does_not_keep_its_course_is_named_first(start: float, pulse
     message = str(why_tripped(unstable(start, pulse), TRIPPED, BOAT, servos_of(SKID)))
     assert f"Most likely the hull does not keep its course by itself: it {why}" in message
     assert "Otherwise one of the two thrusters is reversed or dead" in message
+
+
+@pytest.mark.parametrize(("straight", "blames"), [(0.4, False), (0.1, True)])
+def test_no_thruster_is_blamed_if_the_craft_ran_straight_before_with_this_throttle(
+    straight: float, blames: bool
+) -> None:
+    assert straight_throttle(unstable(0.0, 0.4)) == pytest.approx(0.4)
+    assert straight_throttle(turning(0.0, 1.0, 0.0)) == straight_throttle(unstable(0.4, 0.0)) == 0.0
+    told = str(why_tripped(unstable(0.4, 0.0), TRIPPED, BOAT, servos_of(SKID), straight))
+    assert ("reversed or dead" in told) == blames
+    assert ("Earlier in this run the craft ran straight" in told) != blames
+    assert "does not keep its course by itself" in told
+    assert ("SERVO" in told) == blames
 
 
 @pytest.mark.parametrize("steering", [0.0, 0.5])

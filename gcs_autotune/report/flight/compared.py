@@ -105,7 +105,7 @@ class Comparison(Displayed):
         if not rows:
             return "The runs have no model in common, so only their loops are compared."
         if not self.changed:
-            return "The craft has not changed: the models differ by no more than their uncertainty, taken together."
+            return "No change of the craft was found: together, the models differ by no more than their uncertainty."
         changed = [(run, row.dof) for run, row in rows if row.changed]
         others = " and ".join(dict.fromkeys(_number(self, run) for run, _ in changed))
         differs = f"The model of run {others} differs by more than the intervals"
@@ -237,7 +237,7 @@ def _loop(found: Comparison, axis: str) -> Iterator[Part]:
         ("", *(label for _, label, _ in shown)),
         "l" + "r" * len(shown),
         rows,
-        "Of the step with these gains. ITAE is the tracking error per unit step. For all, lower is better.",
+        "Figures of the step with these gains. Lower is better for all. ITAE is the tracking error per unit step.",
     )
     if any(run.step is not None for run in runs):
         caption = "Measured steps with the gains that each run left on the vehicle, as fractions of the step."

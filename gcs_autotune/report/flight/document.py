@@ -147,7 +147,7 @@ def flight_document(story: FlightStory) -> Document:
     )
 
 
-SET = ("helm", "heading change at helm reversal")
+SET = ("helm", "heading change at helm reversal", "total heading change")
 """Figures that were commanded, not found."""
 MOST_FIGURES = 3
 """Largest number of figures in the verdict. Project choice."""

@@ -178,7 +178,12 @@ class TerminalObserver:
         if text.startswith(ONCE) and not self._verbose:
             self._shown.add(text)
         self._erase()
-        self._console.print(Text(self._typeset(text)))
+        told, introduces, command = self._typeset(text).partition(": gcs-autotune ")
+        if not introduces:
+            self._console.print(Text(told))
+            return
+        self._console.print(Text(f"{told}:"))  # a command is copied: it stays one line, whatever its length
+        self._console.print(Text(f"  gcs-autotune {command}"), soft_wrap=True)
 
     def _typeset(self, text: str) -> str:
         """Return *text* as it is shown, with degree signs if the terminal has them."""

@@ -162,17 +162,21 @@ def _change_words(before: float, after: float) -> str:
 
 
 def safety(proposal: Proposal) -> str:
-    """Return a sentence on whether the loop with the new gains is stable, for the model and over its uncertainty."""
+    """Return a sentence on whether the loop with the proposed gains is stable, for the model and over its uncertainty.
+
+    If the proposal changes nothing, these are the present gains.
+    """
     margins, worst = proposal.margins, proposal.worst_margins
+    gains = f"the {'new' if proposal.changes else 'present'} gains"
     if not margins.stable:
-        return "NOT SAFE: the identified loop is unstable with the new gains. Do not use them."
+        return f"NOT SAFE: the identified loop is unstable with {gains}. Do not use them."
     if not worst.stable:
         return (
             "CAREFUL: the loop is stable with the identified model, but not everywhere in the model's 95 % region. "
             "Identify again from a longer or calmer run before you rely on these gains."
         )
     return (
-        "With the new gains the loop is stable over the whole 95 % region of the identified model. "
+        f"With {gains} the loop is stable over the whole 95 % region of the identified model. "
         f"Margins at its worst point: {_margin_words(worst)}."
     )
 
