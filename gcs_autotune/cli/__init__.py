@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from gcs_autotune import __version__
 from gcs_autotune.cli.command import Command, what_remains
@@ -152,6 +152,13 @@ class _Parser(argparse.ArgumentParser):
         wrong = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)$", message)
         hint = nearest_of(wrong[1], re.findall(r"[^', ]+", wrong[2]))[1] if wrong else ""
         raise UsageError(f"{message.removeprefix('argument ')}{'.' if hint else ''}{hint} (see `{self.prog} --help`)")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Parse, and reject what is left over here: argparse would report it from the parser of the whole program."""
+        known, left = super().parse_known_args(args, namespace)
+        if left:
+            self.error(f"unrecognized arguments: {' '.join(left)}")
+        return known, left
 
 
 def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argparse.ArgumentParser:

@@ -104,6 +104,48 @@ def test_runs_of_two_vehicles_raise_a_doubt(tmp_path, capsys):
     assert "2 different vehicles (aa, bb)" in " ".join(capsys.readouterr().out.split())
 
 
+def test_a_far_smaller_vehicle_is_not_called_a_changed_craft_nor_its_inertia_zero(tmp_path, capsys):
+    one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1, inertia=300.0))
+    other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2), uid="bb")
+    assert main(["compare", str(one), str(other)]) == 0
+    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "x 0.00 " not in told
+    assert "The runs have different vehicles, so this need not be a change of the craft." in told
+
+
+def test_itae_is_explained_only_beside_its_column(tmp_path, capsys):
+    for shown in (True, False):
+        after = {"overshoot": 0.1, **({"itae": 2.0} if shown else {})}
+        runs = [
+            directory(tmp_path, f"{n}-{shown}", f"2026-0{i}-01T10:00:00", relay_run(i), metrics={"after": after})
+            for i, n in ((1, "may"), (2, "june"))
+        ]
+        assert main(["compare", *map(str, runs)]) == 0
+        assert ("ITAE" in capsys.readouterr().out) == shown
+
+
+def test_a_long_name_of_a_run_does_not_cut_its_ending(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    names = ("20260501-100000-launch-zig-zag", "20260601-100000-bluerov2-staircase")
+    runs = [
+        directory(tmp_path, n, f"2026-0{i}-01T10:00:00", relay_run(i), title="fly staircase", ending="completed")
+        for i, n in enumerate(names, start=5)
+    ]
+    assert main(["compare", *map(str, runs)]) == 0
+    told = capsys.readouterr().out
+    assert told.count("completed") == 2
+    assert all(n in told for n in names)
+
+
+@pytest.mark.parametrize("words", [["compare", "a", "b", "--bogus"], ["study", "watch", "a", "--bogus"]])
+def test_an_unknown_option_points_to_the_help_of_its_own_command(words, capsys):
+    assert main(words) == 2
+    verbs = "compare" if words[0] == "compare" else "study watch"
+    assert capsys.readouterr().err == (
+        f"gcs-autotune: unrecognized arguments: --bogus (see `gcs-autotune {verbs} --help`)\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("which", "code", "told"),
     [((0,), 2, "1 run given"), ((0, 0), 2, "given twice"), ((0, 9), 6, "none does not exist")],
