@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
+from gcs_autotune.rounding import counted
 from gcs_autotune.sname import SIGNALS, parse_header, to_si
 from gcs_autotune.untrusted_text import visible
 
@@ -304,7 +305,8 @@ def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int
     """Return the error for the first cell of *row* that is not a number."""
     if len(row) != len(cells.head):
         raise BadFile(
-            f"{cells.path}, row {number}: {len(row)} cells instead of {len(cells.head)}. Correct or remove this row"
+            f"{cells.path}, row {number}: {counted(len(row), 'cell')} instead of {len(cells.head)}. "
+            "Correct or remove this row"
         )
     i = next(i for i in columns if _number(row[i]) is None)
     cell, head = row[i], cells.head[i]

@@ -86,7 +86,7 @@ def test_the_time_column_is_found_by_its_name_or_unit_and_put_into_seconds(path:
 def test_a_truncated_last_row_is_dropped_and_noted_and_one_before_it_is_not(path: Path) -> None:
     assert load(path, "t[s],N[N m]\n0,1\n1,2\n2\n").meta["dropped_rows"] == 1
     assert "dropped_rows" not in load(path, "t[s],N[N m]\n0,1\n1,2\n").meta
-    with pytest.raises(BadFile, match="row 3: 1 cells instead of 2"):
+    with pytest.raises(BadFile, match="row 3: 1 cell instead of 2"):
         load(path, "t[s],N[N m]\n0,1\n1\n2,3\n")
 
 

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from gcs_autotune import __version__
 from gcs_autotune.cli.command import Command, what_remains
@@ -115,10 +115,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         config = read_config(find_config())
         verb = next((word for word in arguments if word in COMMANDS), None)
-        args = make_parser(config, None if verb == COMPLETION else verb).read(arguments)
+        args = make_parser(config, None if verb == COMPLETION else verb).parse_args(arguments)
         if craft := craft_of(config, args):
             config = config.of(craft)
-            args = make_parser(config, verb).read(arguments)
+            args = make_parser(config, verb).parse_args(arguments)
         if used := config.used_by(args):
             told = ", ".join(f"{name} {shown_value(value)}" for name, value in used.items())
             told = f"craft {craft}: {told}" if craft else told
@@ -153,15 +153,15 @@ class _Parser(argparse.ArgumentParser):
         hint = nearest_of(wrong[1], re.findall(r"[^', ]+", wrong[2]))[1] if wrong else ""
         raise UsageError(f"{message.removeprefix('argument ')}{'.' if hint else ''}{hint} (see `{self.prog} --help`)")
 
-    def read(self, arguments: Sequence[str]) -> argparse.Namespace:
-        """Return the parsed *arguments*. An unknown one is reported with the help of the verb it was given to."""
-        args, unknown = self.parse_known_args(arguments)
-        if unknown:
-            raise UsageError(f"unrecognized arguments: {' '.join(unknown)} (see `{self.prog} {args.command} --help`)")
-        return args
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Parse, and reject what is left over here: argparse would report it from the parser of the whole program."""
+        known, left = super().parse_known_args(args, namespace)
+        if left:
+            self.error(f"unrecognized arguments: {' '.join(left)}")
+        return known, left
 
 
-def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> _Parser:
+def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of the whole command line, with the defaults of the settings file.
 
     only : the verb to be run. The others are listed without their options and are not imported.

@@ -20,6 +20,7 @@ from gcs_autotune.chi_square import threshold
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.notebook import Displayed
+from gcs_autotune.rounding import format_number
 
 __all__ = ["CHANGES", "CraftChange", "CraftComparison", "compare_craft"]
 
@@ -117,7 +118,7 @@ def _told(change: CraftChange, size: float) -> str:
     if change.name == "trim":
         return f"trim by {size:+.3g} ({change.more if size > 0.0 else change.less}; effect {change.slug})"
     example = change.more if size > 1.0 else change.less
-    return f"{change.name} x {size:.3g} (for example: {example}; effect {change.slug})"
+    return f"{change.name} x {format_number(size, 3)} (for example: {example}; effect {change.slug})"
 
 
 NAMES = ("inertia", "drag", "trim")

@@ -340,7 +340,10 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
             if len(z.overshoots) > 1
             else []
         ),
-        *(judged(f"overshoot-{i}", f"overshoot angle {i}", o) for i, o in enumerate(z.overshoots[2:], start=3)),
+        *(
+            judged(f"overshoot-{i}", f"{_ordinal(i)} overshoot angle", o)
+            for i, o in enumerate(z.overshoots[2:], start=3)
+        ),
     ]
     turning = nominal == "10/10"
     figures = known(
@@ -364,6 +367,14 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     )
     side = "" if not z.from_approach else f", first to {'starboard' if z.sense * z.executes[0].level > 0 else 'port'}"
     return Sheet(log.name, "zig-zag", f"{_angles(run, z, unit)} zig-zag{side}", figures, "", z.doubts, _shape(log, z))
+
+
+def _ordinal(number: int) -> str:
+    """Return *number*, from 3, as in "third" and "21st"."""
+    if number < 11:
+        return ("third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")[number - 3]
+    ending = "th" if 11 <= number % 100 <= 13 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 def _shape(log: ShipLog, z: ZigZagFigures) -> Shape:

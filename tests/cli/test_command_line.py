@@ -491,10 +491,21 @@ def test_the_list_of_manoeuvres_breaks_no_option_and_names_none_that_is_not_ther
     assert "Takes --heading, --rudder," in re.sub(r"\s+", " ", out)
 
 
-@pytest.mark.parametrize("line", ["compare run --bad", "tune heading --bad", "params save file --bad"])
-def test_an_unknown_option_points_to_the_help_of_its_command(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("line", "verbs"),
+    [
+        ("compare run --bad", "compare"),
+        ("tune heading --bad", "tune"),
+        ("params save file --bad", "params save"),
+        ("study watch a --bad", "study watch"),
+    ],
+)
+def test_an_unknown_option_points_to_the_help_of_its_command(
+    line: str, verbs: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(line.split()) == 2
-    assert f"unrecognized arguments: --bad (see `gcs-autotune {line.split()[0]} --help`)" in capsys.readouterr().err
+    printed = capsys.readouterr().err
+    assert printed == f"gcs-autotune: unrecognized arguments: --bad (see `gcs-autotune {verbs} --help`)\n"
 
 
 class _Terminal(io.StringIO):

@@ -120,6 +120,39 @@ def test_a_run_of_another_vehicle_does_not_hide_a_change_between_two_runs_of_one
     assert "The model of run 3 differs by more than the intervals" in output
 
 
+def test_a_small_ratio_is_not_told_as_zero(tmp_path, capsys):
+    one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1, inertia=300.0))
+    other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2))
+    assert main(["compare", str(one), str(other)]) == 0
+    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "inertia x 0.00" in printed
+    assert "x 0.00 " not in printed
+
+
+def test_itae_is_explained_only_beside_its_column(tmp_path, capsys):
+    for shown in (True, False):
+        after = {"overshoot": 0.1, **({"itae": 2.0} if shown else {})}
+        runs = [
+            directory(tmp_path, f"{n}-{shown}", f"2026-0{i}-01T10:00:00", relay_run(i), metrics={"after": after})
+            for i, n in ((1, "may"), (2, "june"))
+        ]
+        assert main(["compare", *map(str, runs)]) == 0
+        assert ("ITAE" in capsys.readouterr().out) == shown
+
+
+def test_a_long_name_of_a_run_does_not_cut_its_ending(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    names = ("20260501-100000-launch-zig-zag", "20260601-100000-bluerov2-staircase")
+    runs = [
+        directory(tmp_path, n, f"2026-0{i}-01T10:00:00", relay_run(i), title="fly staircase", ending="completed")
+        for i, n in enumerate(names, start=5)
+    ]
+    assert main(["compare", *map(str, runs)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("completed") == 2
+    assert all(n in printed for n in names)
+
+
 @pytest.mark.parametrize(
     ("which", "code", "told"),
     [((0,), 2, "1 run given"), ((0, 0), 2, "given twice"), ((0, 9), 6, "none does not exist")],

@@ -133,6 +133,11 @@ def test_missing_names_are_all_told_and_a_vehicle_that_answers_nothing_any_more_
         mine.read("A")
 
 
+def test_the_file_of_another_vehicle_fills_no_screen_with_names() -> None:
+    with pytest.raises(ParameterMissing, match=r"P0, .*P7 and 82 others\. Check that this is the right vehicle"):
+        parameters(Answering(P=0.5)).read_all(["P", *(f"P{i}" for i in range(90))])
+
+
 def test_the_first_of_several_names_that_is_answered_is_taken_within_three_askings() -> None:
     session = Answering(OLD=0.5, OLDER=0.7)
     assert parameters(session).read_first(["NEW", "OLD", "OLDER"]) == ("OLD", 0.5)

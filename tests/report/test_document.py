@@ -153,6 +153,17 @@ def test_facts_of_a_section_replace_its_text_in_json() -> None:
     assert to_json(Document("", (one, two), facts={"schema": 1})) == {"schema": 1, "energy": 10800.0}
 
 
+@pytest.mark.parametrize(
+    ("reason", "told"), [("flown for 60 s", "Flown for 60 s."), ("5 executes", "Flown: 5 executes.")]
+)
+def test_the_end_of_a_flight_says_flown_once(reason: str, told: str) -> None:
+    run = FLOWN.flown[0][1]
+    story = replace(FLOWN, flown=(("run", replace(run, reason=reason)),))
+    verdict = flight_document(story).verdict
+    assert verdict is not None
+    assert verdict.text == told
+
+
 def test_a_flight_ends_with_its_figures_and_what_can_be_undone() -> None:
     first = judged("first", "first overshoot", Reading(0.1, 0.0, "rad"))
     figures = (judged("helm", "helm", Reading(0.67, 0.0, "1")), first)

@@ -123,6 +123,7 @@ def test_overshoots_and_times_are_those_of_the_exact_solution():
     assert sheet["time-to-check"].reading.value == pytest.approx(check, abs=0.1)
     assert sheet["initial-turning"].reading.value == pytest.approx(turning, rel=1e-2)  # at 1 m/s
     assert sheet.title == "10/10 zig-zag, first to starboard"
+    assert sheet["overshoot-3"].name == "third overshoot angle"
 
 
 def test_the_title_names_the_angles_that_were_ordered():

@@ -32,6 +32,7 @@ from gcs_autotune.link.parameters.exchange import (
 )
 from gcs_autotune.link.session import Session
 from gcs_autotune.mavlink import Message, PackedParameters, unpack_parameters
+from gcs_autotune.rounding import counted
 from gcs_autotune.untrusted_text import quoted
 
 __all__ = ["Intrusion", "Parameters", "read_confirmed", "same_float32"]
@@ -41,6 +42,8 @@ PACKED = "@PARAM/param.pck?withdefaults=1"
 _ROUNDS = 8
 """Requests after which contradicting answers are reported. Project choice."""
 _ENOUGH = 2
+MOST_NAMED = 8
+"""Largest number of missing parameters in one message, about two lines of a terminal. Project choice."""
 
 
 def read_confirmed(parameters: Parameters, names: Iterable[str]) -> dict[str, float]:
@@ -133,7 +136,7 @@ class Parameters:
         Raises
         ------
         ParameterMissing
-            One or more of them do not exist; the message lists all of these.
+            One or more of them do not exist; the message lists up to :data:`MOST_NAMED` of these.
         NoReply
             The vehicle no longer answers such requests, even for a parameter that it has.
         PreconditionFailed
@@ -146,9 +149,11 @@ class Parameters:
             if lossy := self.session.lossy():
                 raise NoReply(f"{self.session.vehicle} did not answer the request for {', '.join(missing)}: {lossy}")
             self._check_answers(missing)
+            others = len(missing) - MOST_NAMED
+            more = f" and {counted(others, 'other')}" if others > 0 else ""
             raise ParameterMissing(
-                f"{self.session.vehicle} has no parameter {', '.join(missing)}. "
-                "Check the firmware: it is too old, too new, or built without this feature",
+                f"{self.session.vehicle} has no parameter {', '.join(missing[:MOST_NAMED])}{more}. Check that this is "
+                "the right vehicle. Its firmware may be too old, too new, or built without this feature",
                 name=missing[0],
             )
         return found

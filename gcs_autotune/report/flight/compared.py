@@ -152,6 +152,7 @@ _METRICS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
     ("steady_error", "remaining", lambda v: format_share(v) if math.isfinite(v) else UNKNOWN),
 )
 """Key of ``ComparedRun.metrics`` -> label and format."""
+_ITAE = "ITAE is the tracking error per unit step. "
 
 
 def comparison_document(found: Comparison, when: str = "") -> Document:
@@ -228,6 +229,7 @@ def _loop(found: Comparison, axis: str) -> Iterator[Part]:
     names = dict.fromkeys(name for run in runs for name in run.gains)
     gains = tuple((n, *(format_number(run.gains[n]) if n in run.gains else "" for run in runs)) for n in names)
     yield Table(("gain after the run", *heads), align, gains)
+    itae = _ITAE if any("itae" in run.metrics for run in runs) else ""
     shown = [row for row in _METRICS if any(row[0] in run.metrics for run in runs)]
     rows = tuple(
         (head, *(show(run.metrics[key]) if key in run.metrics else "" for key, _, show in shown))
@@ -237,7 +239,7 @@ def _loop(found: Comparison, axis: str) -> Iterator[Part]:
         ("", *(label for _, label, _ in shown)),
         "l" + "r" * len(shown),
         rows,
-        "Figures of the step with these gains. Lower is better for all. ITAE is the tracking error per unit step.",
+        f"Figures of the step with these gains. {itae}Lower is better for all.",
     )
     if any(run.step is not None for run in runs):
         caption = "Measured steps with the gains that each run left on the vehicle, as fractions of the step."

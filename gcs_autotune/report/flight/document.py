@@ -131,11 +131,7 @@ def flight_document(story: FlightStory) -> Document:
     return Document(
         title=story.title,
         when=format_moment(story.when),
-        verdict=Verdict(
-            f"{what[0].upper() + what[1:] if what.startswith('flown') else f'Flown: {what}'}.",
-            "bad" if oscillates else "good",
-            (*ended, *_found(story, bool(doubts))),
-        ),
+        verdict=Verdict(_flown(what), "bad" if oscillates else "good", (*ended, *_found(story, bool(doubts)))),
         key_figures=tuple(_key_figures(story)),
         doubts=tuple(dict.fromkeys(doubts)) or None,
         sections=tuple(section for make in SECTIONS for section in make(story)),
@@ -145,6 +141,11 @@ def flight_document(story: FlightStory) -> Document:
             "models": [model.to_dict() for model in story.models],
         },
     )
+
+
+def _flown(what: str) -> str:
+    """Return the end of a flight as a sentence that contains "flown" once."""
+    return sentence(what if "flown" in what.split() else f"Flown: {what}")
 
 
 SET = ("helm", "heading change at helm reversal", "total heading change")

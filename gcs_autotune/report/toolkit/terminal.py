@@ -147,7 +147,9 @@ def _grid(table: Table) -> Padding:
         # A head may wrap, but a name that is cut cannot be typed.
         least = None if wraps else max((cell_len(visible(row[i])) for row in rows), default=0)
         head = Text(visible(table.heads[i]))
-        lines.add_column(head, justify="right" if right else "left", no_wrap=right and wraps, min_width=least)
+        # The width is taken from the columns that may wrap, so these must not be among them.
+        whole = right or (least is not None and least >= head.cell_len)
+        lines.add_column(head, justify="right" if right else "left", no_wrap=whole, min_width=least)
     for row in rows:
         lines.add_row(*(Text(visible(row[i])) for i in used))
     return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)
