@@ -39,7 +39,10 @@ ASTRAY = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LostBase:
-    """A base that misses some signal completely, the candidates fitted from it, and the number of candidates tried."""
+    """A base that misses some signal completely, or that no candidate helps although its residuals are not white.
+
+    With the candidates fitted from it, and the number of candidates tried.
+    """
 
     base: Fitted
     ends: Sequence[Attempt]
@@ -162,9 +165,10 @@ class SearchState:
             most=most,
         )
         ends = fits_of(scorer, choices)
-        if is_lost and not quick and now.lost is None:
+        judged = judge(scorer, ends)
+        if astray and (is_lost or judged.accepted is None) and not quick and now.lost is None:
             now = replace(now, lost=LostBase(present, tuple(ends), len(choices)))
-        return now, judge(scorer, ends)
+        return now, judged
 
     def scorer(
         self, present: Fitted | None = None, tried: int | None = None, *, stage: str = "causes", quick: bool = False

@@ -79,6 +79,21 @@ def test_a_delay_is_found_in_the_run_of_a_track() -> None:
     assert cause.parameters["delay"].value == pytest.approx(0.3, abs=0.02)
 
 
+@pytest.mark.slow
+def test_a_bias_is_found_although_the_plain_model_is_wrong_without_it() -> None:
+    runs, units = [], {"X": "N", "N": "N m", "r": "rad/s"}
+    for seed in (110, 111, 112):
+        dive = pool_dive(seed, 25, [parse_effect("input-bias@yaw.bias=0.015")])
+        noise = np.random.default_rng(seed).normal(0.0, [[1.5e-3], [1.5e-3], [4.4e-3]], (3, len(dive.seen)))
+        x, y, psi = dive.seen.T + noise
+        rows = dict(zip(units, dive.log[:, 1:].T, strict=True))
+        log = Trial("log", {n: Channel(n, units[n], dive.log[:, 0], v) for n, v in rows.items()})
+        runs.append(joined(Track("video", dive.video_t, x, y, psi, 0, True), log).run)
+    (cause,) = diagnose(runs, dof="yaw").causes
+    assert cause.effect.slug == "input-bias"
+    assert cause.parameters["bias"].value == pytest.approx(0.015, rel=0.05)
+
+
 def test_boards_and_four_points_give_lens_and_floor(camera: FloorCamera) -> None:
     made = PoolCamera()
     places = np.array([(0.0, 0.0), (1.0, -0.7), (-0.9, 1.1)])
