@@ -103,6 +103,18 @@ def test_gain_damping_and_the_water_are_found_together() -> None:
     assert 0.85 < float(np.mean(e * e / S)) < 1.15
 
 
+def test_a_force_that_vanishes_in_a_fit_is_no_unknown_of_it_any_more() -> None:
+    calm, rng = run(1, size=0.0), np.random.default_rng(1)
+    psi = calm.signals["psi"]
+    rough = replace(psi, values=psi.values + rng.normal(0.0, 0.03, len(psi.values)))
+    problem = problem_of([replace(calm, signals={"psi": rough})])
+    fit = problem.fit(np.array([GAIN, -DAMPING]), (), ProcessNoise(1e-8, 3.0, 0.03))
+    assert fit is not None
+    assert fit.noise.unknowns == ("sensor",)
+    assert fit.covariance.shape == (fit.unknowns, fit.unknowns) == (3, 3)
+    assert problem.tangent(fit) is not None
+
+
 def test_steps_that_a_trial_made_too_fine_do_not_end_every_later_fit() -> None:
     """A trial asked for steps 512 times finer than a second; no pass came to its end since, and no cause was tried."""
     problem = problem_of([run(1)])
