@@ -166,7 +166,10 @@ def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argp
 
     only : the verb to be run. The others are listed without their options and are not imported.
     """
-    rows = [(0, "done"), (RESTORED, "tuned, but the old gains were better and were restored")]
+    rows = [
+        (0, "done"),
+        (RESTORED, "tuned, but the new gains were not better in every respect, and the old ones were restored"),
+    ]
     rows += [(code, meaning) for _, code, meaning in EXIT_CODES]
     codes = "\n".join(f"  {code:3d}  {meaning}" for code, meaning in sorted(rows))
     parser = _Parser(

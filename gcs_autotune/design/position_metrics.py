@@ -128,9 +128,9 @@ def _rms(values: Array) -> float:
 def holds_better(before: PositionMetrics, after: PositionMetrics) -> Verdict:
     """Compare two flights: step and push must be better on the mean, and nothing clearly worse."""
     if not math.isfinite(after.itae):
-        return Verdict(False, ("the loop is unstable with the new gains",))
+        return Verdict(((False, "the loop is unstable with the new gains"),))
     if not math.isfinite(before.itae):
-        return Verdict(True, ("the loop was unstable with the old gains, and is stable with the new ones",))
+        return Verdict(((True, "the loop was unstable with the old gains, and is stable with the new ones"),))
     pairs = [("step error (ITAE)", "s^2", before.itae, after.itae)]
     if math.isfinite(before.push) and math.isfinite(after.push):
         pairs.append(("distance under the push, rms", "m", before.push, after.push))
@@ -152,4 +152,4 @@ def holds_better(before: PositionMetrics, after: PositionMetrics) -> Verdict:
     lines.append(
         (after.travel <= most, f"actuator travel {before.travel:.2f} -> {after.travel:.2f} strokes per second{tail}")
     )
-    return Verdict(all(good for good, _ in lines), tuple(text for _, text in lines))
+    return Verdict(tuple(lines))

@@ -59,10 +59,24 @@ Project choice.
 
 @dataclass(frozen=True, slots=True)
 class Verdict(Displayed):
-    """Decision whether to keep the new gains, with every reason for and against as text."""
+    """Decision whether to keep the new gains: every criterion as whether it is met, and a sentence."""
 
-    better: bool
-    reasons: tuple[str, ...]
+    criteria: tuple[tuple[bool, str], ...]
+
+    @property
+    def better(self) -> bool:
+        """Whether all criteria are met."""
+        return all(good for good, _ in self.criteria)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Sentences of all criteria."""
+        return tuple(text for _, text in self.criteria)
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """Sentences of the criteria that are not met."""
+        return tuple(text for good, text in self.criteria if not good)
 
 
 def scatter_of(*pairs: Sequence[StepMetrics]) -> dict[str, float]:
@@ -106,7 +120,7 @@ def is_better(
         _travel(before, after),
         _settles(before, after),
     ]
-    return Verdict(all(good for good, _ in lines), tuple(text for _, text in lines))
+    return Verdict(tuple(lines))
 
 
 def is_no_worse(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, float]) -> Verdict:
@@ -125,7 +139,7 @@ def is_no_worse(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, f
         _limit("remaining error", after.steady_error, STEADY_ERROR, before.steady_error, off),
         _travel(before, after),
     ]
-    return Verdict(all(good for good, _ in lines), tuple(text for _, text in lines))
+    return Verdict(tuple(lines))
 
 
 def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, float], what: str) -> Verdict:
@@ -142,7 +156,7 @@ def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, f
         _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
         _travel(before, after),
     ]
-    return Verdict(all(good for good, _ in lines), tuple(f"{what}: {text}" for _, text in lines))
+    return Verdict(tuple((good, f"{what}: {text}") for good, text in lines))
 
 
 def is_calmer(before: StepMetrics, after: StepMetrics, slower: float) -> bool:

@@ -30,7 +30,7 @@ _STDERR = 8000
 _RESTORED, _STOPPED = 8, 130
 _MEANINGS: Mapping[int, str] = {
     0: "done",
-    _RESTORED: "tuned, but the old gains were better and were restored",
+    _RESTORED: "tuned, but the new gains were not better in every respect, and the old ones were restored",
     **{code: meaning for _, code, meaning in EXIT_CODES},
 }
 
@@ -41,7 +41,7 @@ _RESULT = re.compile(r"^\S+: \S+ -> |verified by reading back")
 JOB = "job.json"
 """File of a guided run with its steps."""
 _ENDINGS: Mapping[str, str] = {
-    "restored": "the old gains were better and are restored",
+    "restored": "the new gains were not better in every respect, and the old ones are restored",
     "open": "not flown",
     "skipped": "not flown",
     "rejected": "not flown",

@@ -320,20 +320,19 @@ class _Actuators:
         self._log.thrust_after = after.linear
         tracking = self._tracking(before.step, after.step)
         moved = [c for c in self._log.given_changes if c not in self._rudder]
-        reasons, good = [], tracking.better
+        criteria: list[tuple[bool, str]] = []
         if moved:
             linear = is_more_linear(before.linear, after.linear)
-            good = good and linear
-            reasons.append(
+            thrust = (
                 f"thrust departs from the command by {before.linear.departure:.1%} -> {after.linear.departure:.1%} of "
                 f"full{'' if linear else ', which is not clearly less'}"
             )
+            criteria.append((linear, thrust))
         if self._rudder:
             straighter = abs(after.held) < abs(before.held)
-            good = good and straighter
-            reasons.append(f"steering held to go straight {before.held:+.1%} -> {after.held:+.1%}")
+            criteria.append((straighter, f"steering held to go straight {before.held:+.1%} -> {after.held:+.1%}"))
         remark = "The loops now act on another thrust curve. Run `tune speed` and `tune heading` again"
-        return ProofResult(Verdict(good, (*reasons, *tracking.reasons)), (remark,) if moved else ())
+        return ProofResult(Verdict((*criteria, *tracking.criteria)), (remark,) if moved else ())
 
     def _fly(self, name: str, which: str, present: Mapping[str, float]) -> _Flown:
         context, skid = self._context, self._craft.skid

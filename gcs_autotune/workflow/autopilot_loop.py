@@ -136,8 +136,8 @@ class _AutopilotLoop:
         errors = None if other is None else (other.before.itae, other.after.itae)
         slower = style_of(context.settings.style).slower
         verdict = is_better(then, now, context.law.free_overshoot, errors, scatter, slower)
-        followed = Verdict(True, ()) if other is None else other.verdict
-        verdict = Verdict(verdict.better and followed.better, (*verdict.reasons, *followed.reasons))
+        if other is not None:
+            verdict = Verdict((*verdict.criteria, *other.verdict.criteria))
         return ProofResult(
             verdict, tuple(on_the_other_axis(context.axis, context.craft.firmware, log.proposal, log.beside))
         )

@@ -166,7 +166,8 @@ def _prove(loop: TunableLoop, offer: Offer, observer: TuneObserver, journal: Jou
                 observer.say(remark)
             observer.end("kept", "the new gains are better and stay on the vehicle")
     if not better:
-        observer.end("restored", "the new gains are not better; the old ones were restored, verified by reading back")
+        observer.say("the old values were restored, verified by reading back")
+        observer.end("restored", f"the measured comparison failed: {'; '.join(result.verdict.against)}")
 
 
 def _shown(changes: Sequence[Change]) -> str:

@@ -120,7 +120,7 @@ def test_present_gains_that_no_proposal_betters_are_left_alone_only_when_they_ar
     monkeypatch.setattr(door, "choose", choose)
     monkeypatch.setattr(door, "refine", lambda given, chosen, span: chosen)
     monkeypatch.setattr(door, "any_better", lambda given, before, span: None)
-    monkeypatch.setattr(door, "is_better", lambda *steps, **_: Verdict(False, ("not better",)))
+    monkeypatch.setattr(door, "is_better", lambda *steps, **_: Verdict(((False, "not better"),)))
     mine = {**present(SUB_HEADING), **(WILD if unsafe else {})}
     found = design(FALCON, uncertain(FALCON), SUB_HEADING, mine)
     assert {c.parameter for c in found.changes} == (set(WILD) if unsafe else set())

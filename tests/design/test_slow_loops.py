@@ -64,7 +64,7 @@ def test_where_refinement_does_worse_the_matched_gains_stand(monkeypatch: pytest
         return replace(chosen, prediction=replace(chosen.prediction, metrics=metrics))
 
     monkeypatch.setattr(door, "refine", worsen)
-    monkeypatch.setattr(door, "is_better", lambda old, new, free, *_, **__: Verdict(new.itae < old.itae, ()))
+    monkeypatch.setattr(door, "is_better", lambda old, new, free, *_, **__: Verdict(((new.itae < old.itae, "ITAE"),)))
     found = propose()
     assert seen and found.after.metrics.itae < 50.0
 

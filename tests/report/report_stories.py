@@ -239,7 +239,7 @@ def restored() -> TuneStory:
         kept(),
         ending="restored",
         kept=False,
-        reason="the new gains are not better; the old ones are back",
+        reason="the measured comparison failed: tracking error 14 % higher; never settled",
         metrics_after=replace(BEFORE, itae=11.2, overshoot=0.58, settling=math.nan),
         verdict_reasons=("tracking error 14 % higher", "never settled"),
         parameters_after=PARAMETERS,

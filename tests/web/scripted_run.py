@@ -178,7 +178,7 @@ PROOF = {
 LOST = "Lost contact with ArduRover 4.6.0 on udpin:0.0.0.0:14550 (30 s). Check power and the radio."
 NO_PORT = "cannot open /dev/ttyUSB0: no such file"
 OPENED = {"event": "opened", "time": "2026-11-26T21:19:09+00:00", "schema": 1}
-WORSE = "the old gains were better in the measured step"
+WORSE = "the measured comparison failed: tracking error 14 % higher"
 
 STORIES: Mapping[str, Story] = {
     "": Story(ASKED, after=NEW),

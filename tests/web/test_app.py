@@ -370,7 +370,7 @@ def test_the_end_of_a_guided_run_states_what_each_step_left(tmp_path: Path) -> N
     assert end["meaning"] == "done, and some loops have their old gains"
     assert end["put_back"][1:] == [
         "loop 0: the new gains are better and stay: P 1 -> 2.",
-        "loop 1: the old gains were better and are restored.",
+        "loop 1: the new gains were not better in every respect, and the old ones are restored.",
         "loop 2: not flown.",
     ]
     assert not how_it_ended(130, "", folder, None)["fine"]  # a step was flown, and how it left the craft is unknown

@@ -191,7 +191,9 @@ STATES: Mapping[str, State] = {
     "kept": State(
         shown("kept", ENDED, "done"), (AS_BEFORE, "ATC_STR_RAT_P 0.2 -> 0.4", "Undo: restore the old parameters")
     ),
-    "restored": State(shown("restored", ENDED, "restored"), (AS_BEFORE, "the old gains were better"), GONE),
+    "restored": State(
+        shown("restored", ENDED, "restored"), (AS_BEFORE, "the new gains were not better in every respect"), GONE
+    ),
     "aborted": State(shown("aborted", ENDED, "aborted"), (AS_BEFORE, "--max-speed"), GONE),
     "lost contact": State(
         shown("lost", ENDED, "failed"),
@@ -209,7 +211,9 @@ STATES: Mapping[str, State] = {
         ("speed: the new gains are better and stay", "line: not flown", "Continue with the next step", "Undo"),
     ),
     "all loops done": State(
-        shown("done", ENDED, "done", job="all"), ("heading: the old gains were better", "Undo"), ("Continue",)
+        shown("done", ENDED, "done", job="all"),
+        ("heading: the new gains were not better in every respect", "Undo"),
+        ("Continue",),
     ),
     "undoing": State(undoing, ("Write ATC_STR_RAT_P 0.4 -> 0.2?",), ("starting", *GONE)),
     "undone": State(undone, ("verified by reading back",), GONE),

@@ -318,7 +318,7 @@ class Thermostat:
         now = self._fly()
         if not self.flown[-1] == self.proposed:
             raise AssertionError("the proof was flown with other gains")
-        return ProofResult(Verdict(now < self.cost, (f"cost {self.cost:g} -> {now:g}",)))
+        return ProofResult(Verdict(((now < self.cost, f"cost {self.cost:g} -> {now:g}"),)))
 
 
 class Borrowed:

@@ -45,7 +45,7 @@ PROOF_SENTENCE = (
 
 _ENDINGS: Mapping[str, tuple[str, Tone]] = {
     "kept": ("The new {axis} gains are better in a measured step and are kept.", "good"),
-    "restored": ("The new {axis} gains are not better in a measured step. The old ones were restored.", "neutral"),
+    "restored": ("The new {axis} gains were not kept. The old ones were restored.", "neutral"),
     "dry-run": ("Dry run: new {axis} gains are proposed. Nothing was written to the vehicle.", "neutral"),
     "declined": ("New {axis} gains were proposed and declined. Nothing was written to the vehicle.", "neutral"),
     "unchanged": ("The design gave no better {axis} gains. The present gains stay on the vehicle.", "neutral"),
@@ -59,7 +59,7 @@ _NAMED: Mapping[str, str] = {"actuators": "actuator"}
 def verdict_of(story: TuneStory) -> Verdict:
     """Return the verdict of a tune: what changed, by how much, and whether it is safe."""
     text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
-    is_conclusive = story.ending in ("kept", "restored", "dry-run", "declined")
+    is_conclusive = story.ending in ("kept", "dry-run", "declined")
     sentences = [] if is_conclusive else [sentence(story.reason)]
     if story.metrics_before is not None and story.metrics_after is not None:
         sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
