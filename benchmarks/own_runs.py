@@ -153,6 +153,12 @@ def _facts(file: Mapping[str, Any], dof: str, runs: Sequence[Trial]) -> Iterator
     if file["actuators"] == "rudder" and dof == "yaw":
         # Inertia and drag per rudder angle go with the propeller's speed (table 7.12).
         yield Fact(dof, frozenset({"propeller-wash"}))
+    if "rudder" in file and dof == "yaw":
+        # Blades or an outboard on a servo of limited speed; their moment goes with the propeller's thrust.
+        yield Fact(dof, frozenset({"rate-limit"}), where=frozenset({"N"}))
+        yield Fact(dof, frozenset({"propeller-wash", "speed-dependent-steering"}))
+    if "motor" in file and dof == "surge":
+        yield Fact(dof, frozenset({"actuator-lag"}), where=frozenset({"X"}))
     if file["actuators"] == "rudder" and dof == "surge":
         # Thrust goes with n|n|. One size of command shows no curve.
         yield Fact(dof, frozenset({"quadratic-actuator"}), _levels("X", runs) > 1)
