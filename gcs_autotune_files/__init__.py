@@ -12,6 +12,7 @@ Schemas that both programs read are in :mod:`gcs_autotune_files.model`.
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -91,7 +92,7 @@ def number(text: str) -> float:
         raise Refused(f"{shown(text)} is not a number")
     value = float(stripped)
     if abs(value) > LARGEST:
-        raise Refused(f"{shown(text)} is not a finite number")
+        raise Refused(f"{shown(text)} is too large. The largest number is {LARGEST:g}")
     return value
 
 
@@ -232,8 +233,10 @@ def _verify_value(place: str, value: object) -> None:
         except UnicodeEncodeError:
             raise Refused(f"{at}{shown(value)} contains half a character (a lone surrogate)") from None
     elif isinstance(value, (int, float)) and not abs(value) <= LARGEST:
+        if isinstance(value, float) and not math.isfinite(value):
+            raise Refused(f"{at}{value:g} is not a finite number")
         large = "a whole number of more than 100 digits" if isinstance(value, int) else f"{value:g}"
-        raise Refused(f"{at}{large} is not a finite number")
+        raise Refused(f"{at}{large} is too large. The largest number is {LARGEST:g}")
 
 
 def conform(data: Any, form: type[T]) -> T:
