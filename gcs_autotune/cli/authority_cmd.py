@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number, check_files
 from gcs_autotune.cli.reading import add_parameters, full_scale, read_parameters
-from gcs_autotune.cli.writing import on_replacing, put_out, write_page
+from gcs_autotune.cli.writing import on_replacing, page_file, put_out, write_page
 from gcs_autotune.errors import UsageError
 
 __all__ = ["COMMAND"]
@@ -32,7 +32,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="force [N] or moment [N m] at full output, for models whose inputs are not normalised",
     )
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the proposed parameters (NAME,VALUE lines)")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write the report as a page")
+    parser.add_argument("--page", type=page_file, metavar="FILE", help="write the report as a page")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number, check_files
 from gcs_autotune.cli.reading import add_parameters, read_parameters
-from gcs_autotune.cli.writing import put_out, write_page
+from gcs_autotune.cli.writing import page_file, put_out, write_page
 
 __all__ = ["COMMAND"]
 
@@ -23,7 +23,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_number(parser, "system-id", "ID", meaning="system id of the vehicle, in a .tlog with several")
     add_parameters(parser.add_argument_group("parameters"))
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write the report as a page")
+    parser.add_argument("--page", type=page_file, metavar="FILE", help="write the report as a page")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
 
 

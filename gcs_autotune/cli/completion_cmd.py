@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command
+from gcs_autotune.cli.writing import page_file
 from gcs_autotune.errors import UsageError
 
 __all__ = ["COMMAND", "SHELLS"]
@@ -39,7 +40,7 @@ def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
             for name, verb in action.choices.items():
                 verb.description = lines.get(name) or verb.description
                 _made_for_a_shell(verb, mark)
-        elif action.type is Path:
+        elif action.type in (Path, page_file):
             action.complete = mark  # type: ignore[attr-defined]
         elif action.dest == "manoeuvre":
             action.choices = [kind.name for kind in MANOEUVRES.values() if kind.make is not None]

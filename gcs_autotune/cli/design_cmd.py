@@ -13,7 +13,7 @@ from gcs_autotune.axes import AXES
 from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files
 from gcs_autotune.cli.hold_cmd import LAWS
 from gcs_autotune.cli.tune_cmd import FUNCTIONS, STYLES, add_style, check_style
-from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
+from gcs_autotune.cli.writing import fresh, on_replacing, page_file, put_out, write_page
 from gcs_autotune.errors import BadFile, UsageError
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(relay, "relay-hysteresis", "X_A")
     add_number(relay, "control-rate", "HZ")
     out = parser.add_argument_group("output")
-    out.add_argument("--page", type=Path, metavar="FILE", help="file for the report page (default design-LOOP.html)")
+    out.add_argument("--page", type=page_file, metavar="FILE", help="file for the report page (default design-LOOP.html)")
     out.add_argument("--no-page", action="store_true", help="write no report page")
     out.add_argument("--save", type=Path, metavar="FILE", help="write the autopilot's gains to FILE (.param)")
     out.add_argument(

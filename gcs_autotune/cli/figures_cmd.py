@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number, check_files
-from gcs_autotune.cli.writing import put_out, write_page
+from gcs_autotune.cli.writing import page_file, put_out, write_page
 
 __all__ = ["COMMAND"]
 
@@ -26,7 +26,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "length", "L")
     add_number(parser, "speed", "V", limit="trial-speed")
     add_number(parser, "scale", "S")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write the figures and diagrams as a page")
+    parser.add_argument("--page", type=page_file, metavar="FILE", help="write the figures and diagrams as a page")
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
 
 

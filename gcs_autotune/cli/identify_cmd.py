@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar, waiting
 from gcs_autotune.cli.reading import add_reading, add_runs, read_others, read_runs
-from gcs_autotune.cli.writing import fresh, on_replacing, put_out, write_page
+from gcs_autotune.cli.writing import fresh, on_replacing, page_file, put_out, write_page
 from gcs_autotune.documents import MODEL
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.methods import METHOD_PLACES
@@ -132,7 +132,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="model file or method to compare with, by final value and settling time of a step",
     )
     out = parser.add_argument_group("output")
-    out.add_argument("--page", type=Path, metavar="FILE", help="file for the report page (default identify-RUN.html)")
+    out.add_argument("--page", type=page_file, metavar="FILE", help="file for the report page (default identify-RUN.html)")
     out.add_argument("--save", type=Path, metavar="FILE", help="write the model to FILE, for sitl, tune and --start")
     out.add_argument("--no-page", action="store_true", help="write no report page")
     out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")

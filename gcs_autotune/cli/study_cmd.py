@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs_autotune.cli.command import Command, add_loudness, add_number, check_files, progress_bar, waiting
-from gcs_autotune.cli.writing import fresh, on_replacing, put_out
+from gcs_autotune.cli.writing import fresh, on_replacing, page_file, put_out
 from gcs_autotune.untrusted_text import visible
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     report = actions.add_parser("report", help="show success rates, maps, distributions and the worst cases")
     _add_folder(report)
     report.add_argument("--against", type=Path, metavar="DIR", help="compare with an earlier study of the same file")
-    report.add_argument("--page", type=Path, metavar="FILE", help="file for the page (default DIR/report.html)")
+    report.add_argument("--page", type=page_file, metavar="FILE", help="file for the page (default DIR/report.html)")
     report.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
     replay = actions.add_parser("replay", help="repeat one case, keep its files and show its results")
     _add_folder(replay)

@@ -5,6 +5,7 @@ Replacing files of an earlier run is reported.
 
 from __future__ import annotations
 
+import argparse
 import codecs
 import itertools
 import os
@@ -24,7 +25,7 @@ from gcs_autotune.untrusted_text import visible
 if TYPE_CHECKING:
     from gcs_autotune.report import Document
 
-__all__ = ["folded", "fresh", "in_plain_signs", "on_replacing", "put_out", "write_page"]
+__all__ = ["folded", "fresh", "in_plain_signs", "on_replacing", "page_file", "put_out", "write_page"]
 
 
 PLAIN = {"°": " deg", "²": "^2", "±": "+-", "·": "*", "\N{MINUS SIGN}": "-", "→": "->", "…": "...", "\u00a0": " "}
@@ -59,6 +60,29 @@ def on_replacing(path: Path) -> str:
     """
     is_there = any(path.iterdir()) if path.is_dir() else path.exists()
     return " (replaced an earlier file)" if is_there else ""
+
+
+def page_file(text: str) -> Path:
+    """Return the path of a page to write, as the type of the option ``--page``.
+
+    An earlier page is replaced. A run, a log or a folder is not: in ``figures --page RUN`` the option takes the run.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        The path is that of a folder, or of a file that is no page.
+    """
+    path = Path(text)
+    if path.is_dir() or (path.is_file() and path.stat().st_size and not _is_page(path)):
+        raise argparse.ArgumentTypeError(
+            f"{text} exists and is not a page. Name the file to write after --page, such as --page report.html"
+        )
+    return path
+
+
+def _is_page(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(64).lstrip().startswith(b"<")
 
 
 def write_page(document: Document, path: Path, *sources: Path | None) -> str:

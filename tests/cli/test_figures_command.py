@@ -62,6 +62,24 @@ def test_a_page_has_the_diagram_with_the_overshoots_at_their_extremes(capsys, tm
         assert abs(value) == pytest.approx(math.radians(20.0) + math.radians(float(told[:-1])), abs=math.radians(1.0))
 
 
+@pytest.mark.parametrize("others", [(), ("other.csv",)])
+def test_a_run_that_the_option_page_takes_as_its_file_is_named_and_kept(capsys, zigzag, others):
+    before = zigzag.read_bytes()
+    assert main(["figures", "--page", str(zigzag), *others]) == 2
+    told = capsys.readouterr().err
+    assert f"{zigzag} exists and is not a page" in told
+    assert "--page report.html" in told
+    assert zigzag.read_bytes() == before
+
+
+def test_a_page_of_an_earlier_call_is_replaced_and_a_folder_is_not(capsys, tmp_path, zigzag):
+    page = tmp_path / "zigzag.html"
+    for note in ("", " (replaced an earlier file)"):
+        assert main(["figures", str(zigzag), "--page", str(page)]) == 0
+        assert capsys.readouterr().out.endswith(f"Report: {page}{note}\n")
+    assert main(["figures", "--page", str(tmp_path), str(zigzag)]) == 2
+
+
 def test_figures_of_a_run_that_holds_none_exits_with_six_and_says_why(capsys, tmp_path):
     path = tmp_path / "still.csv"
     path.write_text("t[s],psi[deg],delta[deg]\n" + "\n".join(f"{k},{k % 2},{k > 20:d}" for k in range(40)) + "\n")
