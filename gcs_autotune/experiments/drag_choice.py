@@ -14,7 +14,7 @@ from typing import Any, get_args
 import numpy as np
 
 from gcs_autotune.experiments.cross_validation import amplitudes_of, cross_validated, folds_of
-from gcs_autotune.identify import AxisFit, Decision, Structure, fit_axis, structure_of, validate
+from gcs_autotune.identify import DAMPING, AxisFit, Decision, Structure, fit_axis, structure_of, validate
 from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import signal_meaning
 from gcs_autotune.trial import Trial
@@ -23,10 +23,6 @@ __all__ = ["AxisChoice", "ScoredDrag", "weigh_drags"]
 
 ALIKE = 0.02
 """Relative difference of held-out errors below which they count as equal. Project choice."""
-
-
-WORDS = {"linear": "linear damping", "nonlinear": "quadratic damping", "affine": "linear and quadratic damping"}
-"""Drag structure -> its description."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +97,7 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
     said = []
     if fit.decision is not None:
         d = fit.decision
-        verdict = "undecided" if d.verdict == "undecided" else f"indicates {WORDS[d.verdict]}"
+        verdict = "undecided" if d.verdict == "undecided" else f"indicates {DAMPING[d.verdict]}"
         said.append(
             f"two experiments (Miskovic2010, 7.2): the linear damping differs by {d.sigma_beta:.1f} %, the quadratic "
             f"by {d.sigma_beta_quadratic:.1f} % (margin {d.margin:.1f} %): {verdict}"
@@ -112,12 +108,12 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
     if not math.isfinite(best.left_out):
         said.append(f"{what}: no structure can predict it")
     elif best.left_out < (1.0 - ALIKE) * own.left_out:
-        said.append(f"{what}: {WORDS[best.structure]} predicts better than {WORDS[own.structure]}")
+        said.append(f"{what}: {DAMPING[best.structure]} predicts better than {DAMPING[own.structure]}")
     else:
-        said.append(f"{what}: {WORDS[own.structure]} predicts best")
+        said.append(f"{what}: {DAMPING[own.structure]} predicts best")
     known = [row for row in table if np.isfinite(row.bic)]
     if known:
         said.append(
-            f"Bayesian information criterion (BIC): best with {WORDS[min(known, key=lambda row: row.bic).structure]}"
+            f"Bayesian information criterion (BIC): best with {DAMPING[min(known, key=lambda row: row.bic).structure]}"
         )
     return tuple(said)

@@ -26,7 +26,7 @@ returns the ``Fit`` that ``fit_builder`` builds from the table of its parameters
 from __future__ import annotations
 
 from gcs_autotune.identify.api import fit, fit_axis, form_of, scaled_form
-from gcs_autotune.identify.axis.form import Structure, structure_of
+from gcs_autotune.identify.axis.form import DAMPING, Structure, structure_of
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt, Grade
 from gcs_autotune.identify.doubts import reversed_input
@@ -55,6 +55,7 @@ from gcs_autotune.identify.simulation import extended_of, simulated
 
 __all__ = [
     "CONTRADICTION",
+    "DAMPING",
     "METHODS",
     "MIN_SAMPLES",
     "MOVED_TOO",

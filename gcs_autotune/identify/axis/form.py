@@ -24,6 +24,7 @@ from gcs_autotune.registry import lookup
 from gcs_autotune.sname import Dof
 
 __all__ = [
+    "DAMPING",
     "FREE",
     "PHYSICAL",
     "SIGNS",
@@ -44,6 +45,13 @@ Structure = Literal["linear", "nonlinear", "affine"]
 
 ``linear`` = linear damping, ``nonlinear`` = quadratic damping (``|nu| nu``), ``affine`` = both.
 """
+
+DAMPING: Mapping[str, str] = {
+    "linear": "linear damping",
+    "nonlinear": "quadratic damping",
+    "affine": "linear and quadratic damping",
+}
+"""Structure -> its usual name (Miskovic2010: linear and nonlinear model)."""
 
 FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
     "linear": (True, True, False, True),
@@ -142,7 +150,7 @@ def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bo
     known = {} if not delay else {"delay": float(delay)}
     return Form(
         name=f"{dof.name}/{structure}",
-        title=f"{dof.name}, {structure} damping",
+        title=f"{dof.name}, {DAMPING[structure]}",
         dofs=(dof.name,),
         free=tuple(free if delay is not None else [*free, "delay"]),
         known=known,
@@ -167,11 +175,16 @@ def as_coupled(axis: SingleDof, input_name: str) -> CoupledModel:
     return CoupledModel(form, {n: values[n] for n in form.parameters})
 
 
+def _lacks_drag(structure: Structure, axis: SingleDof) -> bool:
+    _, linear, quadratic, _ = FREE[structure]
+    return bool((axis.beta and not linear) or (axis.beta_quadratic and not quadratic))
+
+
 def as_extended(axis: SingleDof) -> ExtendedModel:
     """Return *axis* as a coupled model with effects, in which its delay is the effect ``input-delay``."""
     dof = axis.axis
     channel = "delta" if axis.input_unit == "rad" else dof.force
-    structure: Structure = "affine" if axis.beta_quadratic else "linear"
+    structure = next(s for s in FREE if not _lacks_drag(s, axis))
     form = axis_form(dof, channel, structure, normalised=axis.input_unit == "1")
     values = derivatives_of(axis)
     base = CoupledModel(form, {n: values[n] for n in form.parameters})

@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.experiments import DofComparison
 from gcs_autotune.identify import Fit, Model, Validation, is_of_one_axis
 from gcs_autotune.models import FORMS
-from gcs_autotune.report.toolkit.axis_fit import explained_sentence, model_sentences, model_words
+from gcs_autotune.report.toolkit.axis_fit import explained_sentence, model_sentences, model_words, with_effects
 from gcs_autotune.report.toolkit.document import Verdict
 from gcs_autotune.report.toolkit.wording import (
     format_error,
@@ -130,8 +131,10 @@ def structure_title(fit: Fit[Model]) -> str:
     """Return the heading of the table with the fitted model."""
     if is_of_one_axis(fit):
         return f"Model of {fit.dof}: {model_words(fit)}"
-    known = FORMS.get(fit.structure)
-    return f"Model '{fit.structure}'" + (f": {known.title}" if known is not None else "")
+    model = fit.model
+    form = model.base.form if isinstance(model, ExtendedModel) else model.form
+    name = f" '{form.name}'" if form.name in FORMS else ""
+    return f"Model{name}: {form.title}{with_effects(fit.effects)}"
 
 
 def answer_sentences(fit: Fit[Model]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import math
 
 from gcs_autotune.identify import Fit, Model, Parameter, Validation, is_of_one_axis
 from gcs_autotune.report.study.study import MethodOutcome, Study
-from gcs_autotune.report.toolkit.axis_fit import meanings, model_table, short_name
+from gcs_autotune.report.toolkit.axis_fit import effect_meanings, meanings, model_table, short_name
 from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
@@ -75,6 +75,7 @@ def parameter_table(fit: Fit[Model]) -> Table:
     if is_of_one_axis(fit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
         return model_table(fit)
     axis = meanings(fit) if is_of_one_axis(fit) else None
+    effects = effect_meanings(fit.effects)
     rows = tuple(
         (
             short_name(p.name) if axis is not None else p.name,
@@ -82,7 +83,7 @@ def parameter_table(fit: Fit[Model]) -> Table:
             pretty_unit(p.unit) or "1",
             _relative(p),
             _over_bound(p),
-            meaning_of(p.name) if axis is None else axis.get(p.name, ""),
+            (effects.get(p.name) or meaning_of(p.name)) if axis is None else axis.get(p.name, ""),
             _remark(p),
         )
         for p in fit.parameters.values()
@@ -119,7 +120,8 @@ def meaning_of(name: str) -> str:
     if rest == "0":
         return f"constant {_FORCES[force]}"
     if rest.endswith("dot"):
-        return f"added mass: {_FORCES[force]} by {_STATES.get(rest[:-3], rest[:-3])} acceleration"
+        moved = _STATES.get(rest[:-3], rest[:-3]).removesuffix(" rate")
+        return f"added mass: {_FORCES[force]} by {moved} acceleration"
     if rest in _STATES:
         return f"{_FORCES[force]} by {_STATES[rest]}"
     if len(rest) == 2 and rest[0] == rest[1] and rest[0] in _STATES:

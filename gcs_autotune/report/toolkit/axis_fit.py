@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
-from gcs_autotune.identify import AxisFit, IsoEstimate, LimitCycle, Parameter, Remainder, StructureFit, Trace
+from gcs_autotune.identify import DAMPING, AxisFit, IsoEstimate, LimitCycle, Parameter, Remainder, StructureFit, Trace
 from gcs_autotune.identify.relay import SCATTER
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.document import Note, Part, Table
@@ -33,6 +33,7 @@ __all__ = [
     "cycle_table",
     "damping_parts",
     "decision_sentence",
+    "effect_meanings",
     "estimate_table",
     "explained_sentence",
     "explains",
@@ -43,15 +44,9 @@ __all__ = [
     "remainder_sentence",
     "short_name",
     "structure_words",
+    "with_effects",
 ]
 
-
-_STRUCTURES: Mapping[str, str] = {
-    "linear": "linear damping",
-    "nonlinear": "quadratic damping",
-    "affine": "linear and quadratic damping",
-}
-"""Structure -> its usual name (Miskovic2010: linear and nonlinear model)."""
 
 _DAMPING: Mapping[str, str] = {
     "linear": "Linear damping: drag is proportional to speed.",
@@ -63,13 +58,17 @@ _DAMPING: Mapping[str, str] = {
 
 def structure_words(structure: str) -> str:
     """Return the name of a damping structure in words, e.g. ``nonlinear`` -> ``quadratic damping``."""
-    return _STRUCTURES.get(structure, structure)
+    return DAMPING.get(structure, structure)
 
 
 def model_words(fit: AxisFit) -> str:
     """Return the structure of a fitted model in words: its damping and its actuator effects."""
-    found = listed([_effect_title(e) for e in fit.effects]) if fit.effects else ""
-    return structure_words(fit.structure) + (f", with {found}" if found else "")
+    return structure_words(fit.structure) + with_effects(fit.effects)
+
+
+def with_effects(effects: Sequence[EffectInstance]) -> str:
+    """Return the effects of a model as the end of its title: ``, with input delay``; empty without effects."""
+    return f", with {listed([_effect_title(e) for e in effects])}" if effects else ""
 
 
 def decision_sentence(fit: AxisFit) -> str:
@@ -340,9 +339,12 @@ def meanings(fit: AxisFit) -> dict[str, str]:
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
     found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
     found[fit.model.axis.restoring_name] = "restoring moment per angle"
-    for own in fit.effects:
-        found |= {own.label_of(q.name): q.meaning for q in EFFECTS[own.slug].parameters}
-    return found
+    return found | effect_meanings(fit.effects)
+
+
+def effect_meanings(effects: Sequence[EffectInstance]) -> dict[str, str]:
+    """Return name -> meaning of the parameters of *effects*."""
+    return {own.label_of(q.name): q.meaning for own in effects for q in EFFECTS[own.slug].parameters}
 
 
 def short_name(name: str) -> str:
