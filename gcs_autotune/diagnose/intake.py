@@ -306,13 +306,16 @@ def _usable(run: Trial, doubts: list[Doubt]) -> list[Trial]:
 def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
     """Return *run* without invalid samples, and without motions that are constant while others change."""
     channels: dict[str, Channel] = {}
+    empty = []
     for name, channel in run.channels.items():
         good = np.isfinite(channel.t) & np.isfinite(channel.values)
         if good.any():
             channels[name] = channel if good.all() else replace(channel, t=channel.t[good], values=channel.values[good])
             continue
         if len(channel):
-            doubts.append(_doubt(run, name, "contains no numbers", "check the sensor and the logger"))
+            empty.append(name)
+    if empty:
+        doubts.append(_doubt(run, empty, "left out, without numbers", "check the sensor and the logger"))
     if not channels:
         raise BadFile(f"run '{run.name}' contains no samples. Check that it is the right file")
     motions = [n for n in channels if n in MOTIONS and len(channels[n]) >= MIN_SAMPLES]
@@ -322,17 +325,12 @@ def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
             "for example to t[s], psi[rad], r[rad/s], N[N m]"
         )
     still = {n for n in motions if np.ptp(channels[n].values) == 0.0}
-    for dof in DOFS.values():
-        pair = {dof.velocity, dof.position} & set(motions)
-        dead = pair & still
-        if dead and pair - still:
-            name = dead.pop()
-            doubts.append(
-                _doubt(run, name, "never changes while the craft moves, so it was ignored", "check that sensor")
-            )
-            del channels[name]
-    return replace(run, channels=channels)
+    pairs = [{dof.velocity, dof.position} & set(motions) for dof in DOFS.values()]
+    dead = [name for pair in pairs if pair - still for name in pair & still]
+    if dead:
+        doubts.append(_doubt(run, dead, "left out, constant while the craft moves", "check the sensor"))
+    return replace(run, channels={name: channel for name, channel in channels.items() if name not in dead})
 
 
-def _doubt(run: Trial, name: str, what: str, cure: str) -> Doubt:
-    return Doubt("dead-column", f"{name} of run '{run.name}' {what}", cure)
+def _doubt(run: Trial, names: Sequence[str], why: str, cure: str) -> Doubt:
+    return Doubt("dead-column", f"run '{run.name}': {counted(len(names), 'column')} {why} ({', '.join(names)})", cure)

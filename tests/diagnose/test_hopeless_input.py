@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose import Diagnosis, diagnose
+from gcs_autotune.diagnose.intake import taken_in
 from gcs_autotune.errors import AutotuneError, BadFile, MissingChannel, NotInformative, UsageError
 from gcs_autotune.trial import Channel, Trial, load_trial
 
@@ -122,6 +123,15 @@ def test_a_dead_heading_beside_a_live_rate_is_left_out_and_said(good: Trial) -> 
     assert diagnosis.verdict == "no-effect"
     assert "dead-column" in slugs(diagnosis)
     assert "psi" not in diagnosis.noise
+
+
+def test_dead_columns_of_a_run_are_one_doubt(good: Trial) -> None:
+    t, level = good["psi"].t, np.zeros(len(good["psi"]))
+    extra = {name: Channel(name, unit, t, level) for name, unit in (("p", "rad/s"), ("q", "rad/s"))}
+    extra |= {name: Channel(name, "rad", t, 0.1 * np.sin(t)) for name in ("phi", "theta")}
+    (run,), doubts = taken_in([replace(good, channels={**good.channels, **extra})])
+    assert [d.cause for d in doubts] == ["run 'run': 2 columns left out, constant while the craft moves (p, q)"]
+    assert {"p", "q"}.isdisjoint(run.channels)
 
 
 def test_motion_that_has_nothing_to_do_with_the_input_is_refused(good: Trial) -> None:

@@ -18,7 +18,7 @@ __all__ = ["cause_notes", "cause_title", "evidence_notes", "not_distinguished"]
 
 def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
     """Return the heading of a cause: its effect and place. A hypothesis is marked as such."""
-    text = f"{base_words(diagnosis)} lacks {named(cause)}" if cause.is_structural else named(cause)
+    text = f"missing from {base_words(diagnosis)}: {named(cause)}" if cause.is_structural else named(cause)
     if cause.is_slight:
         text = f"slight: {text}"
     return f"Hypothesis: {text}" if diagnosis.verdict == "partly-explained" else text[0].upper() + text[1:]

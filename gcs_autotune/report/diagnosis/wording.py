@@ -323,7 +323,7 @@ def _named_by_kind(diagnosis: Diagnosis) -> str:
     alone = len(causes) == 1 and causes[0].parameters
     names = [(c.is_structural, f"{named(c)}, {_parameters(c)}" if alone else named(c)) for c in causes]
     wrong, lacking = ("; ".join(n for structural, n in names if structural == kind) for kind in (False, True))
-    return "; ".join(filter(None, (wrong, lacking and f"{base_words(diagnosis)} lacks {lacking}")))
+    return "; ".join(filter(None, (wrong, lacking and f"missing from {base_words(diagnosis)}: {lacking}")))
 
 
 def base_words(diagnosis: Diagnosis) -> str:
