@@ -278,19 +278,19 @@ def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = No
     if QUADRATIC in has:
         share, (at, part) = effect_number(found, QUADRATIC), _bent_at_half(found)
         sure = share.value > _STDS * share.std
-        square = f"{part:.0%} of the force at {at:.0%} of full grows with the square of the command"
+        square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command"
     levels = f". Beyond {effect_number(found, LEVEL).value:.0%} the force hardly grows" if LEVEL in has else ""
     if DEAD_ZONE in has:
-        what = f"an actuator that does nothing below {effect_number(found, DEAD_ZONE).value:.1%} of full"
+        what = f"an actuator that does nothing below {effect_number(found, DEAD_ZONE).value:.1%} of full output"
         if _lost(found) == 0.0:
             what += " and acts at once beyond it, like the neutral band of a speed controller"
         if sure:
-            what += f", above which {square}"
+            what += f". Beyond it, {square}"
         told_by = "three oscillations" if step is None else "oscillations and the step together"
         return f"the {told_by} indicate {what}{levels}"
     told_by = "oscillations and the step together" if levels else "two oscillations"
     return (
-        f"the {told_by} indicate an actuator that is weak for small commands ({square}){levels}. With this the model "
+        f"the {told_by} indicate an actuator that is weak for small commands: {square}{levels}. With this the model "
         f"explains {found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     )
 
