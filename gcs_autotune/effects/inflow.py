@@ -165,11 +165,14 @@ class PropellerWash(ActuatorEffect):
 
     slug = "propeller-wash"
     is_structural = True
-    meaning = "the more water the propeller pushes over the rudder, the harder the rudder turns the craft"
-    plain = "The rudder of your craft turns it harder when the propeller pushes harder, unlike in {simulation}."
+    meaning = "how hard the rudder turns the craft depends on the thrust of the propeller in front of it"
+    plain = "How hard the rudder turns your craft depends on the thrust, unlike in {simulation}."
     parameters = (
         Quantity(
-            "share", "1", "fraction of the steering force that is proportional to thrust squared (the rest is constant)"
+            "share",
+            "1",
+            "fraction of the steering force that is proportional to thrust squared (the rest is constant). "
+            "Below 0, more thrust steers less",
         ),
     )
     grows_with = ("share",)

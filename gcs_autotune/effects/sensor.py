@@ -172,7 +172,7 @@ class GyroBias(Effect):
 
     slug = "gyro-bias"
     family = "sensor"
-    meaning = "the reading of the gyro is too high by a constant rate"
+    meaning = "the reading of the gyro is wrong by a constant rate"
     plain = "Your gyro shows a turn when there is none, but {simulation} assumes a perfect gyro."
     parameters = (Quantity("bias", SIGNAL, "reading of the gyro at rest"),)
     grows_with = ("bias",)
