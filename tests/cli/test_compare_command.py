@@ -62,6 +62,7 @@ def test_a_heavier_craft_is_reported_and_gains_and_steps_stand_side_by_side(tmp_
     assert told.index("may") < told.index("july")
     assert "ATC_STR_RAT_P" in told
     assert "10 %" in told
+    assert "all models have linear damping" in " ".join(told.split())
     assert "The model of run 2 differs by more than the intervals" in told
     assert "july" in page.read_text()
 

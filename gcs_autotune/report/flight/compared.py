@@ -13,6 +13,7 @@ from gcs_autotune.diagnose import CraftComparison
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.notebook import Display, Displayed
 from gcs_autotune.notebook import Table as PlainTable
+from gcs_autotune.report.toolkit.axis_fit import structure_words
 from gcs_autotune.report.toolkit.canvas import FAINT, legend, new_axes
 from gcs_autotune.report.toolkit.document import (
     IN_RESULT,
@@ -201,8 +202,12 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
         for run in runs
     )
     heads = (f"{name} [{pretty_unit(unit)}]" if unit not in ("", "1") else name for name, unit in parameters.items())
-    note = "* Outside its interval." if any(outside.values()) else ""
-    yield Table(("", *heads), "l" + "r" * len(parameters), rows, note)
+    structures = {run.fits[dof].structure for run in runs}
+    notes = ["* Outside its interval."] if any(outside.values()) else []
+    if len(structures) == 1:
+        damping = structure_words(structures.pop())
+        notes.append(f"To be compared, all models have {damping}. A run's own report may use another structure.")
+    yield Table(("", *heads), "l" + "r" * len(parameters), rows, " ".join(notes))
 
 
 def _outside(found: Comparison, run: ComparedRun, dof: str) -> frozenset[str]:
