@@ -241,7 +241,8 @@ def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mappi
         Note(verdict),
         Section(f"{slug}-doubts", "Doubts about the figures", about),
     )
-    return Section(slug, f"{sheet.run}: {sheet.title}", parts, facts=facts)
+    title = sheet.title if sheet.run in sheet.title else f"{sheet.run}: {sheet.title}"
+    return Section(slug, title, parts, facts=facts)
 
 
 def sheet_table(sheet: Sheet) -> Table:

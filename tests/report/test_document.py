@@ -118,6 +118,13 @@ def test_rows_beyond_those_shown_are_folded_on_the_page_and_left_out_on_the_term
     assert len(to_json(document)["one"]["parts"][0]["rows"]) == 9
 
 
+def test_an_empty_column_is_left_out_on_page_and_terminal() -> None:
+    document = shown(Table(("figure", "limit"), "ll", (("period", ""), ("reach", ""))))
+    for text in (to_html(document), render_text(document)):
+        assert "reach" in text
+        assert "limit" not in text
+
+
 def test_a_column_that_80_characters_have_no_space_for_is_on_the_page_only() -> None:
     document = shown(Table(("name", "meaning"), "ll", (("a", "long"),), wide=("meaning",)))
     assert "meaning" not in render_text(document) and "meaning" in to_html(document)

@@ -8,7 +8,7 @@ out, so a section can list optional parts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -94,6 +94,10 @@ class Table:
     fold: str = ""
     wide: tuple[str, ...] = ()
     detail: bool = False
+
+    def filled(self, rows: Sequence[tuple[str, ...]]) -> list[int]:
+        """Return the columns that are not empty in *rows*; all if there are no rows."""
+        return [i for i in range(len(self.heads)) if not rows or any(row[i] for row in rows)]
 
 
 @dataclass(frozen=True, slots=True)

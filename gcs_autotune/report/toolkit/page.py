@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from urllib.parse import quote
 
@@ -89,11 +89,18 @@ def _blocks(parts: Sequence[Part]) -> Iterator[tuple[str, object]]:
             if isinstance(part, Note):
                 yield part.kind, part
             elif isinstance(part, Table):
-                yield "table", part
+                yield "table", _filled(part)
             elif isinstance(part, Figure):
                 yield from (("figure", one) for one in drawn(part))
             elif (laid := _laid(part)).blocks:
                 yield "section", laid
+
+
+def _filled(table: Table) -> Table:
+    """Return *table* without its empty columns."""
+    used = table.filled(table.rows)
+    heads, align, *rows = (tuple(line[i] for i in used) for line in (table.heads, table.align, *table.rows))
+    return replace(table, heads=heads, align="".join(align), rows=tuple(rows))
 
 
 def drawn(figure: Figure) -> Iterator[_Drawn]:

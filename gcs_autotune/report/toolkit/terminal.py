@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 from rich import box
 from rich.cells import cell_len
@@ -140,7 +140,7 @@ def _grid(table: Table) -> Padding:
     is_headed = any(table.heads)
     lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold", show_header=is_headed)
     rows = table.rows[: table.shown]
-    used = [i for i in range(len(table.heads)) if table.heads[i] not in table.wide and (_has(rows, i) or not rows)]
+    used = [i for i in table.filled(rows) if table.heads[i] not in table.wide]
     for i in used:
         right = table.align[i] == "r"
         wraps = any(" " in row[i] for row in rows)
@@ -153,7 +153,3 @@ def _grid(table: Table) -> Padding:
     for row in rows:
         lines.add_row(*(Text(visible(row[i])) for i in used))
     return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)
-
-
-def _has(rows: Sequence[Sequence[str]], column: int) -> bool:
-    return any(row[column] for row in rows)
