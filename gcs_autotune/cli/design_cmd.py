@@ -78,7 +78,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(relay, "relay-hysteresis", "X_A")
     add_number(relay, "control-rate", "HZ")
     out = parser.add_argument_group("output")
-    out.add_argument("--page", type=page_file, metavar="FILE", help="file for the report page (default design-LOOP.html)")
+    out.add_argument(
+        "--page", type=page_file, metavar="FILE", help="file for the report page (default design-LOOP.html)"
+    )
     out.add_argument("--no-page", action="store_true", help="write no report page")
     out.add_argument("--save", type=Path, metavar="FILE", help="write the autopilot's gains to FILE (.param)")
     out.add_argument(

@@ -132,7 +132,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="model file or method to compare with, by final value and settling time of a step",
     )
     out = parser.add_argument_group("output")
-    out.add_argument("--page", type=page_file, metavar="FILE", help="file for the report page (default identify-RUN.html)")
+    out.add_argument(
+        "--page", type=page_file, metavar="FILE", help="file for the report page (default identify-RUN.html)"
+    )
     out.add_argument("--save", type=Path, metavar="FILE", help="write the model to FILE, for sitl, tune and --start")
     out.add_argument("--no-page", action="store_true", help="write no report page")
     out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")

@@ -275,10 +275,14 @@ def test_what_a_first_model_leaves_out_is_told_apart_from_what_is_wrong_with_the
     headline = verdict_of(both).text
     assert "Found: dead zone on yaw moment (N); missing from the plain model: quadratic drag in yaw." in headline
     assert cause_title(both, drag) == "Missing from the plain model: quadratic drag in yaw"
-    assert cause_title(replace(both, verdict="partly-explained"), drag).startswith("Hypothesis: missing from the plain model: ")
+    assert cause_title(replace(both, verdict="partly-explained"), drag).startswith(
+        "Hypothesis: missing from the plain model: "
+    )
     assert cause_title(both, fault.causes[0]) == "Dead zone on yaw moment (N)"
     alone = verdict_of(replace(both, causes=(drag,))).text
-    assert alone.startswith("Found: missing from the plain model: quadratic drag in yaw, coefficient 0.80 \N{PLUS-MINUS SIGN}")
+    assert alone.startswith(
+        "Found: missing from the plain model: quadratic drag in yaw, coefficient 0.80 \N{PLUS-MINUS SIGN}"
+    )
 
 
 def test_every_cause_tells_how_strong_the_evidence_for_it_is_and_its_best_rival():
