@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.experiments import DofComparison
 from gcs_autotune.identify import Fit, Model, Validation, is_of_one_axis
-from gcs_autotune.models import FORMS, SingleDof
+from gcs_autotune.models import FORMS, CoupledModel
 from gcs_autotune.report.toolkit.axis_fit import explained_sentence, model_sentences, model_words, with_effects
 from gcs_autotune.report.toolkit.document import Verdict
 from gcs_autotune.report.toolkit.wording import (
@@ -132,7 +132,7 @@ def structure_title(fit: Fit[Model]) -> str:
     if is_of_one_axis(fit):
         return f"Model of {fit.dof}: {model_words(fit)}"
     model = fit.model
-    assert not isinstance(model, SingleDof)  # the case above
+    assert isinstance(model, CoupledModel | ExtendedModel)  # of one axis: the case above
     form = model.base.form if isinstance(model, ExtendedModel) else model.form
     name = f" '{form.name}'" if form.name in FORMS else ""
     return f"Model{name}: {form.title}{with_effects(fit.effects)}"
