@@ -83,9 +83,8 @@ def test_value_and_error_are_shown_to_the_same_digit_and_no_further_than_the_err
     assert len(right.replace(".", "").strip("0")) <= 2
 
 
-@given(VALUES)
+@given(st.floats(-1e6, 1e6, exclude_min=True, exclude_max=True, allow_subnormal=False))
 def test_no_number_is_shown_as_minus_zero(value):
-    assume(abs(value) < 1e6)
     for text in (format_value(value, 0.5), format_number(value), format_percent(value), format_seconds(value)):
         assert not re.match(r"-0(\.0*)?( |$)", text)
 
