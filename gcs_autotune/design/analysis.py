@@ -1,7 +1,7 @@
 """What a loop is like: closed-loop poles, margins with disk margins, step and disturbance over the 95 % region.
 
-Poles and disk margins are python-control's. Gain, phase and delay margins are those of :mod:`.margins`, which a design
-computes thousands of times and which know the exact delay. ``tests/design`` compares both.
+Gain, phase and delay margins are those of :mod:`.margins`, which a design computes thousands of times. All margins know
+the exact delay; the poles approximate it. ``tests/design`` compares both with python-control's.
 """
 
 from __future__ import annotations
@@ -90,14 +90,12 @@ def analyse(loops: Sequence[OpenLoop], region: Sequence[OpenLoop], response: Loo
 
     loops : of the identified model, one for each state of the craft. region : of the samples of its 95 % region.
     """
-    import control
-
     disks = [_disk(loop) for loop in loops]
     narrowest = min(range(len(loops)), key=lambda k: disks[k].size)
     loop, every = loops[narrowest], (*loops, *region)
     return LoopAnalysis(
         loop,
-        control.feedback(loop.to_control(), 1).poles(),
+        loop.closed_loop_poles(),
         worst([margins_of(each) for each in loops]),
         worst([margins_of(each) for each in every]),
         _smallest(disks),
@@ -107,12 +105,12 @@ def analyse(loops: Sequence[OpenLoop], region: Sequence[OpenLoop], response: Loo
 
 
 def _disk(loop: OpenLoop) -> DiskMargin:
-    import control
-
     if not np.all(loop.closed_loop_poles().real < 0.0):
         return DiskMargin(0.0, 1.0, 0.0)
-    size, decibels, degrees = control.disk_margins(loop.to_control(), OMEGA)
-    return DiskMargin(float(size), 10.0 ** (float(decibels) / 20.0), math.radians(float(degrees)))
+    response = loop.response(OMEGA)
+    size = float(np.min(2.0 * np.abs(1.0 + response) / np.abs(1.0 - response)))
+    gain = (2.0 + size) / (2.0 - size) if size < 2.0 else math.inf
+    return DiskMargin(size, gain, 2.0 * math.atan(0.5 * size))
 
 
 def _smallest(disks: Iterable[DiskMargin]) -> DiskMargin:

@@ -45,6 +45,14 @@ def test_the_nyquist_plot_touches_the_disk_of_the_disk_margin() -> None:
     assert found.disk.phase < found.margins.phase
 
 
+def test_a_disk_margin_is_that_of_python_control() -> None:
+    found = own_loop()
+    size, decibels, degrees = control.disk_margins(found.loop.to_control(8), np.logspace(-3.0, 2.7, 500))
+    assert found.disk.size == pytest.approx(float(size), rel=1e-3)
+    assert 20.0 * math.log10(found.disk.gain) == pytest.approx(float(decibels), rel=1e-3)
+    assert math.degrees(found.disk.phase) == pytest.approx(float(degrees), rel=1e-3)
+
+
 def test_the_worst_case_is_no_better_than_the_model_and_the_band_contains_its_response() -> None:
     found = own_loop()
     assert found.worst_disk.size < found.disk.size
