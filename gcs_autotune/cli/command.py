@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -386,8 +386,11 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
     from gcs_autotune.link import open_link
 
     signing = signing_of(args, uri)
-    with open_link(uri, baud=args.baud, seed=args.seed, backend=args.backend) as transport:
-        yield replace(_connection(args, uri, signing), opened=transport)
+    with ExitStack() as stack:
+        with waiting(args, "starting"):
+            link = stack.enter_context(open_link(uri, baud=args.baud, seed=args.seed, backend=args.backend))
+            connection = replace(_connection(args, uri, signing), opened=link)
+        yield connection
 
 
 def check_output(args: argparse.Namespace) -> None:
@@ -434,7 +437,9 @@ def check_model_file(path: Path | None) -> None:
 
 def connection_of(args: argparse.Namespace, uri: str) -> Connection:
     """Return the settings of the connection to *uri* from the options of :func:`add_connection`."""
-    return _connection(args, uri, signing_of(args, uri))
+    signing = signing_of(args, uri)
+    with waiting(args, "starting"):
+        return _connection(args, uri, signing)
 
 
 def _connection(args: argparse.Namespace, uri: str, signing: SigningKey | None) -> Connection:

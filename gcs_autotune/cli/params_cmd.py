@@ -23,7 +23,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_connection(save)
     add_loudness(save)
     restore = actions.add_parser("restore", help="restore the parameters in a file and verify each by reading back")
-    restore.add_argument("file", type=Path, metavar="FILE", help="file written by `params save` or by `tune`")
+    restore.add_argument(
+        "file", type=Path, metavar="FILE", help="file written by `params save`, or directory of a tune"
+    )
     restore.add_argument("--yes", action="store_true", help="do not ask before writing")
     add_connection(restore, otherwise="the link of the run that wrote the file", of_run=True)
     add_loudness(restore)

@@ -427,8 +427,7 @@ def _check_identity(session: Session, state: JournalState, parameters: Parameter
     if strange:
         raise WrongVehicle(
             f"the vehicle on this link is not the one recorded in the journal ({strange}). Nothing was written. "
-            "Check --connect. If the autopilot board was replaced, run `gcs-autotune params restore` with the run's "
-            "parameters_before.param"
+            "Check --connect. If the autopilot board was replaced, run `gcs-autotune params restore` with the run"
         )
 
 
@@ -471,7 +470,9 @@ def save_parameters(
 def restore_parameters(
     connection: Connection, path: Path, operator: Operator, observer: Observer
 ) -> dict[str, tuple[float, float]]:
-    """Restore the parameters of the file *path*; return name -> (present, required) of those that differed.
+    """Restore the parameters in *path*; return name -> (present, required) of those that differed.
+
+    path : a parameter file, or the directory of a tune, with the parameters of before it.
 
     Raises
     ------
@@ -482,7 +483,7 @@ def restore_parameters(
     NotAsFound
         Some parameters could not be restored. The message lists them; the others are restored.
     """
-    wanted = load_params(path)
+    wanted = load_params(path / "parameters_before.param" if path.is_dir() else path)
     with connect(connection, operator, observer) as session:
         return _put_back(session, wanted, operator)
 

@@ -265,7 +265,7 @@ def test_restoring_never_guesses_a_vehicle(capsys, tmp_path):
 
 @pytest.mark.slow
 def test_the_undo_line_of_the_report_finds_the_vehicle_in_the_journal(capsys, dry_run):
-    code, text, err = run(capsys, "params", "restore", dry_run / "parameters_before.param", "--yes")
+    code, text, err = run(capsys, "params", "restore", dry_run, "--yes")
     assert code == 0, err
     assert "link: sitl:automarine" in err
     assert "0 parameters changed" in text

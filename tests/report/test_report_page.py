@@ -138,7 +138,7 @@ def test_a_finished_tune_says_what_changed_and_how_to_undo_it(pages):
     text = Page(pages["kept"]).text
     assert "tracking error 68 % lower; overshoot 6 % (before: 41 %)" in text
     assert "Changed on the vehicle, verified by reading back: ATC_RAT_YAW_P" in text
-    assert "gcs-autotune params restore runs/2026-11-20T20-12-00-heading/parameters_before.param" in text
+    assert "gcs-autotune params restore runs/2026-11-20T20-12-00-heading" in text
     assert "0.1795 ± 0.0011" in text
     assert "6 parameters read, 4 changed" in text
 

@@ -121,7 +121,7 @@ def test_the_undo_command_stands_whole_on_one_line_for_copying():
     console = Console(file=out, width=40, force_terminal=False, color_system=None, legacy_windows=False)
     print_document(console, tune_document(stories.kept()))
     lines = out.getvalue().splitlines()
-    assert "  gcs-autotune params restore runs/2026-11-20T20-12-00-heading/parameters_before.param" in lines
+    assert "  gcs-autotune params restore runs/2026-11-20T20-12-00-heading" in lines
 
 
 def test_the_page_of_every_run_has_the_vehicle_in_its_title_and_links_to_the_files(tmp_path):

@@ -117,7 +117,7 @@ def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, s
     assert (curve is fits["dead-zone",]) is found
     if found:
         said = thrust_curve_told(curve, plain)
-        assert said == "the three oscillations indicate an actuator that does nothing below 14.4% of full"
+        assert said == "the three oscillations indicate an actuator that does nothing below 14.4% of full output"
 
 
 def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):

@@ -94,7 +94,7 @@ class JobStory:
     def undo(self) -> str:
         """The command that restores the parameters of before the job. A simulated vehicle has no link any more."""
         link = "" if self.simulated else f" --connect {shlex.quote(self.link)}"
-        return f"gcs-autotune params restore {_path(self, 'parameters_before.param')}{link}"
+        return f"gcs-autotune params restore {_path(self)}{link}"
 
     @property
     def resume(self) -> str:
@@ -133,8 +133,8 @@ class JobStory:
         }
 
 
-def _path(story: JobStory, *names: str) -> str:
-    return shlex.quote(str(PurePath(story.directory, *names)))
+def _path(story: JobStory) -> str:
+    return shlex.quote(str(PurePath(story.directory)))
 
 
 def job_document(story: JobStory) -> Document:

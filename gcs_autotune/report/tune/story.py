@@ -65,7 +65,6 @@ class TuneStory:
     proving : the command that proves the gains of a file by the same step, without the file.
     doubts : doubts about the tune as a whole (the fit contains its own).
     directory : the run directory as the user typed it; ``files`` : names of its files (listed from disk if empty).
-    restore_file : the file in the run directory that restores the old parameters.
     """
 
     title: str
@@ -103,7 +102,6 @@ class TuneStory:
     doubts: tuple[str, ...] = ()
     directory: str = ""
     files: tuple[str, ...] = ()
-    restore_file: str = "parameters_before.param"
 
     @property
     def dof(self) -> Dof:

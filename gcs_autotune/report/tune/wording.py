@@ -247,8 +247,7 @@ def undo_sentence(story: TuneStory) -> str:
 
 def undo_command(story: TuneStory) -> str:
     """Return the command line that restores the old parameters."""
-    path = PurePath(story.directory) / story.restore_file
-    return f"gcs-autotune params restore {shlex.quote(str(path))}"
+    return f"gcs-autotune params restore {shlex.quote(story.directory)}"
 
 
 def proof_command(story: TuneStory) -> str:
