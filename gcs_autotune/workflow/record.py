@@ -15,13 +15,15 @@ from gcs_autotune.mavlink import save_params, save_qgc_params
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.trial import Trial, save_trial
 
-__all__ = ["JOURNAL", "PROPOSED", "RunDirectory"]
+__all__ = ["JOURNAL", "PROPOSED", "SAVED", "RunDirectory"]
 
 JOURNAL = "journal.jsonl"
 """The journal's name in a run directory."""
 
 SUMMARY = "summary.json"
 """Name of the file with a short summary of how a run ended. The summary of a tune contains more."""
+SAVED = "parameters_before.param"
+"""Name of the file with the parameters of before a run."""
 PROPOSED = "proposed.param"
 """Name of the file with gains that a run proposed but did not write."""
 

@@ -42,7 +42,7 @@ from gcs_autotune.observer import Observer
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.open_runs import forget_run
 from gcs_autotune.workflow.operator import Operator, answers_questions
-from gcs_autotune.workflow.record import JOURNAL
+from gcs_autotune.workflow.record import JOURNAL, SAVED
 from gcs_autotune.workflow.settings import Connection
 
 __all__ = ["is_settled", "link_of", "restore_parameters", "restore_run", "save_parameters"]
@@ -483,7 +483,7 @@ def restore_parameters(
     NotAsFound
         Some parameters could not be restored. The message lists them; the others are restored.
     """
-    wanted = load_params(path / "parameters_before.param" if path.is_dir() else path)
+    wanted = load_params(path / SAVED if path.is_dir() else path)
     with connect(connection, operator, observer) as session:
         return _put_back(session, wanted, operator)
 

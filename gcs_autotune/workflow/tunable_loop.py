@@ -159,7 +159,7 @@ def _prove(loop: TunableLoop, offer: Offer, observer: TuneObserver, journal: Jou
         observer.say("new gains written and verified by reading back")
         result = loop.prove()
         better = result.verdict.better
-        observer.verdict = (better, tuple(result.verdict.reasons))
+        observer.verdict = (better, result.verdict.reasons)
         if better:
             loan.keep()
             for remark in result.remarks:

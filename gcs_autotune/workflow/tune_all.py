@@ -45,7 +45,7 @@ from gcs_autotune.workflow.itinerary import Itinerary, Leg, MissionLog, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.recheck import AFTER, recheck
-from gcs_autotune.workflow.record import JOURNAL, SUMMARY, RunDirectory
+from gcs_autotune.workflow.record import JOURNAL, SAVED, SUMMARY, RunDirectory
 from gcs_autotune.workflow.resuming import SETTING_OUT
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tune import job_of
@@ -415,7 +415,7 @@ class _Job:
 
     def _save(self, plan: _Plan) -> None:
         job = RunDirectory(self._path)
-        if plan.parameters and not (self._path / "parameters_before.param").exists():
+        if plan.parameters and not (self._path / SAVED).exists():
             job.save_parameters("before", plan.parameters)
         begun = {name: getattr(plan.begun, name) for name in plan.begun.__struct_fields__}
         job.save_json(JOB, {**begun, "steps": [step.to_dict() for step in self._steps]})
