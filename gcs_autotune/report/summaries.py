@@ -241,7 +241,7 @@ def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mappi
         Note(verdict),
         Section(f"{slug}-doubts", "Doubts about the figures", about),
     )
-    title = sheet.title if sheet.run in sheet.title else f"{sheet.run}: {sheet.title}"
+    title = sheet.title if sheet.run in sheet.title.split() else f"{sheet.run}: {sheet.title}"
     return Section(slug, title, parts, facts=facts)
 
 
