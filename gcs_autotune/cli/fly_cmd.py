@@ -192,13 +192,13 @@ def _list() -> int:
     from gcs_autotune.manoeuvres import MANOEUVRES
 
     for kind in MANOEUVRES.values():
-        tells = f"Excites {', '.join(sorted(kind.excites))}. " if kind.excites and kind.identifies else ""
+        excites = f"Excites {', '.join(sorted(kind.excites))}. " if kind.excites and kind.identifies else ""
         if kind.for_force:
-            tells = "Excites the driven force. "
+            excites = "Excites the driven force. "
         options = (*(["force"] if kind.for_force else []), *kind.options)
         takes = f" Takes {', '.join(f'--{n}' for n in options)}." if options else ""
         how = takes if kind.make else f" Flown by {kind.command}."
-        text = f"{kind.help}. {tells}Space: {kind.room}.{how}"
+        text = f"{kind.help}. {excites}Space: {kind.room}.{how}"
         filled = textwrap.fill(text, 80, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
         sys.stdout.write(f"{kind.name}\n{filled}\n")
     return 0

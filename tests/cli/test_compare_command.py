@@ -57,13 +57,13 @@ def test_a_heavier_craft_is_reported_and_gains_and_steps_stand_side_by_side(tmp_
     july = directory(tmp_path, "july", "2026-07-01T10:00:00", relay_run(2, inertia=1.4))
     page = tmp_path / "season.html"
     assert main(["compare", str(july), str(may), "--page", str(page)]) == 0
-    told = capsys.readouterr().out
-    assert "run 2 against run 1, yaw: inertia x 1.4" in told
-    assert told.index("may") < told.index("july")
-    assert "ATC_STR_RAT_P" in told
-    assert "10 %" in told
-    assert "all models have linear damping" in " ".join(told.split())
-    assert "The model of run 2 differs by more than the intervals" in told
+    printed = capsys.readouterr().out
+    assert "run 2 against run 1, yaw: inertia x 1.4" in printed
+    assert printed.index("may") < printed.index("july")
+    assert "ATC_STR_RAT_P" in printed
+    assert "10 %" in printed
+    assert "all models have linear damping" in " ".join(printed.split())
+    assert "The model of run 2 differs by more than the intervals" in printed
     assert "july" in page.read_text()
 
 
@@ -121,7 +121,7 @@ def test_a_run_of_another_vehicle_does_not_hide_a_change_between_two_runs_of_one
     assert "The model of run 3 differs by more than the intervals" in output
 
 
-def test_a_small_ratio_is_not_told_as_zero(tmp_path, capsys):
+def test_a_small_ratio_is_not_shown_as_zero(tmp_path, capsys):
     one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1, inertia=300.0))
     other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2))
     assert main(["compare", str(one), str(other)]) == 0

@@ -66,9 +66,9 @@ def test_a_page_has_the_diagram_with_the_overshoots_at_their_extremes(capsys, tm
 def test_a_run_that_the_option_page_takes_as_its_file_is_named_and_kept(capsys, zigzag, others):
     before = zigzag.read_bytes()
     assert main(["figures", "--page", str(zigzag), *others]) == 2
-    told = capsys.readouterr().err
-    assert f"{zigzag} exists and is not a page" in told
-    assert "--page report.html" in told
+    printed = capsys.readouterr().err
+    assert f"{zigzag} exists and is not a page" in printed
+    assert "--page report.html" in printed
     assert zigzag.read_bytes() == before
 
 

@@ -161,14 +161,14 @@ def test_facts_of_a_section_replace_its_text_in_json() -> None:
 
 
 @pytest.mark.parametrize(
-    ("reason", "told"), [("flown for 60 s", "Flown for 60 s."), ("5 executes", "Flown: 5 executes.")]
+    ("reason", "sentence"), [("flown for 60 s", "Flown for 60 s."), ("5 executes", "Flown: 5 executes.")]
 )
-def test_the_end_of_a_flight_says_flown_once(reason: str, told: str) -> None:
+def test_the_end_of_a_flight_says_flown_once(reason: str, sentence: str) -> None:
     run = FLOWN.flown[0][1]
     story = replace(FLOWN, flown=(("run", replace(run, reason=reason)),))
     verdict = flight_document(story).verdict
     assert verdict is not None
-    assert verdict.text == told
+    assert verdict.text == sentence
 
 
 def test_a_flight_ends_with_its_figures_and_what_can_be_undone() -> None:
