@@ -143,12 +143,14 @@ def _grid(table: Table) -> Padding:
     used = [i for i in table.filled(rows) if table.heads[i] not in table.wide]
     for i in used:
         right = table.align[i] == "r"
-        wraps = any(" " in row[i] for row in rows)
-        # A head may wrap, but a name that is cut cannot be typed.
-        least = None if wraps else max((cell_len(visible(row[i])) for row in rows), default=0)
         head = Text(visible(table.heads[i]))
-        # The width is taken from the columns that may wrap, so these must not be among them.
-        whole = right or (least is not None and least >= head.cell_len)
+        widths = [cell_len(word) for word in head.plain.split()]
+        # A head may wrap between its words, but a number or a name that is cut cannot be read or typed.
+        if right or not any(" " in row[i] for row in rows):
+            widths += [cell_len(visible(row[i])) for row in rows]
+        least = max(widths, default=0)
+        # The width is taken from the columns that may wrap, so those that cannot must not be among them.
+        whole = least >= max(cell_len(text) for text in (head.plain, *(visible(row[i]) for row in rows)))
         lines.add_column(head, justify="right" if right else "left", no_wrap=whole, min_width=least)
     for row in rows:
         lines.add_row(*(Text(visible(row[i])) for i in used))
