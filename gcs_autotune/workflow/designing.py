@@ -47,20 +47,20 @@ class StepCriteria:
 
 
 def design_from_fit(context: TuneContext, found: Identified, criteria: StepCriteria, flown: Trial) -> Proposal:
-    """Return gains for the model just identified. Use its thrust curve if gains can be designed with it.
+    """Return gains for the model just identified. Use its actuator effects if gains can be designed with them.
 
     flown : the step with the present gains.
     """
     log, axis, fit = context.log, context.axis, found.fit
     log.say("designing")
     spec, reduction = _spec(context, log.relay_speed(), criteria, flown), reduction_of(fit)
-    curved = found.curved
-    if curved is not None:
+    extended = found.extended
+    if extended is not None:
         try:
-            log.proposal = context.run_in_background(_design_with_curve, curved, axis, context.present, spec)
+            log.proposal = context.run_in_background(_design_extended, extended, axis, context.present, spec)
             return log.proposal
         except NoGainsMeetSpec as error:
-            log.say(f"design with the identified thrust curve failed: {error}. Designing without the curve")
+            log.say(f"design with the identified actuator failed: {error}. Designing with an ideal actuator")
             log.fit = fit
     log.proposal = context.run_in_background(
         design, fit.model, fit.craft_covariance, axis, context.present, spec, reduction
@@ -134,8 +134,8 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
     )
 
 
-def _design_with_curve(found: Fit[Model], axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:
-    """Return gains designed with the thrust curve in the loop.
+def _design_extended(found: Fit[Model], axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:
+    """Return gains designed with the actuator of *found* in the loop.
 
     Errors as for :func:`gcs_autotune.design.design_from`.
     """

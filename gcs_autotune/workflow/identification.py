@@ -11,9 +11,11 @@ from typing import Literal
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import AxisFit, Fit, Model, fit_axis
 from gcs_autotune.identify.thrust import (
+    fit_slow_actuator,
     fit_surge,
     fit_thrust_curve,
     set_on_the_way_back,
+    slow_actuator_told,
     thrust_curve_told,
     with_actuator,
 )
@@ -35,19 +37,20 @@ class Identified:
     Attributes
     ----------
     runs : the runs it was fitted to.
-    curved : the same model with the thrust curve or dead zone that the record requires, or None.
+    extended : the same model with the actuator that the record requires: a thrust curve, a dead zone, a limited rate
+        or a lag. None if an ideal actuator is sufficient.
     short : whether the experiments ended early without an assessment of the gains.
     """
 
     fit: AxisFit
     runs: Sequence[Trial]
-    curved: Fit[Model] | None = None
+    extended: Fit[Model] | None = None
     short: bool = False
 
     @property
     def unexplained(self) -> float:
         """Fraction of the motion [%] that the model does not explain."""
-        return (self.fit if self.curved is None else self.curved).unexplained
+        return (self.fit if self.extended is None else self.extended).unexplained
 
 
 def identify(
@@ -104,7 +107,7 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
             trials += fly_extra(third, relays, context.runner, log)
             plain = _plain(context, trials)
     log.fit = plain
-    return _with_curve(context, plain, trials, step)
+    return _extended(context, plain, trials, step)
 
 
 def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Identified:
@@ -138,7 +141,7 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
     trials = [first, rule.conclude(second, context.await_worker) if short else second]
     log.say("identifying")
     plain = log.fit = _plain(context, trials)
-    found = _with_curve(context, plain, trials, step)
+    found = _extended(context, plain, trials, step)
     if found.unexplained < BENT_UNEXPLAINED or not short:
         return replace(found, short=short)
     log.say(f"{found.unexplained:.0f} % of the motion is unexplained: flying again until five periods agree")
@@ -164,19 +167,24 @@ def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Ide
     if context.axis.excitation.by_throttle or context.axis.needs_speed:
         return found
     context.log.say("identifying from the experiments and the step")
-    return _with_curve(context, found.fit, found.runs, step, with_band=True)
+    return _extended(context, found.fit, found.runs, step, with_band=True)
 
 
-def _with_curve(
+def _extended(
     context: TuneContext, plain: AxisFit, trials: Sequence[Trial], step: Trial | None, *, with_band: bool = False
 ) -> Identified:
-    curved = None
+    extended = None
     if context.settings.structure is None:
-        curved = context.run_in_background(fit_thrust_curve, trials, plain, step, with_band=with_band)
-    if curved is not None:
-        context.log.say(thrust_curve_told(curved, plain, step))
-        context.log.fit = with_actuator(curved, plain)
-    return Identified(plain, trials, curved)
+        extended = context.run_in_background(fit_thrust_curve, trials, plain, step, with_band=with_band)
+        if extended is not None:
+            context.log.say(thrust_curve_told(extended, plain, step))
+        else:
+            extended = context.run_in_background(fit_slow_actuator, trials, plain)
+            if extended is not None:
+                context.log.say(slow_actuator_told(extended, plain))
+    if extended is not None:
+        context.log.fit = with_actuator(extended, plain)
+    return Identified(plain, trials, extended)
 
 
 def _plain(context: TuneContext, trials: list[Trial]) -> AxisFit:

@@ -29,7 +29,7 @@ from gcs_autotune.workflow.identification import identify
 from gcs_autotune.workflow.itinerary import MissionLog
 from gcs_autotune.workflow.mission import Visit
 from gcs_autotune.workflow.preflight import STAGE, check_signs, sign_check_for
-from gcs_autotune.workflow.proof import Known, known_of, reduction_with_curve
+from gcs_autotune.workflow.proof import Known, known_of, reduction_of_extended
 from gcs_autotune.workflow.resuming import Earlier
 from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
@@ -238,13 +238,15 @@ def supplied_motion(given: SuppliedModel, link: float = 0.0) -> OwnMotion:
 def identified(context: TuneContext) -> OwnMotion:
     """Fly the relays of the axis of *context* and return its motion. The model goes into the run directory."""
     found, axis = identify(context, turns_first=False), context.axis
-    fit, curved = found.fit, found.curved
+    fit, extended = found.fit, found.extended
     stem = f"-{axis.dof}" if axis.name in OWN_AXES else ""
-    save_model(fit if curved is None else with_actuator(curved, fit), context.visit.record.path / f"model{stem}.json")
-    if curved is None:
+    save_model(
+        fit if extended is None else with_actuator(extended, fit), context.visit.record.path / f"model{stem}.json"
+    )
+    if extended is None:
         uncertainty = uncertainty_of(fit.model, fit.craft_covariance)
     else:
-        reduction = reduction_with_curve(curved, axis)
+        reduction = reduction_of_extended(extended, axis)
         uncertainty = uncertainty_of(reduction.model, reduction.covariance)
     return OwnMotion(known_of(found, axis), uncertainty, context.craft.link_times.loop)
 

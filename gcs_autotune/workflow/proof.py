@@ -113,8 +113,8 @@ def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
     residual is used.
     """
     if isinstance(source, Identified):
-        fit, curved = source.fit, source.curved
-        reduction = reduction_of(fit) if curved is None else reduction_with_curve(curved, axis)
+        fit, extended = source.fit, source.extended
+        reduction = reduction_of(fit) if extended is None else reduction_of_extended(extended, axis)
         velocity = fit.model.axis.velocity
         noise = min(noise_in(run, velocity) for run in source.runs)
         if axis.dof in FILTERED:
@@ -336,8 +336,8 @@ def reduction_of(fit: AxisFit) -> Reduction | None:
     return Reduction(fit.model, fit.model.axis.force, fit.craft_covariance, Actuator(square=square), remarks=remarks)
 
 
-def reduction_with_curve(found: Fit[Model], axis: Axis) -> Reduction:
-    """Return the model that a loop of *axis* is designed with if the thrust curve is known."""
+def reduction_of_extended(found: Fit[Model], axis: Axis) -> Reduction:
+    """Return the model that a loop of *axis* is designed with if *found* has actuator effects."""
     model, units, covariance = design_input_of(found)
     return reduce(model, axis.dof, units, law=axis.law, names=tuple(found.parameters), covariance=covariance)
 

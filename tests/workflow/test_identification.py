@@ -85,7 +85,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(identification, "Relays", Relays)
     plain = SimpleNamespace(doubts=(), fit_percent=97.0, unexplained=3.0)
     monkeypatch.setattr(identification, "_plain", lambda context, trials: plain)
-    monkeypatch.setattr(identification, "_with_curve", fitted)
+    monkeypatch.setattr(identification, "_extended", fitted)
     context.fly = fly
     context.settings = SimpleNamespace(relay_output=None, structure=None, most_relays=2, pull_test=None)
     context.log = SimpleNamespace(say=lambda text: None, fit=None)

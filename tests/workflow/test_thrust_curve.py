@@ -12,12 +12,12 @@ import pytest
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit, Parameter, fit_axis
-from gcs_autotune.identify.thrust import fit_thrust_curve, thrust_curve, thrust_curve_told
+from gcs_autotune.identify.thrust import fit_slow_actuator, fit_thrust_curve, thrust_curve, thrust_curve_told
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import identification
 from gcs_autotune.workflow.extra_relay import extra_relay
 from gcs_autotune.workflow.identification import Identified, again_with_step
-from gcs_autotune.workflow.proof import reduction_with_curve
+from gcs_autotune.workflow.proof import reduction_of_extended
 
 ALPHA, DRAG, DT = 0.026, 0.065, 0.002
 DEAD_BAND = 0.12
@@ -147,7 +147,7 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
     zone = next(e for e in found.model.effects if e.slug == "dead-zone")
     assert zone.constants["subtracted"] == 0.0
     assert zone["width"] == pytest.approx(band, abs=1.0 / steps)
-    actuator = reduction_with_curve(found, FIRMWARE["ardusub"].axes["heading"]).actuator
+    actuator = reduction_of_extended(found, FIRMWARE["ardusub"].axes["heading"]).actuator
     assert float(actuator.static(np.array([band - 0.005]))[0]) == 0.0
     true = 0.07 * (0.2 + 0.8 * 0.07) * float(found.model.base.inertia[0, 0]) / ALPHA
     assert float(actuator.static(np.array([0.07]))[0]) == pytest.approx(true, rel=0.15)
@@ -175,10 +175,11 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
         log=SimpleNamespace(say=asked.append),
     )
     step = dying_swing(0.0, DEAD_BAND)
-    assert again_with_step(context, Identified(plain, runs), step).curved is None
+    assert again_with_step(context, Identified(plain, runs), step).extended is None
     assert asked == [
         "identifying from the experiments and the step",
         (fit_thrust_curve, (runs, plain, step), {"with_band": True}),
+        (fit_slow_actuator, (runs, plain), {}),
     ]
     assert inspect.signature(fit_thrust_curve).parameters["with_band"].default is False
 
@@ -208,7 +209,7 @@ def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does():
         context = SimpleNamespace(
             log=log, settings=settings, run_in_background=lambda work, *args, **named: work(*args, **named)
         )
-        identification._with_curve(context, plain, runs, None)  # type: ignore[arg-type]
+        identification._extended(context, plain, runs, None)  # type: ignore[arg-type]
         return log.fit
 
     found = told_of(None)

@@ -49,7 +49,7 @@ _UNEXPLAINED = 0.8
 
 The value is chosen: the ratio of a curve that matters is far smaller.
 """
-_WORTH_A_LOOK = 4.0
+WORTH_A_LOOK = 4.0
 """Unexplained part [percent] of a model with a linear actuator, below which no curve is tried."""
 _BEYOND = 1.1
 """Ratio of a step's output to that of the oscillations, above which the step can show that thrust saturates."""
@@ -89,7 +89,7 @@ def fit_thrust_curve(
     hard as without a band. The second kind is tried only *with_band*, because position loops designed for it performed
     worse (BlueROV2 heading: ITAE 0.74 instead of 0.40).
     """
-    if plain.unexplained < _WORTH_A_LOOK:
+    if plain.unexplained < WORTH_A_LOOK:
         return None
     curve = fit_with_actuator(runs, plain, QUADRATIC)
     if (
