@@ -191,7 +191,7 @@ def _map_section(found: SuccessMap) -> Iterator[Section]:
 def _draw_map(found: SuccessMap) -> Drawing:
     from matplotlib.figure import Figure as Drawing
 
-    drawing = Drawing(figsize=(6.4, 4.0), layout="constrained")
+    drawing = Drawing(figsize=(5.8, 3.6), layout="constrained")
     drawing.colorbar(draw_success_map(found, drawing.subplots()), label="success")
     return drawing
 
@@ -203,6 +203,7 @@ def draw_success_map(found: SuccessMap, ax: Axes) -> AxesImage:
         for row in zip(found.hits, found.totals, strict=True)
     ]
     image = ax.imshow(shares, vmin=0.0, vmax=1.0, cmap="RdYlGn", origin="lower", aspect="auto")
+    ax.grid(visible=False)  # it would pass through the counts
     ax.set_xticks(range(len(found.xs)), found.xs)
     ax.set_yticks(range(len(found.ys)), found.ys)
     ax.set_xlabel(found.x)

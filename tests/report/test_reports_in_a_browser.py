@@ -15,12 +15,14 @@ import report_stories
 from gcs_autotune.api import example_run, fit, save_model
 from gcs_autotune.cli import main
 from gcs_autotune.trial import Channel, Trial, save_trial
+from tests.study.test_report import FUNCTIONS, GRID
+from tests.study.toys import ran, study_file
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 PAPER = {"width": 688, "height": 1017}
 """A4 less its margins [CSS px]."""
-KINDS = ("tune", "study", "flight", "diagnosis", "compare", "figures", "design")
+KINDS = ("tune", "identification", "study", "flight", "diagnosis", "compare", "figures", "design")
 WIDER = """() => [...document.querySelectorAll(".scroll, .paper, pre")]
   .filter((node) => node.scrollWidth > node.clientWidth + 1).map((node) => node.textContent.trim().slice(0, 60))"""
 FIGURES = """() => [...document.querySelectorAll("figure")].map((node) => {
@@ -56,8 +58,11 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     run = example_run()
     save_model(fit(run, "linear", dof="yaw"), folder / "model.json")
     run.to_pandas().to_csv(folder / "run.csv")
-    (study, model) = (str(folder / name) for name in ("study.html", "model.json"))
-    assert main(["identify", str(folder / "run.csv"), "--dof=yaw", f"--page={study}", "--quiet"]) == 0
+    (page, model) = (str(folder / name) for name in ("identification.html", "model.json"))
+    assert main(["identify", str(folder / "run.csv"), "--dof=yaw", f"--page={page}", "--quiet"]) == 0
+    ran(study_file(folder, "work", GRID, FUNCTIONS), folder / "cases")
+    assert main(["study", "report", str(folder / "cases")]) == 0
+    (folder / "cases" / "report.html").rename(folder / "study.html")
     preview = ["fly", "zig-zag", "--preview", f"--model={model}", "--throttle=0.5", "--speed=1", f"--out={folder}"]
     assert main([*preview, "--quiet"]) == 0
     (folder / "preview.html").rename(folder / "flight.html")

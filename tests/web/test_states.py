@@ -171,7 +171,7 @@ STATES: Mapping[str, State] = {
     "asking": State(
         shown("asking", QUESTION, "Go ahead?"),
         ("tune heading: not started", "Waiting for your answer", "yes, and disarms at the end"),
-        ("starting", "Predicted cost", *GONE),
+        ("starting", "Predicted cost", "Nearest limit", *GONE),
     ),
     "asking with a preview": State(
         shown("previewed", QUESTION, "Go ahead?", job="fly", manoeuvre="zig-zag"),
@@ -189,7 +189,8 @@ STATES: Mapping[str, State] = {
     "stopped": State(stopped, (AS_BEFORE, "all 2 as before the run"), ("MANUAL, armed", *GONE)),
     "declined": State(declined, (NEVER_ARMED, "before arming"), ("restored", NOT_READ, *GONE)),
     "kept": State(
-        shown("kept", ENDED, "done"), (AS_BEFORE, "ATC_STR_RAT_P 0.2 -> 0.4", "Undo: restore the old parameters")
+        shown("kept", ENDED, "done"),
+        (AS_BEFORE, "ATC_STR_RAT_P 0.2 -> 0.4", "16.5 s², 92 % lower", "Undo: restore the old parameters"),
     ),
     "restored": State(
         shown("restored", ENDED, "restored"), (AS_BEFORE, "the new gains were not better in every respect"), GONE
@@ -198,7 +199,7 @@ STATES: Mapping[str, State] = {
     "lost contact": State(
         shown("lost", ENDED, "failed"),
         ("The state of the craft is unknown. Take over by hand", NOT_READ, "Restore the vehicle"),
-        ("Restored", "as before the run", "Undo"),
+        ("Restored", "as before the run", "Undo", "`"),
     ),
     "not restored": State(
         shown("differs", ENDED, "not restored"),
@@ -209,6 +210,7 @@ STATES: Mapping[str, State] = {
     "job stopped": State(
         job_stopped,
         ("speed: the new gains are better and stay", "line: not flown", "Continue with the next step", "Undo"),
+        ("in progress",),
     ),
     "all loops done": State(
         shown("done", ENDED, "done", job="all"),

@@ -128,4 +128,4 @@ def _least_width(cells: Sequence[str], align: str) -> int:
 
 def _glued(text: str) -> str:
     """Return *text* in the notation of the reports, with each number and its unit on one line."""
-    return re.sub(r"(?<=\d) (?=%|(?:s|m|dB|Hz)\b)", "\u00a0", with_signs(text))
+    return re.sub(r"(?<=\d) (?=%|(?:s|m|dB|Hz|N)\b)|(?<=\d N) (?=m\b)", "\u00a0", with_signs(text))

@@ -238,7 +238,7 @@ function cross(pen, x, y) {
 function bow(pen, x, y, psi) {
   const turned = (ahead, abeam) => [x + ahead * Math.sin(psi) + abeam * Math.cos(psi), y - ahead * Math.cos(psi) + abeam * Math.sin(psi)];
   pen.fillStyle = css("wanted"); pen.beginPath();
-  [[11, 0], [-7, 6], [-4, 0], [-7, -6]].forEach(([a, b], i) => (i ? pen.lineTo(...turned(a, b)) : pen.moveTo(...turned(a, b))));
+  [[13, 0], [-7, 5], [-4, 0], [-7, -5]].forEach(([a, b], i) => (i ? pen.lineTo(...turned(a, b)) : pen.moveTo(...turned(a, b))));
   pen.closePath(); pen.fill();
 }
 
@@ -265,8 +265,9 @@ function drawPhase(rows, kind) {
   pen.stroke();
   const [v, w] = points[points.length - 1];
   pen.fillStyle = css("wanted"); pen.beginPath(); pen.arc(px(v), py(w), 5, 0, 2 * Math.PI); pen.fill();
-  const end = `${a.toPrecision(2)} ${kind.unit}`;
+  const of = (value, unit) => `${value.toPrecision(2)}${unit.startsWith("°") ? "" : " "}${unit}`;
+  const end = of(a, kind.unit);
   note(pen, end, width - pen.measureText(end).width - 2, height / 2 - 5);
-  note(pen, `${b.toPrecision(2)} ${kind.rate}`, width / 2 + 5, 14);
+  note(pen, of(b, kind.rate), width / 2 + 5, 14);
   say("caption-phase", `Phase portrait: error of the ${kind.name} (horizontal) and its rate (vertical)`);
 }

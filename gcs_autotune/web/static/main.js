@@ -8,7 +8,11 @@ import * as whatIf from "./whatif.js";
 
 const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, isKnown = false, wantStop = 0, refused = "", view = "live";
-const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
+// In the notation of the reports, a number and its unit on one line.
+const signed = (text) => text.replace(/(?<=\d)%/g, " %").replace(/(?<=\d) s\^2/g, " s²")
+  .replace(/(?<=\d) (?=%|(?:min|ms?|s|Hz|V)(?!\w))/g, "\u00a0");
+const write = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
+const say = (id, text) => write(id, signed(text));
 const running = () => Boolean(state.run && !state.end);
 
 // --- STOP -----------------------------------------------------------------------------------------------------------
@@ -100,13 +104,13 @@ const STATES = { open: "to do", flying: "in progress", rejected: "not possible",
 
 function showSteps() {
   const steps = state.steps ? state.steps.steps : [];
-  $("steps").hidden = !steps.length;
+  $("steps").hidden = !steps.length || !running();  // how each ended is told with the end
   const of = JSON.stringify(steps);
   if ($("steps").dataset.of === of) return;
   $("steps").dataset.of = of;
   $("steps-list").replaceChildren(...steps.map((step) => {
     const told = step.reason && step.state !== "kept" ? `: ${step.reason}` : "";
-    const row = line("td", [step.name, `${STATES[step.state] || step.state}${told}`, step.seconds ? `about ${duration(step.seconds)}` : ""], "th");
+    const row = line("td", [step.name, `${STATES[step.state] || step.state}${told}`, step.seconds ? signed(duration(step.seconds)) : ""], "th");
     if (step.state === "flying") row.setAttribute("aria-current", "step");
     return row;
   }));
@@ -115,7 +119,11 @@ function showSteps() {
 function items(texts) {
   return texts.map((text) => {
     const item = document.createElement("li");
-    item.textContent = text;
+    text.split("`").forEach((part, k) => {  // a command to type stands between backquotes
+      const command = document.createElement("code");
+      command.textContent = part;
+      item.append(k % 2 ? command : signed(part));
+    });
     return item;
   });
 }
@@ -207,9 +215,11 @@ function showTiles() {
   const percent = (v) => (v === null || v === undefined ? "–" : `${Math.round(v * 100)} %`);
   $("charts").hidden = !state.rows.length && !state.track;
   $("tiles").hidden = !running() || !(state.vitals || state.now);  // "now": of an ended run nothing is known but its end
+  for (const name of ["signal", "output", "guard"]) $(`tile-${name}`).parentElement.hidden = !state.now;  // before it moves
+  $("tile-periods").parentElement.hidden = !now.periods_needed;
   say("tile-signal", now.signal ? `${kind.name} ${reading(now.value)}${now.target !== null ? `, target ${reading(now.target)}` : ""}` : "–");
   say("tile-output", percent(now.output));
-  say("tile-periods", now.periods_needed ? `${now.periods} of ${now.periods_needed} agree` : "–");
+  say("tile-periods", now.periods_needed ? `${now.periods} of ${now.periods_needed} agree` : "");
   say("tile-guard", now.guard ? `${now.guard}, ${percent(now.guard_share)} used` : "–");
   say("tile-mode", state.vitals ? `${vitals.mode}, ${vitals.armed ? "armed" : "disarmed"}` : "–");
   const battery = [];
@@ -287,7 +297,7 @@ function show() {
   if (view === "runs") runs.show(state, mayTouch);
   if (!state.run || view !== "live" || document.hidden) return;
   showTiles(); showWords(); showSteps();
-  say("command", `The same in a terminal: ${state.run.command}`);
+  write("command", `The same in a terminal: ${state.run.command}`);
   $("gains").hidden = !state.proposal;
   if (state.proposal && $("gains").dataset.of !== JSON.stringify(state.proposal)) {
     $("gains").dataset.of = JSON.stringify(state.proposal);
