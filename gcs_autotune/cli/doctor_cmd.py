@@ -68,7 +68,7 @@ def _next(ports: Sequence[Mapping[str, object]]) -> str:
 
         wired = any(is_serial(str(port["uri"])) for port in ports)
         return (
-            f"No vehicle was found. If one should be, check its power and the "
+            "No vehicle was found. To connect one, check its power and the "
             f"{'cable, the baud rate and the network' if wired else 'network'}. "
             "To try a simulated vehicle: gcs-autotune tune heading"
         )

@@ -207,7 +207,8 @@ class _Flight:
             It ends early, or cannot keep a limit that the user set.
         """
         seen, log, assumed = run.preview, self._visit.log, run.preview.craft.assumed
-        log.say(f"{of} (the manoeuvre alone): {seen.told()}")
+        if not only_preview:  # its report has the same sentence
+            log.say(f"{of} (the manoeuvre alone): {seen.told()}")
         self._report_track(run)
         if seen.trouble and not assumed and not only_preview:
             raise PreconditionFailed(f"not flown: in the {of} the run ends early: {seen.trouble}. Nothing was armed")
@@ -215,9 +216,8 @@ class _Flight:
             raise PreconditionFailed(run.why_not)
         if run.why_not:
             log.say(f"this run would be rejected: {run.why_not}")
-        if seen.trouble:
-            by = ", with assumed parameters" if assumed else ""
-            log.say(f"in the {of} the run ends early{by}: {seen.trouble}")
+        elif seen.trouble:
+            log.say(f"in the {of} {run.caution or f'the run ends early: {seen.trouble}'}")
 
     def _report_track(self, run: FlightRun) -> None:
         """Send the observer the predicted track of the run, from the vehicle's present position."""
@@ -367,7 +367,7 @@ class _Flight:
         first, least = self._left[0], self._plan.min_depth
         plant = first.preview.craft
         needs: list[Intention | str] = [
-            whole_of(whole, first.envelope, plant.source + " (worst case of several)" * plant.assumed)
+            whole_of(whole, first.envelope, "the worst of several assumed craft" if plant.assumed else plant.source)
         ]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
@@ -450,9 +450,8 @@ class _Flight:
         if settings is None:
             return None
         run = self._previewer.run_of(settings)
-        trouble = run.why_not or ("" if run.preview.craft.assumed else run.preview.trouble)
-        if trouble:
-            self._visit.log.say(f"the run is not repeated: {trouble}")
+        if run.rejection:
+            self._visit.log.say(f"the run is not repeated: {run.rejection}")
             return None
         return run
 

@@ -153,6 +153,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     runner = visit.runner(envelope, keep, gains=True)
     flights = _Flights(visit, runner, course, speed)
     names = ", ".join(name for name in LINE_PARAMETERS if name in present)
+    corners = f"{style_of(settings.style).bandwidth:.0%} of the turn rate that the hull has in corners"
     again = "" if settings.agreed else ", after asking again,"
     changes = f"write some of {names}{again} and restore the old values unless the new ones prove better"
     ahead, back = course.reach + BEYOND * speed, BEYOND * speed
@@ -169,8 +170,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             Intention(f"need {free}. A smaller --leg-length needs less", "Space", free),
             how_long(itinerary),
             battery(now, envelope, itinerary.seconds),
-            f"choose parameters for style {settings.style}: {style_of(settings.style).bandwidth:.0%} of the turn rate "
-            "that the hull has in corners",
+            Intention(f"choose parameters for style {settings.style}: {corners}", "Style", f"{settings.style}: {corners}"),
         ),
         fly=fly,
         writes="write no parameter (dry run)" if settings.dry_run else changes,
