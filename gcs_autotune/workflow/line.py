@@ -170,7 +170,9 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             Intention(f"need {free}. A smaller --leg-length needs less", "Space", free),
             how_long(itinerary),
             battery(now, envelope, itinerary.seconds),
-            Intention(f"choose parameters for style {settings.style}: {corners}", "Style", f"{settings.style}: {corners}"),
+            Intention(
+                f"choose parameters for style {settings.style}: {corners}", "Style", f"{settings.style}: {corners}"
+            ),
         ),
         fly=fly,
         writes="write no parameter (dry run)" if settings.dry_run else changes,
