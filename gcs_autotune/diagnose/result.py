@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel
+from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel, effect_at
 from gcs_autotune.identify import Doubt, Trace
 from gcs_autotune.identify.kalman import RunOffset
 from gcs_autotune.notebook import Display, Displayed, Table, pandas_module
@@ -483,7 +483,7 @@ class Diagnosis(Displayed):
     def _display(self) -> Display:
         causes = [
             (
-                f"{c.effect.slug} at {c.effect.place}",
+                effect_at(c.effect),
                 name,
                 format_value(v.value, v.std),
                 v.unit,

@@ -396,11 +396,12 @@ class SpeedDamping(NamedProduct):
 class MunkMoment(NamedProduct):
     """Effect: ``N_uv u v``, a moment on a hull at a drift angle (Munk; Fossen2011).
 
-    Added mass alone gives ``N_uv = Y_vdot - X_udot`` < 0 (for a positive inertia), which turns the bow further away from
-    the motion. Fins at the stern give the opposite sign.
+    Added mass alone gives ``N_uv = Y_vdot - X_udot`` < 0 (inertia positive), which turns the bow further away from the
+    motion. Fins at the stern give the opposite sign.
     """
 
     slug = "munk-moment"
+    words = "Munk moment"
     derivative = "N_uv"
     form_of = ("sway-moment",)
     meaning = "at a drift angle the flow turns the craft, further into a turn or out of it, and more at higher speed"
@@ -409,7 +410,8 @@ class MunkMoment(NamedProduct):
         Quantity(
             "N_uv",
             "moment s^2/m^2",
-            "yaw moment per product of surge and sway velocity. It turns the craft further if inertia has the other sign",
+            "yaw moment per product of surge and sway velocity. Opposite in sign to the inertia, it turns the craft "
+            "further",
         ),
     )
     shown_by = "yaw residual against u times v"

@@ -172,7 +172,7 @@ def test_the_sentence_on_a_moment_of_a_product_is_true_of_either_sign(slug: str,
     entry = EFFECTS[slug]
     if slug == "munk-moment":
         assert opposite > plain > same > 0.0
-        assert "further if inertia has the other sign" in entry.parameters[0].meaning
+        assert "Opposite in sign to the inertia, it turns the craft further" in entry.parameters[0].meaning
         assert "further into a turn or out of it" in entry.meaning and "further" not in entry.plain
     else:  # the other sign would drive the turn, and is not fitted
         low, high = entry.bounds("yaw", summary(("yaw",), inertia=inertia))["N_|u|r"]
