@@ -239,7 +239,8 @@ def _results(study: CaseStudy) -> Iterator[Section]:
     plots = tuple(
         Figure(
             f"bound-{number}",
-            f"{check.of[0].upper()}{check.of[1:]} over its bound. The line is the normal distribution of a method that reaches the bound.",
+            f"{check.of[0].upper()}{check.of[1:]} over its bound. The line is the normal distribution of a method that "
+            "reaches the bound.",
             partial(_draw_bound, check),
         )
         for number, check in enumerate(named, 1)

@@ -105,6 +105,7 @@ def fly_plan(
                 flight.show_preview(at)
             return write_previews(flight.runs, plan, common.directory, when)
         onboard = run_mission(visit, flight.declare, log)
+    log.say("computing figures and models")
     result = read_flight(plan, common, record, flight.runs, when, flight.steps)
     onboard.identify([model.fit for model in result.models if is_of_one_axis(model.fit)], when)
     return result

@@ -108,7 +108,9 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     craft, log = visit.craft, visit.log
     firmware = craft.firmware
     if not (firmware.needs_way and firmware.mission_mode):
-        raise WrongVehicle(f"{firmware.name} has no mission of a boat to tune. `tune line` is for ArduRover boats")
+        raise WrongVehicle(
+            f"this vehicle ({firmware.name}) follows no route that can be tuned. `tune line` is for ArduRover boats"
+        )
     log.meet(craft)
     present, untuned = _learn(craft)
     if untuned and not settings.untuned:
