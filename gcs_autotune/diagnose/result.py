@@ -501,11 +501,12 @@ class Diagnosis(Displayed):
         if wrong:
             tables.append(Table(("wrong number", "given", "from these runs", "unit", "meaning"), tuple(wrong)))
         gains = [
-            f"{g.signal}: {format_number(g.before)} to {format_number(g.after)} {g.unit}, {g.held_out or g.metric}"
+            f"{g.metric} of {g.signal}: {format_number(g.before)} {g.unit} without the causes, "
+            f"{format_number(g.after)} {g.unit} with them" + f" ({g.held_out})" * bool(g.held_out)
             for g in self.gains
         ]
         doubts = (f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
-        return Display(f"{self.verdict}: {', '.join(self.used)}", tuple(tables), (*gains, *doubts))
+        return Display(f"{self.verdict.replace('-', ' ')}: {', '.join(self.used)}", tuple(tables), (*gains, *doubts))
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, unknown numbers as null.

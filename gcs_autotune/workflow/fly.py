@@ -189,6 +189,7 @@ class _Flight:
         first = next((run.name for run in runs if run.kind.layered), "")
         relays = first, self._relay_legs(runs)
         self._previewer = previewer = FlightPreviewer(craft, held, area, plan.min_depth, log, checks, several, relays)
+        log.say("computing the preview")
         for settings in plan.runs:
             check_vehicle_suits(settings, craft)
             check_signals(settings.kind, craft)
