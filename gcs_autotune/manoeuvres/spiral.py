@@ -117,8 +117,8 @@ def _within(helm: float) -> float:
 KINDS: tuple[ManoeuvreKind, ...] = (
     ManoeuvreKind(
         name="spiral",
-        help="direct spiral (Dieudonne): steering (a rudder, or unequal thrust) in steps from one side to the other and "
-        "back, each held until steady",
+        help="direct spiral (Dieudonne): steering (a rudder, or unequal thrust) in steps from one side to the other "
+        "and back, each held until steady",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: DirectSpiral(int(options["levels"]), Steering.of(options)),
