@@ -1,4 +1,4 @@
-"""Check the folder of a new run, and read JSON and TOML files as plain data or as the types of a schema.
+"""Check the folder of a new run, recognise a report, and read JSON and TOML files as plain data or by a schema.
 
 Any error in such a file raises :class:`BadFile` with a message of one line.
 
@@ -14,12 +14,21 @@ from typing import Any, TypeVar
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["MODEL", "check_run_folder", "conformed", "load_json", "load_toml", "model_file"]
+__all__ = ["MODEL", "REPORT_MARK", "check_run_folder", "conformed", "is_report", "load_json", "load_toml", "model_file"]
 
 MODEL = "model.json"
 """The model file of a run directory."""
+REPORT_MARK = '<meta name="generator" content="gcs-autotune">'
+"""Element in the head of every report page that the program writes."""
 
 T = TypeVar("T")
+
+
+def is_report(path: Path) -> bool:
+    """Return whether the file at *path* begins like a report page of this program."""
+    with path.open("rb") as file:
+        head = file.read(1024)
+    return head.startswith(b"<!DOCTYPE html>") and REPORT_MARK.encode() in head
 
 
 def load_json(path: Path, what: str) -> Any:

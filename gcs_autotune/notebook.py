@@ -133,6 +133,10 @@ class Display:
         return "\n\n".join(part for part in parts if part)
 
 
+_STATUS: Mapping[str, str] = {"absent": "not fitted", "fixed": "known", "at_bound": "at its bound, not reliable"}
+"""Status of a parameter -> words; others are shown unchanged."""
+
+
 def parameter_tables(parameters: Mapping[str, Any], covariance: NDArray[np.float64]) -> tuple[Table, ...]:
     """Return the table of fitted *parameters* with their relative errors, and that of large correlations.
 
@@ -141,7 +145,7 @@ def parameter_tables(parameters: Mapping[str, Any], covariance: NDArray[np.float
     rows = []
     for name, p in parameters.items():
         share = f"{100.0 * p.std / abs(p.value):.1f} %" if p.std > 0.0 and p.value else ""
-        rows.append((name, format_value(p.value, p.std), share, p.unit, p.status))
+        rows.append((name, format_value(p.value, p.std), share, p.unit, _STATUS.get(p.status, p.status)))
     names, std = list(parameters), np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(std > 0.0, std, np.inf)
     correlation = covariance / np.outer(scale, scale)

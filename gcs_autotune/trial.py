@@ -80,8 +80,8 @@ class Channel(Displayed):
 
     name: str
     unit: str
-    t: NDArray[np.float64]
-    values: NDArray[np.float64]
+    t: NDArray[np.float64] = field(repr=False)
+    values: NDArray[np.float64] = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.t)

@@ -159,7 +159,7 @@ def test_a_fit_is_printed_with_residuals_correlations_and_doubts(found):
 
 def test_every_result_prints_itself(found):
     assert "residual (rms)" in str(api.validate(found, RUN))
-    assert str(api.diagnose(RUN, dof="yaw", effects=["quadratic-drag"])).startswith("no-effect: ")
+    assert str(api.diagnose(RUN, dof="yaw", effects=["quadratic-drag"])).startswith("no effect: ")
     gains = {f"ATC_STR_RAT_{term}": 0.1 for term in ("FF", "P", "I", "D")} | {"ATC_STR_ANG_P": 2.0}
     shown = str(api.design(found, "heading", gains, speed=1.5))
     assert "ATC_STR_ANG_P" in shown

@@ -6,7 +6,7 @@ import argparse
 from datetime import datetime
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_number, check_files
+from gcs_autotune.cli.command import Command, add_number, check_files, waiting
 from gcs_autotune.cli.reading import add_parameters, read_parameters
 from gcs_autotune.cli.writing import page_file, put_out, write_page
 
@@ -29,12 +29,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_files(*args.runs, args.parameters)
-    from gcs_autotune.report import comparison_document
-    from gcs_autotune.workflow import compare
+    with waiting(args, "comparing the runs"):
+        from gcs_autotune.report import comparison_document
+        from gcs_autotune.workflow import compare
 
-    found = compare(args.runs, parameters=read_parameters(args), system=args.system_id)
-    document = comparison_document(found, f"{datetime.now():%Y-%m-%d %H:%M}")
-    lines = [] if args.page is None else [write_page(document, args.page, *args.runs, args.parameters)]
+        found = compare(args.runs, parameters=read_parameters(args), system=args.system_id)
+        document = comparison_document(found, f"{datetime.now():%Y-%m-%d %H:%M}")
+        lines = [] if args.page is None else [write_page(document, args.page, *args.runs, args.parameters)]
     put_out(document, *lines, as_json=args.json)
     return 0
 

@@ -47,7 +47,7 @@ def _doctor(args: argparse.Namespace) -> int:
     elif wrong:
         sys.stdout.write(f"\nNot ready: correct the {'line' if wrong == 1 else f'{wrong} lines'} marked X.\n")
     else:
-        sys.stdout.write(f"\nThis computer is ready. {_next(ports)}\n")
+        _close("This computer is ready. ", ports)
     return UNFIT if wrong else 0
 
 
@@ -56,24 +56,28 @@ def _ports(args: argparse.Namespace) -> int:
     if args.json:
         sys.stdout.write(json_text({"schema": 1, "ports": ports}))
     else:
-        sys.stdout.write(f"\n{_next(ports)}\n")
+        _close("", ports)
     return 0
 
 
-def _next(ports: Sequence[Mapping[str, object]]) -> str:
-    """Return what was received, and what to do next."""
+def _close(verdict: str, ports: Sequence[Mapping[str, object]]) -> None:
+    """Print the *verdict*, what was received, and the next command on a line of its own."""
+    found, command = _next(ports)
+    sys.stdout.write("\n" + folded(f"{verdict}{found}:", sys.stdout) + f"  gcs-autotune tune heading{command}\n")
+
+
+def _next(ports: Sequence[Mapping[str, object]]) -> tuple[str, str]:
+    """Return what was received and what the next command does, and the options of this command."""
     uris = [str(port["uri"]) for port in ports if port["systems"]]
     if not uris:
         from gcs_autotune.link import is_serial
 
         wired = any(is_serial(str(port["uri"])) for port in ports)
-        return (
-            f"No vehicle was found. If one should be, check its power and the "
-            f"{'cable, the baud rate and the network' if wired else 'network'}. "
-            "To try a simulated vehicle: gcs-autotune tune heading"
-        )
+        check = "cable, the baud rate and the network" if wired else "network"
+        text = f"No vehicle was found. To connect one, check its power and the {check}. To try a simulated vehicle"
+        return text, ""
     heard = "A vehicle was found." if len(uris) == 1 else f"Vehicles were found on {len(uris)} links."
-    return f"{heard} Next: gcs-autotune tune heading --connect {visible(uris[0])}"
+    return f"{heard} Next", f" --connect {visible(uris[0])}"
 
 
 def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, check_files
+from gcs_autotune.cli.command import Command, check_files, waiting
 from gcs_autotune.cli.reading import full_scale
 from gcs_autotune.cli.writing import fresh, on_replacing
 from gcs_autotune.documents import model_file
@@ -40,10 +40,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_files(args.model)
-    from gcs_autotune.export import export_model
-    from gcs_autotune.identify import load_model
+    with waiting(args, "reading the model"):
+        from gcs_autotune.export import export_model
+        from gcs_autotune.identify import load_model
 
-    written = export_model(load_model(args.model), args.to, full_scale(args.full_scale))
+        written = export_model(load_model(args.model), args.to, full_scale(args.full_scale))
     path: Path = args.out or fresh(model_file(args.model).with_suffix(written.suffix))
     replaced = on_replacing(path)
     try:

@@ -6,7 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_number, check_files
+from gcs_autotune.cli.command import Command, add_number, check_files, waiting
 from gcs_autotune.cli.writing import page_file, put_out, write_page
 
 __all__ = ["COMMAND"]
@@ -32,15 +32,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_files(*args.runs)
-    from gcs_autotune.logs import load_runs
-    from gcs_autotune.report import sheets_document
-    from gcs_autotune.seatrials import Particulars, ship_figures
+    with waiting(args, "computing the figures"):
+        from gcs_autotune.logs import load_runs
+        from gcs_autotune.report import sheets_document
+        from gcs_autotune.seatrials import Particulars, ship_figures
 
-    ship = Particulars(_known(args.length), _known(args.speed), args.scale)
-    trials = [trial for path in args.runs for trial in load_runs(path)]
-    sheets = [sheet for trial in trials for sheet in ship_figures(trial, ship, args.manoeuvre)]
-    document = sheets_document(sheets)
-    lines = [] if args.page is None else [write_page(document, args.page, *args.runs)]
+        ship = Particulars(_known(args.length), _known(args.speed), args.scale)
+        trials = [trial for path in args.runs for trial in load_runs(path)]
+        sheets = [sheet for trial in trials for sheet in ship_figures(trial, ship, args.manoeuvre)]
+        document = sheets_document(sheets)
+        lines = [] if args.page is None else [write_page(document, args.page, *args.runs)]
     put_out(document, *lines, as_json=args.json)
     return 0
 

@@ -288,9 +288,9 @@ def _preview(args: argparse.Namespace) -> int:
 
 def _tell_preview(result: FlightResult) -> int:
     put_out(result.document, f"Report: {result.page}")
-    troubles = [run.preview.trouble for run in result.runs if run.preview.trouble]
-    if troubles:
-        raise UsageError(f"this manoeuvre cannot be flown: {troubles[0]}")
+    rejections = [run.rejection for run in result.runs if run.rejection]
+    if rejections:
+        raise UsageError(f"this manoeuvre would not be flown: {rejections[0]}")
     return 0
 
 

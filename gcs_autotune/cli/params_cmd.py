@@ -6,7 +6,15 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, add_loudness, add_remote, connection_of, uri_of
+from gcs_autotune.cli.command import (
+    Command,
+    add_connection,
+    add_loudness,
+    add_remote,
+    check_files,
+    connection_of,
+    uri_of,
+)
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import on_replacing
 from gcs_autotune.untrusted_text import visible
@@ -33,9 +41,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    saving = args.action == "save"
+    check_files(None if saving else args.file)
     from gcs_autotune.workflow import link_of, restore_parameters, save_parameters
 
-    saving = args.action == "save"
     connection = connection_of(args, uri_of(args) if saving else args.connect or link_of(args.file))
     if saving:
         args.yes, args.remote = True, False

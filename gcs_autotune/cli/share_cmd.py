@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, check_files
+from gcs_autotune.cli.command import Command, check_files, waiting
 from gcs_autotune.cli.writing import fresh, on_replacing
 
 __all__ = ["COMMAND"]
@@ -24,11 +24,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_files(args.run)
-    from gcs_autotune.workflow import share_run
+    with waiting(args, "packing the run"):
+        from gcs_autotune.workflow import share_run
 
-    out = args.out or fresh(Path(f"{args.run.resolve().name}.zip"))
-    replaced = on_replacing(out)
-    packed = share_run(args.run, out, hide_position=args.hide_position)
+        out = args.out or fresh(Path(f"{args.run.resolve().name}.zip"))
+        replaced = on_replacing(out)
+        packed = share_run(args.run, out, hide_position=args.hide_position)
     for name, reason in packed.left_out:
         sys.stderr.write(f"left out: {name} ({reason})\n")
     place = "positions moved" if args.hide_position else "with positions (--hide-position moves them)"

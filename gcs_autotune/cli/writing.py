@@ -18,6 +18,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from gcs_autotune.documents import is_report
 from gcs_autotune.errors import BadFile
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.untrusted_text import visible
@@ -65,24 +66,26 @@ def on_replacing(path: Path) -> str:
 def page_file(text: str) -> Path:
     """Return the path of a page to write, as the type of the option ``--page``.
 
-    An earlier page is replaced. A run, a log or a folder is not: in ``figures --page RUN`` the option takes the run.
+    An earlier report is replaced. Another file or a folder is not: in ``figures --page RUN`` the option takes the run.
 
     Raises
     ------
     argparse.ArgumentTypeError
-        The path is that of a folder, or of a file that is no page.
+        The path is that of a folder, or of a file that is not a report of this program, or that cannot be read.
     """
     path = Path(text)
-    if path.is_dir() or (path.is_file() and path.stat().st_size and not _is_page(path)):
+    if path.exists() and not _is_replaceable(path):
         raise argparse.ArgumentTypeError(
-            f"{text} exists and is not a page. Name the file to write after --page, such as --page report.html"
+            f"{text} exists and is not a report of this program. Name another file after --page, such as report.html"
         )
     return path
 
 
-def _is_page(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(64).lstrip().startswith(b"<")
+def _is_replaceable(path: Path) -> bool:
+    try:
+        return path.is_file() and (not path.stat().st_size or is_report(path))
+    except OSError:
+        return False
 
 
 def write_page(document: Document, path: Path, *sources: Path | None) -> str:

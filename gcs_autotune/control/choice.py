@@ -232,7 +232,8 @@ class _Demands:
         effort, velocity = simulated_step(law, model, self.step, _horizon(wanted))
         most = USED * min(-self.limits[0], self.limits[1])
         if effort > most:
-            return f"its step would need {effort:.2g} of the actuator, and {most:.2g} may be used"
+            share = 100.0 * USED * effort / most
+            return f"its step would need {share:.3g} % of the available output, and {100.0 * USED:.0f} % may be used"
         left, right = stability_bound(model, wanted, self.uncertainty, velocity)
         if left >= right:
             return f"the model is too uncertain to guarantee its stability ({left:.2g} must be below {right:.2g})"

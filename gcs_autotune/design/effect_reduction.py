@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gcs_autotune.design.actuator import PERFECT, Actuator
-from gcs_autotune.effects import SUBTRACTED, EffectInstance
+from gcs_autotune.effects import SUBTRACTED, EffectInstance, effect_words
 from gcs_autotune.notebook import Displayed
 from gcs_autotune.sname import Dof
 
@@ -47,7 +47,7 @@ class Remark(Displayed):
     def sentence(self) -> str:
         """Treatment and advice as text."""
         advice = f". {self.advice[0].upper()}{self.advice[1:]}" if self.advice else ""
-        return f"{self.slug} at {self.place}: {self.treated}{advice}"
+        return f"{effect_words(self.slug)} ({self.place}): {self.treated}{advice}"
 
 
 @dataclass(slots=True)

@@ -405,6 +405,6 @@ def _reason(law: Law, gain: Gain, after: GainCandidate, is_refined: bool) -> str
         if is_refined
         else f"matched, within its range, to a {wanted.kind.capitalize()} step settling in {settled:.1f} s"
     )
-    if new in (gain.low, gain.high):
+    if new != 0.0 and new in (gain.low, gain.high):
         reason += f", limited to the documented {'minimum' if new == gain.low else 'maximum'}"
     return reason

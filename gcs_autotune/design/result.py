@@ -68,8 +68,8 @@ class Change(Displayed):
 
     @property
     def at_limit(self) -> bool:
-        """Whether the new value is on a limit of its documented range."""
-        return self.new in (self.low, self.high)
+        """Whether the new value is on a limit of its documented range. A gain of 0 is off, and not limited by it."""
+        return self.new != 0.0 and self.new in (self.low, self.high)
 
     @property
     def beyond(self) -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.chi_square import threshold
+from gcs_autotune.effects import effect_words
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.notebook import Displayed
@@ -116,9 +117,11 @@ class CraftComparison(Displayed):
 def _told(change: CraftChange, size: float) -> str:
     """Return the number that changed and its size, with causes that would have this effect."""
     if change.name == "trim":
-        return f"trim by {size:+.3g} ({change.more if size > 0.0 else change.less}; effect {change.slug})"
+        return (
+            f"trim by {size:+.3g} ({change.more if size > 0.0 else change.less}; effect: {effect_words(change.slug)})"
+        )
     example = change.more if size > 1.0 else change.less
-    return f"{change.name} x {format_number(size, 3)} (for example: {example}; effect {change.slug})"
+    return f"{change.name} x {format_number(size, 3)} (for example: {example}; effect: {effect_words(change.slug)})"
 
 
 NAMES = ("inertia", "drag", "trim")

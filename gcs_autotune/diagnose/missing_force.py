@@ -14,7 +14,7 @@ from gcs_autotune.diagnose.process_noise import NoiseSearch
 from gcs_autotune.diagnose.result import MissingCurve, MissingForce, Waves
 from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
-from gcs_autotune.effects import force_unit
+from gcs_autotune.effects import effect_at, force_unit
 from gcs_autotune.identify.kalman import NoisyFit, ProcessNoise
 from gcs_autotune.sensor import moves
 from gcs_autotune.sname import DOFS, SIGNALS
@@ -282,8 +282,7 @@ def _of(missing: MissingForce) -> str:
 
 def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
     """Return, in words, why a candidate that fits the supplied runs is not reported."""
-    candidate = f"{unnamed.effect.slug} of {unnamed.effect.place}"
-    fits = f"{candidate} improves the log-likelihood of the fitted runs by {unnamed.gained:.1f}"
+    fits = f"{effect_at(unnamed.effect)} improves the log-likelihood of the fitted runs by {unnamed.gained:.1f}"
     if unnamed.unsound:
         return f"{fits}. It is rejected because {unnamed.unsound}"
     if unnamed.held_out_gain > 0.0 and unnamed.interval[0] < 0.0:

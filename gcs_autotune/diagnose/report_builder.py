@@ -23,7 +23,7 @@ from gcs_autotune.diagnose.run_to_run import doubt_of_days
 from gcs_autotune.diagnose.score import ALIKE, key_of
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance
+from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance, effect_at, effect_words
 from gcs_autotune.identify import Doubt, reversed_input
 from gcs_autotune.identify.problems import Fitted
 from gcs_autotune.sname import DOFS
@@ -151,7 +151,7 @@ def _without_useless(state: SearchState) -> SearchState:
     gains = gains_of(state.base_unseen, state.present_unseen, state.parts.words)
     if not gains or any(g.ratio < 1.0 for g in gains):
         return state
-    names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
+    names = ", ".join(map(effect_at, state.causes))
     doubt = Doubt(
         "no-gain",
         f"{names} fits these runs but does not reduce the error on held-out data. It is therefore not reported as a "
@@ -355,7 +355,7 @@ def _elsewhere(effect: EffectInstance, alike: Sequence[EffectInstance]) -> Doubt
     here, others = f"{effect.place}{_digits(effect)}", " or ".join(f"{e.place}{_digits(e)}" for e in alike)
     return Doubt(
         "another-place",
-        f"{effect.slug} on {here} explains these runs as well as {effect.slug} on {others}",
+        f"{effect_words(effect.slug)} on {here} explains these runs as well as on {others}",
         f"check the columns: {EFFECTS[effect.slug].separated_by}",
     )
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel
+from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel, effect_at
 from gcs_autotune.identify import Doubt, Trace
 from gcs_autotune.identify.kalman import RunOffset
 from gcs_autotune.notebook import Display, Displayed, Table, pandas_module
@@ -483,7 +483,7 @@ class Diagnosis(Displayed):
     def _display(self) -> Display:
         causes = [
             (
-                f"{c.effect.slug} at {c.effect.place}",
+                effect_at(c.effect),
                 name,
                 format_value(v.value, v.std),
                 v.unit,
@@ -501,11 +501,12 @@ class Diagnosis(Displayed):
         if wrong:
             tables.append(Table(("wrong number", "given", "from these runs", "unit", "meaning"), tuple(wrong)))
         gains = [
-            f"{g.signal}: {format_number(g.before)} to {format_number(g.after)} {g.unit}, {g.held_out or g.metric}"
+            f"{g.metric} of {g.signal}: {format_number(g.before)} {g.unit} without the causes, "
+            f"{format_number(g.after)} {g.unit} with them" + f" ({g.held_out})" * bool(g.held_out)
             for g in self.gains
         ]
         doubts = (f"{d.cause}. Cure: {d.cure}" for d in self.doubts)
-        return Display(f"{self.verdict}: {', '.join(self.used)}", tuple(tables), (*gains, *doubts))
+        return Display(f"{self.verdict.replace('-', ' ')}: {', '.join(self.used)}", tuple(tables), (*gains, *doubts))
 
     def to_json(self) -> str:
         """Return :meth:`to_dict` as JSON text, unknown numbers as null.

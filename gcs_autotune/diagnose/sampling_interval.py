@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.candidates import candidates
-from gcs_autotune.effects import EFFECTS
+from gcs_autotune.effects import EFFECTS, effect_words
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem
 from gcs_autotune.identify.problems import Limits
 
@@ -277,7 +277,7 @@ def _told(fit: NoisyFit) -> str:
 
 
 def _moved(first: Look, chosen: Look, seconds: float) -> str:
-    term = chosen.best.effects[0].slug if chosen.best.effects else "no added term"
+    term = effect_words(chosen.best.effects[0].slug) if chosen.best.effects else "no added term"
     return (
         f"with samples {first.problem.interval:.2g} s apart, the plain model has {_told(first.plain)} and the best "
         f"model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {chosen.problem.interval:.2g} s or "

@@ -25,7 +25,7 @@ from gcs_autotune.diagnose.process_noise_starts import per_inertia_of
 from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND
 from gcs_autotune.diagnose.score import ALIKE, key_of
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
+from gcs_autotune.effects import EFFECTS, EffectInstance, effect_at, in_order
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.problems import Fitted
 from gcs_autotune.sname import DOFS
@@ -156,7 +156,7 @@ def _without_names(state: SearchState) -> SearchState:
     asked = asked_of(state.problem)
     if asked is not None and _couples(state.causes, asked[0].dofs[0]):
         return state
-    names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
+    names = ", ".join(map(effect_at, state.causes))
     doubt = Doubt(
         NO_MODEL,
         "no model of the craft fits these runs with process noise modelled, from any starting point, and the residual "
@@ -216,7 +216,7 @@ def _no_disturbance(search: NoiseSearch) -> Doubt:
 
 
 def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
-    names = ", ".join(f"{e.slug} of {e.place}" for e in causes)
+    names = ", ".join(map(effect_at, causes))
     return Doubt(
         "not-under-process-noise",
         f"{names} lowers the error only without process noise modelled. With it modelled, prediction of held-out "

@@ -43,7 +43,7 @@ from gcs_autotune.diagnose.search import add_one_by_one, judge
 from gcs_autotune.diagnose.search_with_noise import needs_process_noise
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of, effect_words
 from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.sname import DOFS
 
@@ -273,7 +273,9 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     if not is_needed(likelihood, kept, without, state.tried):
         return state.with_model(without)
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, again = state.step(f"check whether {slug} is still needed", without, slugs=slugs, quick=True, most=RIVALS)
+    state, again = state.step(
+        f"check whether {effect_words(slug)} is still needed", without, slugs=slugs, quick=True, most=RIVALS
+    )
     rivals = [j for j in again.judged if j.effect.slug != slug and not EFFECTS[j.effect.slug].happens_at]
     fits = [_likelier_fit(state.problem, kept, rest, j) for j in rivals]
     rival = min(fits, key=lambda f: f.cost + bic_penalty(f, kept), default=kept)

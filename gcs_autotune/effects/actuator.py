@@ -288,6 +288,7 @@ class QuadraticActuator(Characteristic):
     """
 
     slug = "quadratic-actuator"
+    words = "quadratic thrust curve"
     is_structural = True
     title = "Thrust curve"
     meaning = "thrust is proportional to the square of the command (n|n|), so half command gives less than half thrust"

@@ -204,6 +204,7 @@ def concerns(place: str, run: str) -> bool:
 class Effect:
     """One row of the table of effects. Class attributes describe the effect, and methods implement it (see the module).
 
+    - ``words``: its name in a sentence; by default its slug with blanks.
     - ``plain``: the first sentence of a report, for the owner of the craft. Words in braces are filled in:
       ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving), ``{command}`` (throttle,
       rudder) and ``{signal}`` (heading, depth).
@@ -215,6 +216,7 @@ class Effect:
     slug: ClassVar[str]
     family: ClassVar[Family]
     meaning: ClassVar[str]
+    words: ClassVar[str] = ""
     plain: ClassVar[str] = ""
     parameters: ClassVar[tuple[Quantity, ...]] = ()
     shown_by: ClassVar[str]

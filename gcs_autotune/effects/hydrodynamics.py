@@ -163,6 +163,7 @@ class CoriolisCoupling(Effect):
     """
 
     slug = "coriolis-coupling"
+    words = "Coriolis coupling"
     is_structural = True
     family = "hydrodynamics"
     meaning = "momentum carried through a turn: the craft slides outwards, loses speed and yaws"

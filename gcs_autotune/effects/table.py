@@ -23,7 +23,7 @@ from gcs_autotune.effects.bank_suction import BankSuction
 from gcs_autotune.effects.changing_current import ChangingCurrent
 from gcs_autotune.effects.command_coupling import CommandCoupling
 from gcs_autotune.effects.data_errors import ChannelSwap, SignError, TimeOffset, TimeScale, UnitError
-from gcs_autotune.effects.effect import Effect
+from gcs_autotune.effects.effect import Effect, EffectInstance
 from gcs_autotune.effects.environment import InputBias, SteadyCurrent, TetherPull, WindMoment
 from gcs_autotune.effects.hydrodynamics import (
     CoriolisCoupling,
@@ -47,7 +47,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["CRAFT", "EFFECTS", "GROUP", "usual_bounds"]
+__all__ = ["CRAFT", "EFFECTS", "GROUP", "effect_at", "effect_words", "usual_bounds"]
 
 
 GROUP = "gcs_autotune.effects"
@@ -151,6 +151,18 @@ def _offered() -> Iterator[Effect]:
 
 EFFECTS = Effects()
 """Slug -> effect, for all known effects."""
+
+
+def effect_words(slug: str) -> str:
+    """Return the slug of an effect as words: ``dead-zone`` is ``dead zone``, ``N_u`` is ``derivative N_u``."""
+    if slug in EFFECTS and EFFECTS[slug].words:
+        return EFFECTS[slug].words
+    return slug.replace("-", " ") if slug.islower() else f"derivative {slug}"
+
+
+def effect_at(effect: EffectInstance) -> str:
+    """Return an effect and its place as words: ``dead zone (N)``."""
+    return f"{effect_words(effect.slug)} ({effect.place})"
 
 
 CRAFT = "largest command 1, time constant 1 s, signals of standard deviation 1, one run of 60 s at 10 Hz"

@@ -394,14 +394,26 @@ class SpeedDamping(NamedProduct):
 
 
 class MunkMoment(NamedProduct):
-    """Effect: ``N_uv u v``, because a hull at a drift angle turns further (Munk; Fossen2011)."""
+    """Effect: ``N_uv u v``, a moment on a hull at a drift angle (Munk; Fossen2011).
+
+    Added mass alone gives ``N_uv = Y_vdot - X_udot`` < 0 (inertia positive), which turns the bow further away from the
+    motion. Fins at the stern give the opposite sign.
+    """
 
     slug = "munk-moment"
+    words = "Munk moment"
     derivative = "N_uv"
     form_of = ("sway-moment",)
-    meaning = "at a drift angle the craft turns further by itself, more so at higher speed"
-    plain = "Moving at an angle to its bow turns your craft further, but not {simulation}."
-    parameters = (Quantity("N_uv", "moment s^2/m^2", "yaw moment per product of surge and sway velocity"),)
+    meaning = "at a drift angle the flow turns the craft, further into a turn or out of it, and more at higher speed"
+    plain = "Moving at an angle to its bow turns your craft, and more at speed, but not {simulation}."
+    parameters = (
+        Quantity(
+            "N_uv",
+            "moment s^2/m^2",
+            "yaw moment per product of surge and sway velocity. Opposite in sign to the inertia, it turns the craft "
+            "further",
+        ),
+    )
     shown_by = "yaw residual against u times v"
     mistaken_for = ("sway-moment", "speed-damping", "coriolis-coupling")
     separated_by = "pull-outs at two speeds. A moment caused by sway alone does not depend on the speed ahead"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune import chi_square
-from gcs_autotune.effects import EFFECTS
+from gcs_autotune.effects import EFFECTS, effect_at
 from gcs_autotune.identify.axis.evidence import UNDECIDED
 from gcs_autotune.identify.axis.form import ExplicitForm, Structure
 from gcs_autotune.identify.axis.run_comparison import RunComparison
@@ -481,7 +481,7 @@ def _effect_not_needed(test: EffectTest) -> Iterator[Facts]:
         if chi_square.exceeded_by_chance(max(pays, 0.0) / test.correlation, numbers) > SIGNIFICANCE:
             known = ((n, v, test.parameters[own.label_of(n)].std) for n, v in own.values.items())
             said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
-            yield {"slug": own.slug, "place": own.place, "said": said, "separated_by": entry.separated_by}
+            yield {"effect": effect_at(own), "said": said, "separated_by": entry.separated_by}
 
 
 # -- the table
@@ -749,7 +749,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "effect-not-needed",
         EffectTest,
         _effect_not_needed,
-        "the model fits these runs as well without {slug} at {place} ({said})",
+        "the model fits these runs as well without {effect}: {said}",
         "omit it. To test for it, fly: {separated_by}",
     ),
 )

@@ -52,7 +52,7 @@ class DirectSpiral(UnderWay):
         for k, share in enumerate([*there, *reversed(there[:-1])], start=1):
             self._execute(f"helm {k}", share * helm, now)
             now = yield from self._held(share * helm, now)
-        self._end("completed", f"{4 * n + 1} rudder levels held")
+        self._end("completed", f"{4 * n + 1} steering levels held")
         yield self._command(0.0, now)
 
 
@@ -117,8 +117,8 @@ def _within(helm: float) -> float:
 KINDS: tuple[ManoeuvreKind, ...] = (
     ManoeuvreKind(
         name="spiral",
-        help="direct spiral (Dieudonne): rudder angles in steps from one side to the other and back, each held until "
-        "steady",
+        help="direct spiral (Dieudonne): steering (a rudder, or unequal thrust) in steps from one side to the other "
+        "and back, each held until steady",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: DirectSpiral(int(options["levels"]), Steering.of(options)),

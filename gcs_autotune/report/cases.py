@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -145,6 +146,13 @@ class CaseStudy:
     worst: tuple[WorstCase, ...] = ()
     against: StudyComparison | None = None
     notes: tuple[str, ...] = ()
+    words: Mapping[str, str] = field(default_factory=dict)
+    """Names of values and results -> what a reader is shown instead."""
+
+    def told(self, text: str) -> str:
+        """Return *text* with the names in it replaced by their :attr:`words`."""
+        names = "|".join(map(re.escape, sorted(self.words, key=len, reverse=True)))
+        return re.sub(rf"(?<![\w.'-])(?:{names})(?![\w.'-])", lambda m: self.words[m[0]], text) if names else text
 
 
 def case_study_document(study: CaseStudy) -> Document:
@@ -157,14 +165,15 @@ def case_study_document(study: CaseStudy) -> Document:
     text = f"{counts}."
     if study.success is not None:
         number, share, interval = study.success.cells
-        text = f"{study.success.of}: {number} ({share}, 95 % interval {interval}); {counts}."
-        figures.insert(0, KeyFigure(share, study.success.of, f"{number}, 95 % interval {interval}"))
+        aim = study.told(study.success.of)
+        text = f"{aim[0].upper()}{aim[1:]}: {number} ({share}, 95 % interval {interval}); {counts}."
+        figures.insert(0, KeyFigure(share, aim, f"{number}, 95 % interval {interval}"))
     sections = (
-        *(_map_section(study.map) if study.map is not None else ()),
+        *(_map_section(replace(m, x=study.told(m.x), y=study.told(m.y))) if (m := study.map) is not None else ()),
         *_rates(study),
         *_results(study),
         *(_confusion(study.confusion) if study.confusion is not None else ()),
-        *(_comparison(study.against) if study.against is not None else ()),
+        *(_comparison(replace(a, measure=study.told(a.measure))) if (a := study.against) is not None else ()),
         *_bad_cases(study),
     )
     return Document(
@@ -216,24 +225,26 @@ def draw_success_map(found: SuccessMap, ax: Axes) -> AxesImage:
 
 
 def _rates(study: CaseStudy) -> Iterator[Section]:
-    rows = tuple((value, *rate.cells) for value, rate in study.by_value)
+    rows = tuple((study.told(value), *rate.cells) for value, rate in study.by_value)
     heads = ("value", "success", "", "95 % interval")
     yield Section("rates", "Success by value", (Table(heads, "lrrr", rows),), facts=IN_RESULT)
 
 
 def _results(study: CaseStudy) -> Iterator[Section]:
-    rows = tuple((s.of, str(s.count), *(f"{q:.4g}" for q in s.quantiles)) for s in study.spreads)
+    rows = tuple((study.told(s.of), str(s.count), *(f"{q:.4g}" for q in s.quantiles)) for s in study.spreads)
     spreads = Table(("result", "cases", "5 %", "25 %", "median", "75 %", "95 %"), "lrrrrrr", rows)
-    checks = tuple((b.of, f"{b.ratio:.2f}", f"{b.low:.2f} to {b.high:.2f}", b.within.cells[1]) for b in study.bounds)
+    named = [replace(b, of=study.told(b.of)) for b in study.bounds]
+    checks = tuple((b.of, f"{b.ratio:.2f}", f"{b.low:.2f} to {b.high:.2f}", b.within.cells[1]) for b in named)
     note = "By chance, the rms error of an efficient method is in the range of the third column in 95 % of studies."
     bounds = Table(("error", "rms / bound", "by chance", "within 1.96 bounds"), "lrrr", checks, note=note)
     plots = tuple(
         Figure(
             f"bound-{number}",
-            f"{check.of} over its bound. The line is the normal distribution of a method that reaches the bound.",
+            f"{check.of[0].upper()}{check.of[1:]} over its bound. The line is the normal distribution of a method that "
+            "reaches the bound.",
             partial(_draw_bound, check),
         )
-        for number, check in enumerate(study.bounds, 1)
+        for number, check in enumerate(named, 1)
         if sum(check.scaled)
     )
     yield Section("results", "Results", (spreads, bounds, *plots), facts=IN_RESULT)
@@ -274,9 +285,16 @@ def _comparison(found: StudyComparison) -> Iterator[Section]:
     yield Section("against", f"Compared with {found.with_}", tuple(Note(t) for t in texts), facts=IN_RESULT)
 
 
+def _outcome(study: CaseStudy, found: WorstCase) -> str:
+    name, equals, value = found.outcome.partition(" = ")
+    return f"{study.words.get(name, name)}{equals}{value}"
+
+
 def _bad_cases(study: CaseStudy) -> Iterator[Section]:
     why = Table(("cases", "reason"), "rl", tuple((str(n), reason) for reason, n in study.failures.items()), shown=10)
     yield Section("failures", "Failed cases", (why,), facts=IN_RESULT)
-    parts: Sequence[Note] = [Note(w.command, f"{w.values}: {w.outcome}", kind="command") for w in study.worst]
+    parts: Sequence[Note] = [
+        Note(w.command, f"{study.told(w.values)}: {_outcome(study, w)}", kind="command") for w in study.worst
+    ]
     title = "Worst cases" if len(study.worst) < study.cases else "All cases, the worst first"
     yield Section("worst", title, tuple(parts), facts=IN_RESULT)

@@ -151,7 +151,7 @@ def _reverse_spiral_sheet(run: Trial, ship: Particulars) -> Sheet:
 
 
 _STABILITY: Mapping[str, str] = {
-    "stable": "directionally stable: with the helm amidships the craft stops turning",
+    "stable": "directionally stable: with the helm amidships a turn dies out",
     "unstable": "directionally unstable: with the helm amidships the craft keeps turning",
     "undecided": "directional stability: not determined by this run",
 }

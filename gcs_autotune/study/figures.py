@@ -28,6 +28,7 @@ from gcs_autotune.report import (
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.study.craft import NONE
 from gcs_autotune.study.jobs import JOBS, Job
+from gcs_autotune.study.names import words_of
 from gcs_autotune.study.plan import Goal, Plan, load_plan
 from gcs_autotune.study.store import DONE, FAILED, GIVEN_UP, Store, frame_of, open_study
 
@@ -134,9 +135,15 @@ def case_study_of(folder: Path, against: Path | None = None) -> CaseStudy:
             found["map"] = success_map(spec.map, frame, hit)
     if measure:
         found["spreads"] = (_spread(measure, frame[measure]),)
+    aim = spec.success.of if isinstance(spec.success, Goal) else spec.success or job.success
+    named = filter(None, (*plan.vary, "seed", *spec.map, *spec.bound, measure, aim))
+    words = {name: words_of(name, plan.do) for name in named}
+    if aim == spec.success and aim != job.success:
+        words[aim] += " true"
     return CaseStudy(
         **base,
         **found,
+        words=words,
         bounds=tuple(_bound(plan, frame, error, bound) for error, bound in spec.bound.items()),
         confusion=_confusion(plan, job, frame),
         failures=dict(Counter(frame["reason"][frame["status"] != DONE]).most_common()),

@@ -154,8 +154,8 @@ def in_modes(modes: Sequence[str], back: str, when: str) -> Intention:
     used = f"{', '.join(others)}{' and ' if others else ''}{last}"
     if list(modes) == [back]:
         return Intention(f"stay in mode {back}", "Modes", f"{back}, as now")
-    brief = f"{used}, {back} at the end" if back in modes else f"{used}, then {back} again"
-    return Intention(f"use mode{'s' * bool(others)} {used}, and return to {back} {when}", "Modes", brief)
+    text = f"use mode{'s' * bool(others)} {used}, and return to {back} {when}"
+    return Intention(text, "Modes", f"{used}; {back} {when}")
 
 
 def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention, ...]:
@@ -165,8 +165,12 @@ def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention
     """
     if settings.patience <= 0.0:
         return ()
-    again = "" if armed else ", and arm the vehicle again, after asking, if it was disarmed"
-    return (Intention(f"continue if messages stop for up to {settings.patience:g} s (--patience){again}"),)
+    after, again = f"if messages stop for up to {settings.patience:g} s (--patience)", ""
+    if not armed:
+        again = " if it was disarmed, after asking"
+    text = f"continue {after}" + f", and arm the vehicle again{again}" * bool(again)
+    brief = f"continues {after}" + f", and arms the vehicle again{again}" * bool(again)
+    return (Intention(text, "Link", brief),)
 
 
 def _minutes(seconds: float) -> str:

@@ -298,6 +298,17 @@ class FlightRun:
         """
         return self.excursion.beyond(self.envelope, self.name)
 
+    @property
+    def rejection(self) -> str:
+        """Why the run is not flown, also because its preview with known parameters ends early. Empty if it is flown."""
+        return self.why_not or ("" if self.preview.craft.assumed else self.preview.trouble)
+
+    @property
+    def caution(self) -> str:
+        """How the preview ends early with assumed parameters, which is no reason not to fly; empty if it does not."""
+        is_guess = self.preview.craft.assumed and self.preview.trouble
+        return f"with assumed parameters the run ends early: {self.preview.trouble}" if is_guess else ""
+
 
 _SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}
 _ORDERS = ("listed", "shuffled")

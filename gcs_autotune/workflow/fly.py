@@ -105,6 +105,7 @@ def fly_plan(
                 flight.show_preview(at)
             return write_previews(flight.runs, plan, common.directory, when)
         onboard = run_mission(visit, flight.declare, log)
+    log.say("computing figures and models")
     result = read_flight(plan, common, record, flight.runs, when, flight.steps)
     onboard.identify([model.fit for model in result.models if is_of_one_axis(model.fit)], when)
     return result
@@ -188,6 +189,7 @@ class _Flight:
         first = next((run.name for run in runs if run.kind.layered), "")
         relays = first, self._relay_legs(runs)
         self._previewer = previewer = FlightPreviewer(craft, held, area, plan.min_depth, log, checks, several, relays)
+        log.say("computing the preview")
         for settings in plan.runs:
             check_vehicle_suits(settings, craft)
             check_signals(settings.kind, craft)
@@ -207,7 +209,8 @@ class _Flight:
             It ends early, or cannot keep a limit that the user set.
         """
         seen, log, assumed = run.preview, self._visit.log, run.preview.craft.assumed
-        log.say(f"{of} (the manoeuvre alone): {seen.told()}")
+        if not only_preview:  # its report has the same sentence
+            log.say(f"{of} (the manoeuvre alone): {seen.told()}")
         self._report_track(run)
         if seen.trouble and not assumed and not only_preview:
             raise PreconditionFailed(f"not flown: in the {of} the run ends early: {seen.trouble}. Nothing was armed")
@@ -215,9 +218,8 @@ class _Flight:
             raise PreconditionFailed(run.why_not)
         if run.why_not:
             log.say(f"this run would be rejected: {run.why_not}")
-        if seen.trouble:
-            by = ", with assumed parameters" if assumed else ""
-            log.say(f"in the {of} the run ends early{by}: {seen.trouble}")
+        elif seen.trouble:
+            log.say(f"in the {of} {run.caution or f'the run ends early: {seen.trouble}'}")
 
     def _report_track(self, run: FlightRun) -> None:
         """Send the observer the predicted track of the run, from the vehicle's present position."""
@@ -367,7 +369,7 @@ class _Flight:
         first, least = self._left[0], self._plan.min_depth
         plant = first.preview.craft
         needs: list[Intention | str] = [
-            whole_of(whole, first.envelope, plant.source + " (worst case of several)" * plant.assumed)
+            whole_of(whole, first.envelope, "the worst of several assumed craft" if plant.assumed else plant.source)
         ]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
@@ -450,9 +452,8 @@ class _Flight:
         if settings is None:
             return None
         run = self._previewer.run_of(settings)
-        trouble = run.why_not or ("" if run.preview.craft.assumed else run.preview.trouble)
-        if trouble:
-            self._visit.log.say(f"the run is not repeated: {trouble}")
+        if run.rejection:
+            self._visit.log.say(f"the run is not repeated: {run.rejection}")
             return None
         return run
 

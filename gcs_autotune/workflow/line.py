@@ -108,7 +108,9 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     craft, log = visit.craft, visit.log
     firmware = craft.firmware
     if not (firmware.needs_way and firmware.mission_mode):
-        raise WrongVehicle(f"{firmware.name} has no mission of a boat to tune. `tune line` is for ArduRover boats")
+        raise WrongVehicle(
+            f"this vehicle ({firmware.name}) follows no route that can be tuned. `tune line` is for ArduRover boats"
+        )
     log.meet(craft)
     present, untuned = _learn(craft)
     if untuned and not settings.untuned:
@@ -153,6 +155,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     runner = visit.runner(envelope, keep, gains=True)
     flights = _Flights(visit, runner, course, speed)
     names = ", ".join(name for name in LINE_PARAMETERS if name in present)
+    corners = f"{style_of(settings.style).bandwidth:.0%} of the turn rate that the hull has in corners"
     again = "" if settings.agreed else ", after asking again,"
     changes = f"write some of {names}{again} and restore the old values unless the new ones prove better"
     ahead, back = course.reach + BEYOND * speed, BEYOND * speed
@@ -169,8 +172,9 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             Intention(f"need {free}. A smaller --leg-length needs less", "Space", free),
             how_long(itinerary),
             battery(now, envelope, itinerary.seconds),
-            f"choose parameters for style {settings.style}: {style_of(settings.style).bandwidth:.0%} of the turn rate "
-            "that the hull has in corners",
+            Intention(
+                f"choose parameters for style {settings.style}: {corners}", "Style", f"{settings.style}: {corners}"
+            ),
         ),
         fly=fly,
         writes="write no parameter (dry run)" if settings.dry_run else changes,

@@ -203,7 +203,7 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
                 arming(craft),
                 in_modes(mission.modes, craft.mode, "at the end"),
                 Intention(f"move: {mission.movements}", "Moves", mission.movements),
-                *(need if isinstance(need, Intention) else Intention(need) for need in mission.needs),
+                *(need if isinstance(need, Intention) else Intention(need, "Also", need) for need in mission.needs),
                 *after_a_silence(visit.common, armed=craft.armed),
                 Intention(
                     mission.writes,

@@ -182,7 +182,7 @@ def told(design: OwnDesign) -> str:
     law, wanted = design.law, design.wanted
     return (
         f"controller {law.structure.name}: K_P {law.K_P:.3g}, K_I {law.K_I:.3g}, K_D {law.K_D:.3g} for a "
-        f"{wanted.kind} loop of {wanted.omega_0:.2g} rad/s"
+        f"{wanted.kind.capitalize()} loop of {wanted.omega_0:.2g} rad/s"
     )
 
 

@@ -77,7 +77,7 @@ def link_of(run: Path | None) -> str:
     path = _journal_of(folder, finished=folder is not None) if known else None
     link = Journal.read(path).link if path is not None else ""
     if not link:
-        raise UsageError("no journal states the vehicle's link. Use --connect URI")
+        raise UsageError("no run records how the vehicle was connected. Use --connect URI")
     return link
 
 

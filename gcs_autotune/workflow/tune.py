@@ -177,6 +177,7 @@ def leave_report(log: TuneLog, record: RunDirectory) -> None:
     if not record.is_made:
         return
     story = log.story()
+    log.say("writing the report")
     try:
         if story.awaits_proof and story.proposal is not None:
             comment = f"proposed by gcs-autotune {story.title}, {story.when}, not written and not tested. To test them:"

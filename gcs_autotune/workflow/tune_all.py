@@ -254,8 +254,8 @@ class _Job:
         for name, mission in left.items():
             yield Intention(f"move for {name}: {mission.movements}", name.capitalize(), mission.movements)
             space = mission.needs[0]
-            told = space if isinstance(space, Intention) else Intention(space)
-            yield Intention(f"{told.text} (for {name})", "Space", told.brief or told.text)
+            told = space if isinstance(space, Intention) else Intention(space, brief=space)
+            yield Intention(f"{told.text} (for {name})", "Space", told.brief)
         deep = [name for name in left if excitation_of(axis_kind(TUNABLES[name].axis).dof).below_surface]
         if deep and not craft.firmware.floats:
             dive = f"to {WORKING_DEPTH:g} m before {' and '.join(deep)}, if it is shallower than {SHALLOW:g} m by then"
@@ -491,7 +491,7 @@ def _way_back(settings: TuneSettings, home: tuple[float, float, float], visit: V
         itinerary=Itinerary([Leg(BACK, seconds)]),
         modes=(craft.firmware.manual_mode,),
         movements=BACK,
-        needs=(f"take about {exactly(seconds)}",),
+        needs=(Intention(f"take about {exactly(seconds)}", "Time", f"about {exactly(seconds)}"),),
         fly=fly,
     )
 

@@ -42,6 +42,7 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
     settings, craft = context.settings, context.craft
     envelope = replace(settings.envelope, cruise=context.speed)
     if craft.firmware.needs_way:
+        context.log.say("computing the space and time needed")
         whole = _under_way(context, envelope, itineraries)
         if envelope.distance is not None and whole.distance > envelope.distance:
             most = replace(envelope, distance=None).distance_limit

@@ -111,14 +111,15 @@ def test_ports_tells_how_to_connect_to_whom_it_heard(capsys):
     port = free_port()
     with Talking(port, [heartbeat(3, 3)]):
         assert main(["ports", "--connect", f"udpin:127.0.0.1:{port}", "--listen", "0.3"]) == 0
-    assert f"Next: gcs-autotune tune heading --connect udpin:127.0.0.1:{port}" in capsys.readouterr().out
+    assert f"Next:\n  gcs-autotune tune heading --connect udpin:127.0.0.1:{port}\n" in capsys.readouterr().out
 
 
 def test_doctor_ends_with_a_verdict_and_what_to_do_next(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     link = ["--connect", f"udpin:127.0.0.1:{free_port()}", "--listen", "0.2"]
     assert main(["doctor", *link]) == 0
-    last = capsys.readouterr().out.splitlines()[-1]
+    last, command = capsys.readouterr().out.splitlines()[-2:]
+    assert command == "  gcs-autotune tune heading"
     assert last.startswith("This computer is ready. No vehicle was found.")
     assert "network" in last and "baud" not in last
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(100, 99, 1))

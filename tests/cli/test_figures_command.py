@@ -67,9 +67,18 @@ def test_a_run_that_the_option_page_takes_as_its_file_is_named_and_kept(capsys, 
     before = zigzag.read_bytes()
     assert main(["figures", "--page", str(zigzag), *others]) == 2
     printed = capsys.readouterr().err
-    assert f"{zigzag} exists and is not a page" in printed
-    assert "--page report.html" in printed
+    assert f"{zigzag} exists and is not a report of this program" in printed
+    assert "report.html" in printed
     assert zigzag.read_bytes() == before
+
+
+@pytest.mark.parametrize("text", ["<!DOCTYPE html>\n<title>my own page</title>\n", "<mission/>\n", "<svg></svg>\n"])
+def test_a_page_that_this_program_did_not_write_is_kept(capsys, tmp_path, zigzag, text):
+    page = tmp_path / "own.html"
+    page.write_text(text)
+    assert main(["figures", str(zigzag), "--page", str(page)]) == 2
+    assert "is not a report of this program" in capsys.readouterr().err
+    assert page.read_text() == text
 
 
 def test_a_page_of_an_earlier_call_is_replaced_and_a_folder_is_not(capsys, tmp_path, zigzag):

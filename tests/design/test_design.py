@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs_autotune.design import LAWS, Proposal, Scenario, Spec, design, is_better, step_metrics
+from gcs_autotune.design import LAWS, Change, Proposal, Scenario, Spec, design, is_better, step_metrics
 from gcs_autotune.design.plant import sample_region
 from gcs_autotune.errors import NoGainsMeetSpec, ParameterMissing, UnknownName, UsageError
 from gcs_autotune.firmware import FIRMWARE, Axis
@@ -110,7 +110,14 @@ def test_gains_stay_in_their_documented_ranges_and_survive_float32(proposals: di
         assert change.low <= change.new <= change.high
         assert float(f"{np.float32(change.new):.4g}") == pytest.approx(change.new, rel=1e-6)
         assert change.reason
-        assert change.at_limit == (change.new in (change.low, change.high))
+        assert change.at_limit == (change.new != 0.0 and change.new in (change.low, change.high))
+        assert change.at_limit == (", limited to the documented " in change.reason)
+
+
+def test_a_gain_of_zero_is_off_and_not_at_its_limit() -> None:
+    off, least = (Change("ATC_RAT_YAW_D", 0.1, new, new, 0.2, "damps") for new in (0.0, 0.01))
+    assert not off.at_limit
+    assert least.at_limit
 
 
 @pytest.mark.slow

@@ -416,7 +416,7 @@ def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weathe
     after = model_process_noise(state)
     assert after is not None and after.causes == ()
     told = next(d for d in after.doubts if d.slug == "no-model")
-    assert "quadratic-drag of yaw is therefore not identified" in told.cause
+    assert "quadratic drag (yaw) is therefore not identified" in told.cause
     assert search_in_pieces(after) is None
     found = build_report(after, (), [], [])
     assert (found.verdict, found.causes) == ("unexplained", ())

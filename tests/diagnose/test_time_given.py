@@ -236,6 +236,6 @@ def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> No
     assert told == (
         "actuator-lag of N improves the log-likelihood of the fitted runs by 20.0 and that of the held-out runs by "
         "+5.0, but not of every run. It is not reported as a cause",
-        "quadratic-drag of yaw improves the log-likelihood of the fitted runs by 20.0, but lowers that of the "
+        "quadratic drag (yaw) improves the log-likelihood of the fitted runs by 20.0, but lowers that of the "
         "held-out runs (-11.0). It is rejected",
     )

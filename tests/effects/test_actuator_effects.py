@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
+from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, effect_at, effect_words
 from gcs_autotune.effects.actuator import quickest
 from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.trial import Channel
@@ -560,3 +560,9 @@ def test_the_quickest_craft_is_read_off_the_base_with_caution(tau: float) -> Non
     assert quickest(data_summary(tau=tau)) == pytest.approx(min(max(tau / 3.0, 0.1), 5.0))
     without = DataSummary(**{**{n: getattr(data_summary(tau=tau), n) for n in DataSummary.__slots__}, "base": {}})
     assert quickest(without) == quickest(data_summary(tau=tau))
+
+
+def test_effects_are_called_by_words_and_never_by_their_slug() -> None:
+    assert effect_at(EffectInstance("quadratic-actuator", "N", {})) == "quadratic thrust curve (N)"
+    assert effect_words("N_u") == "derivative N_u"
+    assert not [slug for slug in EFFECTS if "-" in effect_words(slug)]

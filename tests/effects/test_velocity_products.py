@@ -151,6 +151,36 @@ def test_a_velocity_pushes_alike_whether_it_is_simulated_or_was_measured() -> No
     assert np.max(np.abs(found["r"] - true["r"])) < 2e-3 * np.ptp(true["r"])
 
 
+@pytest.mark.parametrize("inertia", [1.0, -1.0])
+@pytest.mark.parametrize("slug", ["speed-damping", "munk-moment"])
+def test_the_sentence_on_a_moment_of_a_product_is_true_of_either_sign(slug: str, inertia: float) -> None:
+    """A turn to starboard at 2 m/s, in which the craft slides to port."""
+    t = np.arange(0.0, 20.0, 0.05)
+    values = {"N_rdot": -inertia, "N_r": -0.5 * inertia}
+    base = CoupledModel(Form("yaw", "yaw", ("yaw",), tuple(values), {}, {"N": (("N", 1.0),)}, coriolis=False), values)
+    still = {n: Channel(n, "m/s", t, np.full_like(t, v)) for n, v in (("u", 2.0), ("v", -0.5))}
+    passage = passage_of("run", t, {"N": np.full_like(t, inertia)}, {"r": t}, still)
+
+    def rate(value: float) -> float:
+        (name,) = EFFECTS[slug].grows_with
+        own = (EffectInstance(slug, "yaw", {name: value}),) if value else ()
+        found = ExtendedModel(base, own).predict(passage, {"r": 0.0})
+        assert found is not None
+        return float(found["r"][-1])
+
+    plain, opposite, same = rate(0.0), rate(-0.2 * inertia), rate(0.2 * inertia)
+    entry = EFFECTS[slug]
+    if slug == "munk-moment":
+        assert opposite > plain > same > 0.0
+        assert "Opposite in sign to the inertia, it turns the craft further" in entry.parameters[0].meaning
+        assert "further into a turn or out of it" in entry.meaning and "further" not in entry.plain
+    else:  # the other sign would drive the turn, and is not fitted
+        low, high = entry.bounds("yaw", summary(("yaw",), inertia=inertia))["N_|u|r"]
+        assert low <= -0.2 * inertia <= high and not low <= 0.2 * inertia <= high
+        assert plain > opposite > 0.0
+        assert "harder" in entry.meaning and "grows with speed" in entry.plain
+
+
 def test_causes_are_called_by_slug_or_by_the_derivative_that_has_no_other_name() -> None:
     assert name_of(EffectInstance("sway-moment", "yaw", {})) == "sway-moment"
     assert name_of(EffectInstance("velocity-product", "N_|v|r", {})) == "N_|v|r"

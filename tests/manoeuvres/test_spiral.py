@@ -41,7 +41,7 @@ def test_helms_go_in_steps_to_the_other_side_and_back(side: int) -> None:
     for mark, after in pairwise(marks):
         assert at[round(after.t, 3)].r == pytest.approx(0.3 * mark.detail["N"], abs=0.01), "held until it is steady"
     assert spiral.outcome is not None
-    assert spiral.outcome.reason == "9 rudder levels held"
+    assert spiral.outcome.reason == "9 steering levels held"
     assert rows[-1][1].N == 0.0
     assert spiral.settings["levels"] == 2
 

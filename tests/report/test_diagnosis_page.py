@@ -144,7 +144,7 @@ def test_a_found_cause_without_a_gain_or_pictures_can_still_be_told():
 
 def test_other_names_these_runs_allow_are_said_with_the_manoeuvre_that_decides():
     for text in (text_of("dead-zone"), terminal_of("dead-zone")):
-        assert "Dead zone and quadratic actuator explain these runs about equally well" in text
+        assert "Dead zone and quadratic thrust curve explain these runs about equally well" in text
         assert "Steps of several sizes" in text
 
 
@@ -288,7 +288,7 @@ def test_what_a_first_model_leaves_out_is_told_apart_from_what_is_wrong_with_the
 def test_every_cause_tells_how_strong_the_evidence_for_it_is_and_its_best_rival():
     told = terminal_of("dead-zone")
     assert "Very strong: log-likelihood +406.0, after the penalty for the added parameters." in told
-    assert "Best alternative: quadratic actuator, log-likelihood +260.0." in told
+    assert "Best alternative: quadratic thrust curve, log-likelihood +260.0." in told
     assert told.count("log-likelihood +406.0") == text_of("dead-zone").count("log-likelihood +406.0") == 1
 
 

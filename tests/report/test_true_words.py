@@ -136,7 +136,7 @@ def test_a_model_with_a_thrust_curve_is_called_so_and_its_numbers_stand_in_the_t
         parameters={**plain.parameters, share.name: share},
         covariance=np.diag([*np.diag(plain.covariance), share.std**2]),
     )
-    assert model_words(bent) == "quadratic damping, with thrust curve"
+    assert model_words(bent) == "quadratic damping, with quadratic thrust curve"
     assert any("q = 0.82 ± 0.03" in said for said in model_sentences(bent))
     assert ("share", "0.82 ± 0.03", "1", "quadratic fraction of the thrust at the largest command", "") in model_table(
         bent

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
 
@@ -34,6 +35,11 @@ def test_no_name_of_a_gain_is_cut_and_every_error_has_its_unit() -> None:
     shown = " ".join(text(simulated=True).split())
     assert "ATC_STR_RAT_FF 0.2 -> 1.93" in shown and "…" not in shown
     assert "193 -> 16.3 s²" in shown and "6.9 -> 3.5 m" in shown
+
+
+def test_a_step_that_does_not_settle_is_said_in_words() -> None:
+    document = job_document(JobStory("", "boat", True, "sitl:blueboat", "j", (KEPT,)))
+    assert "not settled -&gt; 14 s" in to_html(document)
 
 
 def test_gains_of_an_aborted_step_are_not_shown_as_changed() -> None:

@@ -11,8 +11,10 @@ from scipy.stats import beta
 
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile
-from gcs_autotune.report import case_study_document, to_html
+from gcs_autotune.report import case_study_document, to_html, to_json
+from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.study import Store, case_study_of, progress_of
+from gcs_autotune.study.names import words_of
 from tests.study.test_run import TEN, Stopping
 from tests.study.toys import ran, study_file
 
@@ -57,6 +59,31 @@ def test_rates_have_exact_intervals_and_failed_cases_count_against(folder: Path)
     assert found.failures == {"ValueError: no nine": 8}
 
 
+def test_the_report_puts_names_into_words_and_quotes_those_of_the_user(folder: Path) -> None:
+    found = case_study_of(folder)
+    text, page = render_text(case_study_document(found)), to_html(case_study_document(found))
+    for shown in (text, page):
+        assert "argument.x" not in shown
+    assert "argument 'x' = 7" in text and "result 'cost' = 4" in text
+    assert "ValueError: no nine" in text
+    assert "argument.x" in json.dumps(to_json(case_study_document(found)))  # a program reads the names of the file
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("metrics.after.itae", "tracking error (ITAE per unit step) [s²], after the tune"),
+        ("tune.speed", "speed [m/s]"),
+        ("effect.dead-zone@N.width", "dead zone (N): width [input unit]"),
+        ("effect.quadratic-actuator.share", "quadratic thrust curve: share [1]"),
+        ("vehicle.yaw.beta.times", "factor on 'yaw.beta' of the vehicle file"),
+        ("my_error", "result 'my_error'"),
+    ],
+)
+def test_a_name_is_put_into_words_with_its_unit(name: str, words: str) -> None:
+    assert words_of(name, "tune") == words
+
+
 def test_the_map_counts_over_two_values(folder: Path) -> None:
     found = case_study_of(folder).map
     assert found is not None
@@ -90,7 +117,7 @@ def test_errors_over_their_bound_are_a_histogram_with_all_cases(folder: Path) ->
     (check,) = case_study_of(folder).bounds
     assert sum(check.scaled) == 72
     assert sum(check.scaled[6:10]) > 36  # within one bound: 68 % of a normal distribution
-    assert "error over its bound" in to_html(case_study_document(case_study_of(folder)))
+    assert "error&#39; over its bound" in to_html(case_study_document(case_study_of(folder)))
 
 
 def test_the_worst_cases_come_first_and_their_command_repeats_them(
@@ -197,7 +224,7 @@ def test_a_map_of_two_ranges_is_shown_whole_on_80_columns(
     assert found is not None
     assert main(["study", "report", str(tmp_path / "out")]) == 0
     output = capsys.readouterr().out.partition("Success by value")[0]
-    assert "Rows: argument.y. Columns: argument.x." in output
+    assert "Rows: argument 'y'. Columns: argument 'x'." in output
     assert "…" not in output
     assert all(word in output.split() for label in (*found.xs, *found.ys) for word in label.split())
 

@@ -54,7 +54,9 @@ def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would
     given = {"duration": 60.0, "steering": 0.67}
     harness, result = heaved(tmp_path, "doublets", options=given, only_preview=True)
     assert not any("is reduced to" in text for text in harness.said)
-    assert any("ends early, with assumed parameters: safety limit 'depth excursion'" in text for text in harness.said)
+    assert any(
+        "with assumed parameters the run ends early: safety limit 'depth excursion'" in text for text in harness.said
+    )
     assert result.preview.seconds == pytest.approx(60.0, abs=0.2)
     assert result.preview.deep > 5.0
     assert any("would need " in text and "doublets 1 min" in text for text in harness.said)

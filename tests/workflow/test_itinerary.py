@@ -39,10 +39,10 @@ def at(itinerary: Itinerary, t: float, stage: str) -> Progress:
     ("modes", "brief", "text"),
     [
         (["MANUAL"], "MANUAL, as now", "stay in mode MANUAL"),
-        (["ALT_HOLD"], "ALT_HOLD, then MANUAL again", "use mode ALT_HOLD, and return to MANUAL at the end"),
+        (["ALT_HOLD"], "ALT_HOLD; MANUAL at the end", "use mode ALT_HOLD, and return to MANUAL at the end"),
         (
             ["ALT_HOLD", "MANUAL"],
-            "ALT_HOLD and MANUAL, MANUAL at the end",
+            "ALT_HOLD and MANUAL; MANUAL at the end",
             "use modes ALT_HOLD and MANUAL, and return to MANUAL at the end",
         ),
     ],

@@ -402,7 +402,7 @@ def test_the_link_of_a_run_is_told_by_its_journal_named_whole_by_itself_or_by_a_
     (tmp_path / "else").mkdir()
     silent = journal_in(tmp_path / "silent", link="")
     for nowhere in (tmp_path / "else", tmp_path / "else" / "a.param", silent):
-        with pytest.raises(UsageError, match="no journal states the vehicle's link"):
+        with pytest.raises(UsageError, match="no run records how the vehicle was connected"):
             link_of(nowhere)
 
 

@@ -63,7 +63,7 @@ def test_the_model_is_held_against_the_step_flown_first(tuned):
 
 def test_what_became_of_the_effect_is_said_and_recorded(tuned):
     harness, _ = tuned
-    assert any(text.startswith("dead-zone at N:") and "MOT_THR_MIN" in text for text in harness.said)
+    assert any(text.startswith("dead zone (N):") and "MOT_THR_MIN" in text for text in harness.said)
     gains = json.loads((harness.directory / "gains.json").read_text())
     assert [e["slug"] for e in gains["effects"]] == ["dead-zone"]
     assert set(gains["left_alone"]) == {"before", "after"}

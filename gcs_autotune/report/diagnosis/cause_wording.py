@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterator, Mapping
 
 from gcs_autotune.diagnose import Cause, Diagnosis, Ranked
-from gcs_autotune.effects import EFFECTS
-from gcs_autotune.report.diagnosis.wording import base_words, effect_words, gain_sentence, named, place_words
+from gcs_autotune.effects import EFFECTS, effect_words
+from gcs_autotune.report.diagnosis.wording import base_words, gain_sentence, named, place_words
 from gcs_autotune.report.toolkit.document import Note
 from gcs_autotune.report.toolkit.wording import format_share, listed, sentence
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs_autotune.diagnose import Cause, Diagnosis, Portrait
 from gcs_autotune.documents import MODEL
-from gcs_autotune.effects import EFFECTS
+from gcs_autotune.effects import EFFECTS, effect_words
 from gcs_autotune.identify import Trace
 from gcs_autotune.report.diagnosis.cause_wording import cause_notes, cause_title, not_distinguished
 from gcs_autotune.report.diagnosis.figures import (
@@ -36,7 +36,6 @@ from gcs_autotune.report.diagnosis.tables import (
 from gcs_autotune.report.diagnosis.wording import (
     base_error,
     commands,
-    effect_words,
     first_gain,
     interval_words,
     left_sentence,

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 
 from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Hint, Lack
-from gcs_autotune.effects import EFFECTS, columns_of
-from gcs_autotune.report.diagnosis.wording import base_error, effect_words, signal_words, value_words
+from gcs_autotune.effects import EFFECTS, columns_of, effect_words
+from gcs_autotune.report.diagnosis.wording import base_error, signal_words, value_words
 from gcs_autotune.report.toolkit.document import Note
 from gcs_autotune.report.toolkit.wording import format_number, format_seconds, listed, sentence
 from gcs_autotune.sname import DOFS

@@ -8,9 +8,8 @@ from dataclasses import asdict
 from typing import Any
 
 from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Numbers, Ranked, TableFinding
-from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, usual_bounds
+from gcs_autotune.effects import CRAFT, EFFECTS, INPUT, SIGNAL, Effect, Family, effect_words, usual_bounds
 from gcs_autotune.report.diagnosis.wording import (
-    effect_words,
     found_words,
     given_words,
     interval_words,
@@ -89,7 +88,7 @@ def ranking_table(ranking: Iterable[Ranked]) -> Table:
     """Return the table of candidate effects, best first. The page folds all but the best :data:`MOST_RANKED`."""
     rows = tuple(
         (
-            r.cause,
+            effect_words(r.cause),
             place_words(r.place),
             format_share(r.gain) if math.isfinite(r.gain) else UNKNOWN,
             format_p(r.p_value),

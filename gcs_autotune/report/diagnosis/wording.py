@@ -20,6 +20,7 @@ from gcs_autotune.diagnose import (
     Signature,
     Value,
 )
+from gcs_autotune.effects import effect_words
 from gcs_autotune.identify import CONTRADICTION, MOVED_TOO
 from gcs_autotune.report.toolkit.document import Note, Tone, Verdict
 from gcs_autotune.report.toolkit.wording import (
@@ -42,7 +43,6 @@ __all__ = [
     "base_error",
     "base_words",
     "commands",
-    "effect_words",
     "first_gain",
     "found_words",
     "gain_sentence",
@@ -64,11 +64,6 @@ __all__ = [
 
 MOST_PLACES = 3
 """Largest number of columns listed in a sentence. Project choice."""
-
-
-def effect_words(slug: str) -> str:
-    """Return the slug of an effect as words: ``dead-zone`` is ``dead zone``, ``N_u`` is ``derivative N_u``."""
-    return slug.replace("-", " ") if slug.islower() else f"derivative {slug}"
 
 
 def signal_words(signal: str) -> str:

@@ -195,8 +195,9 @@ def preview_document(
     cycles : run -> model and predicted limit cycle of its relay.
     """
     troubles = [trouble if len(seen) == 1 else f"{name}: {trouble}" for name, _, _, trouble in seen if trouble]
-    good = f"Predicted: {seen[0][2]}." if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
-    each = tuple(f"Predicted: {name}: {words}." for name, _, words, _ in seen) if len(seen) > 1 else ()
+    alone = f"The manoeuvre alone: {seen[0][2]}."
+    good = alone if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
+    each = tuple(f"{name} alone: {words}." for name, _, words, _ in seen) if len(seen) > 1 else ()
     rest = (*troubles[1:], *(each if len(seen) > 1 or not troubles else (good,)))
     figures = _signals(seen[0][1], predicted=True) if len(seen) == 1 else ()
     track = _track({"predicted" if len(seen) == 1 else name: trial for name, trial, _, _ in seen})

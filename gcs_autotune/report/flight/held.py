@@ -423,7 +423,7 @@ def gains_of_own(design: OwnDesign) -> Table:
         ("K_D", format_number(law.K_D, 4), f"input per {unit}/s"),
         ("compensated quadratic drag", format_number(law.drag, 3) if law.drag else "", ""),
         ("compensated constant disturbance", format_number(law.disturbance, 3) if law.disturbance else "", "input"),
-        (f"model function: {wanted.kind}, third order", format_number(wanted.omega_0, 3), "rad/s"),
+        (f"model function: {wanted.kind.capitalize()}, third order", format_number(wanted.omega_0, 3), "rad/s"),
     ]
     return Table(("quantity", "value", "unit"), "lrl", tuple(row for row in rows if row[1]))
 

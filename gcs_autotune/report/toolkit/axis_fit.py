@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
+from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, effect_words
 from gcs_autotune.identify import DAMPING, AxisFit, IsoEstimate, LimitCycle, Parameter, Remainder, StructureFit, Trace
 from gcs_autotune.identify.relay import SCATTER
 from gcs_autotune.models import SingleDof
@@ -68,7 +68,7 @@ def model_words(fit: AxisFit) -> str:
 
 def with_effects(effects: Sequence[EffectInstance]) -> str:
     """Return the effects of a model as the end of its title: ``, with input delay``; empty without effects."""
-    return f", with {listed([_effect_title(e) for e in effects])}" if effects else ""
+    return f", with {listed([effect_words(e.slug) for e in effects])}" if effects else ""
 
 
 def decision_sentence(fit: AxisFit) -> str:
@@ -296,11 +296,7 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
             "a limit too."
         )
     values = ", ".join(f"{name} {number(name)}" for name in own.values)
-    return f"Actuator: {_effect_title(own)}, {values}."
-
-
-def _effect_title(own: EffectInstance) -> str:
-    return {"quadratic-actuator": "thrust curve"}.get(own.slug, own.slug.replace("-", " "))
+    return f"Actuator: {effect_words(own.slug)}, {values}."
 
 
 _STATUS: Mapping[str, str] = {

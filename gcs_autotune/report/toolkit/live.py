@@ -12,9 +12,11 @@ from types import TracebackType
 
 from rich.console import Console
 from rich.control import Control
+from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 from rich.segment import ControlType
+from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
 
@@ -50,6 +52,11 @@ BAR = 5
 
 ONCE = ("link: ", "vehicle: ", "the autopilot's gyro filter ")
 """Beginnings of sentences that every step of a job repeats. They are shown again only if they have changed."""
+
+BUSY = ("identifying", "designing", "computing ", "writing the report")
+"""Beginnings of sentences on calculations without progress of their own. A spinner turns beside them until the next
+output.
+"""
 
 STALE = 1.0
 """Age of the last message [s] above which the line begins with the silence of the link: ten control periods. Project
@@ -148,6 +155,7 @@ class TerminalObserver:
         self._told = -math.inf
         self._leg = ("", "")
         self._line_open = False
+        self._busy: tuple[Text, Live] | None = None
         self._began = math.nan
         self._shown: set[str] = set()
         self._announced: set[str] = set()
@@ -178,6 +186,9 @@ class TerminalObserver:
         if text.startswith(ONCE) and not self._verbose:
             self._shown.add(text)
         self._erase()
+        if text.startswith(BUSY) and self._console.is_terminal:
+            self._spin(Text(self._typeset(text)))
+            return
         told, introduces, command = self._typeset(text).partition(": gcs-autotune ")
         if not introduces:
             self._console.print(Text(told))
@@ -221,9 +232,25 @@ class TerminalObserver:
 
     def close(self) -> None:
         """End the live line, so that other output starts on a new line. It may be called without a live line."""
+        self._stop_spinning()
         if self._line_open:
             self._console.print()
             self._line_open = False
+
+    def _spin(self, text: Text) -> None:
+        """Show *text* with a spinner."""
+        spinner = Spinner("dots", text)
+        live = Live(spinner, console=self._console, transient=True, redirect_stdout=False, redirect_stderr=False)
+        live.start()
+        self._busy = (text, live)
+
+    def _stop_spinning(self) -> None:
+        """Replace the spinner and its text by the text alone."""
+        if self._busy is not None:
+            text, live = self._busy
+            self._busy = None
+            live.stop()
+            self._console.print(text)
 
     def _redraw(self, progress: Progress) -> None:
         now = self._clock.now()
@@ -236,6 +263,7 @@ class TerminalObserver:
         self._line_open = True
 
     def _erase(self) -> None:
+        self._stop_spinning()
         if self._line_open:
             self._console.control(Control((ControlType.CARRIAGE_RETURN,), (ControlType.ERASE_IN_LINE, 2)))
             self._line_open = False

@@ -11,6 +11,7 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
+from gcs_autotune.documents import REPORT_MARK
 from gcs_autotune.report.toolkit.canvas import pens, to_svg
 from gcs_autotune.report.toolkit.chart import chart_script, to_chart
 from gcs_autotune.report.toolkit.document import Document, Figure, Note, Part, Section, Table, is_empty
@@ -71,6 +72,7 @@ def to_html(document: Document) -> str:
         sections=[laid for laid in sections if not laid.folded],
         folded=[laid for laid in sections if laid.folded],
         script=lambda: Markup(chart_script()),
+        mark=Markup(REPORT_MARK),
     )
     return visible(page, keep="\n\t\u00ad") + "\n"
 

@@ -229,17 +229,21 @@ def _rows(step: JobStep) -> Iterator[tuple[str, ...]]:
 
 def _pair(step: JobStep, name: str, of_line: str) -> str:
     shown = [_cell(metrics, name, of_line) for metrics in (step.before, step.after) if metrics]
-    text = " -> ".join(text for text in shown if text)
+    shown = [text for text in shown if text]
     unit = "s²" if name == "itae" else "s" if name == "settling" else ""
     if not any(name in metrics for metrics in (step.before, step.after) if metrics):
         unit = "m"
-    return f"{text} {unit}" if unit and text.strip("-> ") else text
+    numbers = [k for k, text in enumerate(shown) if text[-1].isdigit()]
+    if unit and numbers:
+        shown[numbers[-1]] += f" {unit}"
+    return " -> ".join(shown)
 
 
 def _cell(metrics: Mapping[str, Any], name: str, of_line: str) -> str:
     value = _figure(metrics, name if name in metrics else of_line)
     if not math.isfinite(value):
-        return "-" if name in metrics or of_line in metrics else ""
+        unknown = "not settled" if name == "settling" else "unknown"
+        return unknown if name in metrics or of_line in metrics else ""
     if name not in metrics:
         return format_number(value, 2)
     return format_share(value) if name == "overshoot" else format_number(value, 3)
