@@ -234,7 +234,7 @@ def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> No
     second = SearchStep(None, (score_of(lag, [6.0, -1.0]),), None)
     told = missing_force.words_of(cast(Any, SimpleNamespace(accepted=[], steps=[first, second])), None)
     assert told == (
-        "actuator-lag of N improves the log-likelihood of the fitted runs by 20.0 and that of the held-out runs by "
+        "actuator lag (N) improves the log-likelihood of the fitted runs by 20.0 and that of the held-out runs by "
         "+5.0, but not of every run. It is not reported as a cause",
         "quadratic drag (yaw) improves the log-likelihood of the fitted runs by 20.0, but lowers that of the "
         "held-out runs (-11.0). It is rejected",

@@ -159,7 +159,10 @@ def _verdict(story: JobStory) -> Verdict:
     bad = bool(story.stopped or worse or counts["aborted"] or counts["rejected"] or counts["skipped"])
     tone: Tone = "bad" if bad else "good" if counts["kept"] else "neutral"
     sentences = [sentence(story.stopped)] if story.stopped else []
-    sentences += [sentence(f"{step.name}: {_better(step)}") for step in tuned if step.ending == "kept"]
+    for step in tuned:
+        if step.ending == "kept":
+            gains = ", ".join(f"{name} {change}" for name, change in _changes(step))
+            sentences.append(f"{sentence(f'{step.name}: {_better(step)}')} {gains}{'.' * bool(gains)}".rstrip())
     sentences += [sentence(f"{step.name}: {step.reason or step.ending}") for step in worse]
     open_checks = [s.name for s in story.steps if s.is_recheck and s.ending in UNDECIDED]
     if open_checks:
@@ -219,12 +222,16 @@ def _details(story: JobStory) -> Iterator[Part]:
 
 def _rows(step: JobStep) -> Iterator[tuple[str, ...]]:
     measured = [_pair(step, *names) for names in (("itae", "rms"), ("overshoot", "corners"), ("settling", ""))]
-    proposed = {} if step.ending == "aborted" else step.gains or {}  # those of an aborted step were not proved
-    gains = [(name, " -> ".join(map(format_number, pair))) for name, pair in proposed.items()]
+    gains = [] if step.ending == "aborted" else _changes(step)  # those of an aborted step were not proved
     for k, (name, change) in enumerate(gains or [("", "")]):
         first = k == 0
         cells = measured if first else ["", "", ""]
         yield (step.name if first else "", name, change, *cells, step.ending if first else "")
+
+
+def _changes(step: JobStep) -> list[tuple[str, str]]:
+    """Return each gain of a step and its old and new value as text."""
+    return [(name, " -> ".join(map(format_number, pair))) for name, pair in (step.gains or {}).items()]
 
 
 def _pair(step: JobStep, name: str, of_line: str) -> str:
