@@ -82,7 +82,7 @@ from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
 from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.run_directory import save_page, write_story
 from gcs_autotune.report.tune.story import TuneStory
-from gcs_autotune.report.tune.wording import proof_command
+from gcs_autotune.report.tune.wording import parameters_sentence, proof_command
 
 __all__ = [
     "BOUND_CLASSES",
@@ -145,6 +145,7 @@ __all__ = [
     "method_list",
     "navigation_document",
     "parameter_table_document",
+    "parameters_sentence",
     "plan_document",
     "plan_plot",
     "plot",

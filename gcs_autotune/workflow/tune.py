@@ -17,7 +17,7 @@ from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
-from gcs_autotune.report import TuneStory, proof_command, write_story
+from gcs_autotune.report import TuneStory, parameters_sentence, proof_command, write_story
 from gcs_autotune.tunables import tunable
 from gcs_autotune.workflow.announcement import battery, how_long, room, styled
 from gcs_autotune.workflow.autopilot_loop import autopilot_loop, learn_parameters
@@ -177,6 +177,8 @@ def leave_report(log: TuneLog, record: RunDirectory) -> None:
     if not record.is_made:
         return
     story = log.story()
+    if story.ending == "aborted":  # other endings state it in their verdict
+        log.say(parameters_sentence(story))
     log.say("writing the report")
     try:
         if story.awaits_proof and story.proposal is not None:

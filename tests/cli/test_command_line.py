@@ -231,6 +231,7 @@ def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
     assert "mode and armed state restored" in said
     assert said.splitlines()[-1] == f"Report: {tmp_path / 'r' / 'report.html'}"
     assert "--resume" in said
+    assert "No parameter was written." in said
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     assert summary["ending"] == "aborted"
     assert summary["differences"] == {}

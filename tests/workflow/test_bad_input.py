@@ -260,4 +260,5 @@ def test_ctrl_c_while_the_new_gains_are_flown_puts_the_old_ones_back(tmp_path):
     with pytest.raises(OperatorStopped):
         harness.tune(StopsInTheProof(0))
     assert "new gains written and verified by reading back" in harness.said
+    assert "All parameters have their original values, verified by reading back." in harness.said
     harness.assert_as_found()
