@@ -117,7 +117,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     now, pace, full = craft.observe(), pace_of(craft.steered_by), _full(present)
     itinerary = Itinerary(_legs(settings, pace), pace.turn)
     whole = _excursion(context, full, itinerary)
-    names = ", ".join(n for n in (*MOTORS, *CONTEXT[:1], CONTEXT[2], *SPEED_GAINS, *STEERING_GAINS) if n in present)
+    names = [n for n in (*MOTORS, *CONTEXT[:1], CONTEXT[2], *SPEED_GAINS, *STEERING_GAINS) if n in present]
     loop = _Actuators(context, present, pulled)
     return Mission(
         itinerary=itinerary,
@@ -134,8 +134,12 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
         writes="write no parameter (dry run)"
         if settings.dry_run
-        else f"write some of {names} and the servo limits SERVOn_MIN, TRIM and MAX, after asking again. The old values "
-        "are restored unless thrust is more proportional to the command and tracking is no worse",
+        else f"write some of {', '.join(names)} and the servo limits SERVOn_MIN, TRIM and MAX, after asking again. The "
+        "old values are restored unless thrust is more proportional to the command and tracking is no worse",
+        moves_briefly=f"throttle up to {full:.0%} ahead and astern, speed steps up to {context.speed:.1f} m/s",
+        writes_briefly=""
+        if settings.dry_run
+        else f"some of {len(names)} parameters and the servo limits, after asking again",
         finish=partial(read_back, loop.read, visit),
     )
 

@@ -21,7 +21,18 @@ from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_D
 from gcs_autotune.workflow.itinerary import Itinerary
 from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
-__all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "in_modes", "room", "styled", "whole_of"]
+__all__ = [
+    "after_a_silence",
+    "battery",
+    "deepest",
+    "exactly",
+    "how_long",
+    "in_modes",
+    "room",
+    "some_of",
+    "styled",
+    "whole_of",
+]
 
 ROOM_AND_TIME = "Space, time"
 """Row of the announcement that states both, for a run whose every stage was simulated."""
@@ -48,14 +59,15 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
         between = ". It turns around before each stage" if not settings.ends_early else between
         far = f"up to {metres:.0f} m from the start{usually}"
         return Intention(f"need {far}{between}. A smaller --max-distance reduces this", "Space", far)
-    below = ""
+    below = ends = most = ""
     if excitation_of(dof).below_surface:
         below = f", and {deepest(dof, settings, now):.0f} m of depth"
     if DOFS[dof].restored:
         limit = math.degrees(getattr(settings.envelope, dof))
-        below += f". More than {limit:.0f} deg of {dof} ends the run (--max-{dof})"
-    around = f"about {ROV_ROOM:g} m of free water around the vehicle{below}"
-    return Intention(f"need {around}", "Space", around)
+        ends = f". More than {limit:.0f} deg of {dof} ends the run (--max-{dof})"
+        most = f", at most {limit:.0f} deg of {dof}"
+    around, where = f"about {ROV_ROOM:g} m of free water", " around the vehicle"
+    return Intention(f"need {around}{where}{below}{ends}", "Space", f"{around}{'' if most else where}{below}{most}")
 
 
 def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
@@ -84,9 +96,14 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> Inte
     near = f"about {min(usual.needs, metres):.0f} m from the start{deep}, and about" if moves else f"{far}, and about"
     most = f"up to {metres:.0f} m{ends} and " if moves else ""
     by = f" (predicted from {source})" if source else ""
-    brief = f"{near} {exactly(LATE * usual.seconds)}"
+    often = exactly(LATE * usual.seconds)
     most = f". A poorly damped loop needs {most}up to {longest}"
-    return Intention(f"usually need {brief}{by}{most}", ROOM_AND_TIME, f"usually {brief}{most}")
+    brief = f"usually {min(usual.needs, metres):.0f} m{deep} and {often}, at most {metres:.0f} m and {longest}"
+    return Intention(
+        f"usually need {near} {often}{by}{most}",
+        ROOM_AND_TIME,
+        brief if moves else f"{far}; usually {often}, at most {longest}",
+    )
 
 
 def exactly(seconds: float) -> str:
@@ -140,7 +157,9 @@ def styled(name: str, *, designs: bool = True) -> Intention:
     """
     style = style_of(name)
     if designs:
-        return Intention(f"design for style {name}: {style}", "Style", f"{name}: {style}")
+        margins = f"gain margin {style.gain_margin:.3g}, phase margin {math.degrees(style.phase_margin):.0f} deg"
+        brief = f"{name}: bandwidth {100.0 * style.bandwidth:.0f} %, {margins}"
+        return Intention(f"design for style {name}: {style}", "Style", brief)
     told = f"an error up to {style.slower:.2g} times as large is accepted if the actuator travels clearly less"
     return Intention(f"compare by style {name}: {told}", "Style", f"{name}: {told}")
 
@@ -169,8 +188,19 @@ def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention
     if not armed:
         again = " if it was disarmed, after asking"
     text = f"continue {after}" + f", and arm the vehicle again{again}" * bool(again)
-    brief = f"continues {after}" + f", and arms the vehicle again{again}" * bool(again)
+    brief = f"continues after at most {settings.patience:g} s of silence (--patience)" + ", asks to rearm" * bool(again)
     return (Intention(text, "Link", brief),)
+
+
+def some_of(names: Sequence[str], *, asks: bool) -> tuple[str, str]:
+    """Return what a tune may write of the parameters *names*, as a sentence and in one line of a terminal.
+
+    asks : whether it asks again before it writes.
+    """
+    again = ", after asking again" if asks else ""
+    sentence = f"write some of {', '.join(names)}{again}{',' * asks} and restore the old values unless the new ones are"
+    few = f"some of {len(names)} parameters" if len(names) > 1 else names[0]
+    return f"{sentence} better", f"{few}{again}; only better ones stay"
 
 
 def _minutes(seconds: float) -> str:

@@ -91,6 +91,7 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
             battery(now, settings.envelope, itinerary.seconds),
         ),
         fly=fly,
+        moves_briefly=_movements_in_brief(context, dives=dive is not None),
     )
 
 
@@ -103,6 +104,13 @@ def _movements(context: TuneContext, depth: float) -> str:
     more = ", and a third one if these two do not distinguish a dead zone from a thrust curve"
     maybe = "" if by_throttle or context.settings.most_relays < 3 else more
     return f"{kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}"
+
+
+def _movements_in_brief(context: TuneContext, *, dives: bool) -> str:
+    by_throttle = context.axis.kind.excitation.by_throttle and context.craft.firmware.needs_way
+    flown = "throttle-step" if by_throttle else "self-oscillation"
+    maybe = "" if by_throttle or context.settings.most_relays < 3 else ", perhaps a third"
+    return f"{'a dive, ' * dives}pulses, two {flown} experiments in {context.axis.name}{maybe}"
 
 
 def learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:

@@ -163,6 +163,7 @@ class _Flight:
                 battery(now, visit.common.envelope, (whole.usual or whole).seconds, self._in_all(whole)),
             ),
             fly=lambda journal: self._fly(),
+            moves_briefly="" if idle else self._movements_in_brief(checks=bool(checked or self._steered(checked))),
             held=held,
             prepare=self._prepare,
             way_on=self._way_on,
@@ -323,12 +324,13 @@ class _Flight:
         run = self._left[0]
         return 2.0 * whole.seconds + (whole.metres(run.envelope) / run.speed if run.speed else 0.0)
 
-    def _continues(self, whole: Excursion) -> list[str]:
+    def _continues(self, whole: Excursion) -> list[Intention | str]:
         """Return a sentence on what may follow the runs of the plan, which take the *whole* excursion."""
         until = self._plan.until
         if self._plan.again is not None and self._left:
             words = "return and " * self._visit.craft.firmware.needs_way + self._plan.again.words
-            return [f"then {words}: up to {exactly(LATE * self._in_all(whole))} in all"]
+            longest = f"up to {exactly(LATE * self._in_all(whole))} in all"
+            return [Intention(f"then {words}: {longest}", "Also", f"flies again at another size if needed, {longest}")]
         if until is None:
             return []
         return [
@@ -338,15 +340,27 @@ class _Flight:
 
     def _movements(self) -> str:
         if len(self.runs) == 1:
-            kind = self.runs[0].settings.kind
-            title, _, rest = kind.help.partition(": ")
-            meaning = rest if title.replace(" ", "-") == kind.name else kind.help
-            return f"{self._relays_told()}{kind.name}: {meaning}"
+            return f"{self._relays_told()}{self._meaning()}"
         back = ", with a return to the start in between" if self._visit.craft.firmware.needs_way else ""
         left = self._left
         done = f" ({len(self.runs) - len(left)} already flown)" if len(left) < len(self.runs) else ""
         names = ", ".join(run.name for run in left)
         return f"{self._relays_told()}{len(left)} run{'s' * (len(left) != 1)}{done}: {names}{back}"
+
+    def _movements_in_brief(self, *, checks: bool) -> str:
+        """Return the manoeuvre by its name, and the beginning of its meaning if the line has room for it."""
+        if len(self.runs) > 1:
+            return ""
+        relays = "relays, " * bool(relays_before([run.settings for run in self._left], self._visit.craft))
+        first = f"{'pulses, ' * checks}{relays}"
+        told = f"{first}{self._meaning().partition(', ')[0]}"
+        return told if len(told) <= LINE else f"{first}{self.runs[0].settings.kind.name}"
+
+    def _meaning(self) -> str:
+        """Return the name of the only manoeuvre with its meaning."""
+        kind = self.runs[0].settings.kind
+        title, _, rest = kind.help.partition(": ")
+        return f"{kind.name}: {rest if title.replace(' ', '-') == kind.name else kind.help}"
 
     def _relay_legs(self, runs: Sequence[FlySettings]) -> list[Leg]:
         """Return the stages that identify the craft before its first layered manoeuvre."""
@@ -486,6 +500,8 @@ class _Flight:
 
 
 COMPLETE = "every run is complete. Nothing is armed or moved; figures and models are computed again"
+LINE = 66
+"""Characters beside "Space, time" in a line of the announcement, on a terminal of 80 columns."""
 LOOKING_OUT = "checking for calm water"
 """Name of the stage between two runs in which the craft waits for calm water."""
 

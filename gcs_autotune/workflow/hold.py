@@ -178,6 +178,7 @@ def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
             battery(now, tune.envelope, itinerary.seconds),
         ),
         fly=fly,
+        moves_briefly=f"{'a dive, ' * (dive is not None)}pulses, {'relays, ' * bool(titles)}{task.movements(context)}",
     )
 
 

@@ -44,7 +44,7 @@ from gcs_autotune.manoeuvres import NEARLY, TO_COME_ABOUT, Envelope, FlyMission,
 from gcs_autotune.observer import Intention, Observer
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.announcement import battery, how_long
+from gcs_autotune.workflow.announcement import battery, how_long, some_of
 from gcs_autotune.workflow.autopilot_loop import lend_parameters
 from gcs_autotune.workflow.background import run_in_background
 from gcs_autotune.workflow.flight_area import area_of_flight
@@ -154,10 +154,9 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     flown: list[MissionLoan] = []
     runner = visit.runner(envelope, keep, gains=True)
     flights = _Flights(visit, runner, course, speed)
-    names = ", ".join(name for name in LINE_PARAMETERS if name in present)
+    names = [name for name in LINE_PARAMETERS if name in present]
     corners = f"{style_of(settings.style).bandwidth:.0%} of the turn rate that the hull has in corners"
-    again = "" if settings.agreed else ", after asking again,"
-    changes = f"write some of {names}{again} and restore the old values unless the new ones prove better"
+    sentence, briefly = some_of(names, asks=not settings.agreed)
     ahead, back = course.reach + BEYOND * speed, BEYOND * speed
     free = f"{ahead:.0f} m of free water ahead and to starboard, and {back:.0f} m to port and astern"
     return Mission(
@@ -177,7 +176,9 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             ),
         ),
         fly=fly,
-        writes="write no parameter (dry run)" if settings.dry_run else changes,
+        writes="write no parameter (dry run)" if settings.dry_run else sentence,
+        moves_briefly=f"a mission of {length:.0f} m legs at {speed:.1f} m/s, in place of the vehicle's own",
+        writes_briefly="" if settings.dry_run else briefly,
         finish=finish,
     )
 

@@ -123,6 +123,7 @@ class Mission:
     movements, needs : sentences on what moves, and on the space, time and battery needed.
     fly : flies the mission; called when armed, with the open journal.
     writes : sentence on what may be written.
+    moves_briefly, writes_briefly : what moves and what may be written in one line of a terminal; empty: the sentences.
     held : parameters (name -> value) that a run which resumes this one must find; None: it cannot be resumed.
     prepare : called once the operator has agreed, before anything is armed.
     load : called with the open journal before arming. unload : undoes it, once mode and armed state are restored.
@@ -136,6 +137,8 @@ class Mission:
     needs: tuple[Intention | str, ...]
     fly: Callable[[Journal], None]
     writes: str = "write no parameter"
+    moves_briefly: str = ""
+    writes_briefly: str = ""
     held: Mapping[str, float] | None = None
     prepare: Callable[[], None] = _nothing
     load: Callable[[Journal], None] = _nothing
@@ -202,13 +205,14 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
             (
                 arming(craft),
                 in_modes(mission.modes, craft.mode, "at the end"),
-                Intention(f"move: {mission.movements}", "Moves", mission.movements),
+                Intention(f"move: {mission.movements}", "Moves", mission.moves_briefly or mission.movements),
                 *(need if isinstance(need, Intention) else Intention(need, "Also", need) for need in mission.needs),
                 *after_a_silence(visit.common, armed=craft.armed),
                 Intention(
                     mission.writes,
                     "Writes",
-                    mission.writes.removeprefix("write ").replace("and restore ", "and restores "),
+                    mission.writes_briefly
+                    or mission.writes.removeprefix("write ").replace("and restore ", "and restores "),
                 ),
             )
         )

@@ -42,7 +42,7 @@ from gcs_autotune.observer import Intention, Observer
 from gcs_autotune.report import TuneStory
 from gcs_autotune.sensor import noise_of
 from gcs_autotune.trial import Mark, Trial
-from gcs_autotune.workflow.announcement import ROV_ROOM, battery, how_long
+from gcs_autotune.workflow.announcement import ROV_ROOM, battery, how_long, some_of
 from gcs_autotune.workflow.autopilot_loop import lend_parameters
 from gcs_autotune.workflow.background import run_in_background
 from gcs_autotune.workflow.experiments import Relays
@@ -137,8 +137,8 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         log.say(f"{trial.name}: {trial.ending}, {trial.reason}")
 
     flights = _Flights(visit, visit.runner(envelope, keep, gains=True), tune, size, duration)
-    names = ", ".join(gain.parameter for gain in loop.gains)
-    times, again = "once" if tune.dry_run else "twice", "" if tune.agreed else ", after asking again,"
+    sentence, briefly = some_of([gain.parameter for gain in loop.gains], asks=not tune.agreed)
+    times = "once" if tune.dry_run else "twice"
     place = _Loiter(flights, tune, loop) if boat else _Position(flights, tune, loop)
     drifts = sum(leg.seconds for leg in relays) * drift
     metres = size + BOAT_ROOM if boat else math.sqrt(2.0) * size + ROV_ROOM + drifts
@@ -160,9 +160,9 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
             battery(craft.observe(), envelope, itinerary.seconds),
         ),
         fly=lambda journal: tune_loop(place, log, visit.agrees, journal, dry_run=tune.dry_run),
-        writes="write no parameter (dry run)"
-        if tune.dry_run
-        else f"write some of {names}{again} and restore the old values unless the new ones prove better",
+        writes="write no parameter (dry run)" if tune.dry_run else sentence,
+        moves_briefly="" if boat else f"{size:g} m steps, pushes and relays ahead and to starboard",
+        writes_briefly="" if tune.dry_run else briefly,
         finish=partial(read_back, partial(loop.read, craft), visit),
     )
 

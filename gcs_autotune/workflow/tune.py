@@ -19,7 +19,7 @@ from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, parameters_sentence, proof_command, write_story
 from gcs_autotune.tunables import tunable
-from gcs_autotune.workflow.announcement import battery, how_long, room, styled
+from gcs_autotune.workflow.announcement import battery, how_long, room, some_of, styled
 from gcs_autotune.workflow.autopilot_loop import autopilot_loop, learn_parameters
 from gcs_autotune.workflow.connection import axis_of
 from gcs_autotune.workflow.context import TuneContext, tune_runner
@@ -40,7 +40,7 @@ from gcs_autotune.workflow.supplied_gains import changes_of
 from gcs_autotune.workflow.supplied_model import supplied_for
 from gcs_autotune.workflow.tunable_loop import tune_loop
 from gcs_autotune.workflow.tune_log import TuneLog
-from gcs_autotune.workflow.tune_preview import excursion_of, movements_of, tune_legs
+from gcs_autotune.workflow.tune_preview import excursion_of, movements_in_brief, movements_of, tune_legs
 
 __all__ = ["TuneJob", "fly_job", "job_of", "leave_report", "read_back", "tune"]
 
@@ -118,9 +118,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     itinerary = Itinerary(tune_legs(context, pace, now), pace.turn)
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
-    gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
-    again = "" if settings.agreed else ", after asking again,"
-    changes = f"write some of {gains}{again} and restore the old values unless the new ones are better"
+    sentence, briefly = some_of([axis.names.own(g.parameter) for g in axis.gains], asks=not settings.agreed)
 
     loop, designs = autopilot_loop(context), settings.gains is None
     return Mission(
@@ -134,7 +132,9 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
             *([styled(settings.style, designs=designs)] if designs or style_of(settings.style).slower > 1.0 else []),
         ),
         fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
-        writes="write no parameter (dry run)" if settings.dry_run else changes,
+        writes="write no parameter (dry run)" if settings.dry_run else sentence,
+        moves_briefly=movements_in_brief(context, now),
+        writes_briefly="" if settings.dry_run else briefly,
         held=log.parameters_before,
         finish=partial(read_back, loop.read, visit),
         way_on=lambda error: "" if settings.agreed else way_on(settings, log.finished, error),

@@ -252,7 +252,8 @@ class _Job:
             if step.ending == "rejected":
                 yield Intention(f"not tune {step.name}: {step.reason}", f"Not {step.name}", step.reason)
         for name, mission in left.items():
-            yield Intention(f"move for {name}: {mission.movements}", name.capitalize(), mission.movements)
+            brief = mission.moves_briefly or mission.movements
+            yield Intention(f"move for {name}: {mission.movements}", name.capitalize(), brief)
             space = mission.needs[0]
             told = space if isinstance(space, Intention) else Intention(space, brief=space)
             yield Intention(f"{told.text} (for {name})", "Space", told.brief)
@@ -272,7 +273,8 @@ class _Job:
             else "gains of these loops without asking again. Each step keeps new ones only if they prove better, and "
             "restores the old ones otherwise"
         )
-        yield Intention(f"write {written}", "Writes", written)
+        brief = written if settings.dry_run else "gains, without asking again; only better ones stay"
+        yield Intention(f"write {written}", "Writes", brief)
         used = sorted({mode for mission in left.values() for mode in mission.modes})
         if used:  # not if only rechecks are left
             yield in_modes(used, craft.mode, "after each step")

@@ -27,7 +27,7 @@ from gcs_autotune.workflow.nominal_plant import assumed_crafts, assumed_plant
 from gcs_autotune.workflow.preflight import sign_check_for
 from gcs_autotune.workflow.proof import SHARE
 
-__all__ = ["excursion_of", "movements_of", "tune_legs"]
+__all__ = ["excursion_of", "movements_in_brief", "movements_of", "tune_legs"]
 
 
 def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[Itinerary]) -> Excursion:
@@ -143,3 +143,20 @@ def movements_of(context: TuneContext, now: Observation) -> str:
     if (beside or d.stepped == "r") and math.isfinite(most):
         beside += f" (turning by up to {math.degrees(most):.0f} deg)"
     return f"{signs}{down}{shown}steps in {axis.name}{beside}{swings}{under_way}"
+
+
+def movements_in_brief(context: TuneContext, now: Observation) -> str:
+    """Return what :func:`movements_of` states in one line of a terminal, without the checks and the turns."""
+    axis, d = context.axis, context.axis.kind
+    dive = dive_for(axis.dof, context.craft.firmware, now)
+    step = context.settings.step if context.settings.step is not None else d.step
+    size = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
+    designs = context.given is None and context.settings.gains is None
+    beside = flies_accompanying_step(context) and context.settings.gains is None
+    parts = [
+        *([f"dive to {dive.settings['depth']:g} m"] if dive is not None else []),
+        "pulses",
+        f"{'' if context.law.controls_velocity else size}steps in {axis.name}{' and turn rate' * beside}",
+        *(["throttle steps" if d.excitation.by_throttle else "oscillations"] if designs else []),
+    ]
+    return ", ".join(parts) + f" at {context.speed:.1f} m/s" * bool(axis.needs_speed)
