@@ -68,7 +68,7 @@ def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced_afte
         harness.tune(operator, axis="depth", simulated=False)
     said = "\n".join(harness.said)
     assert "continuing: step with present gains is flown again" in said
-    assert "arm the vehicle again, after asking, if it was disarmed" in said
+    assert "arm the vehicle again if it was disarmed, after asking" in said
     assert [q for q in operator.asked if "Arm the vehicle again" in q]
     assert "arming the vehicle again, as announced" in said
     harness.assert_as_found()
