@@ -139,7 +139,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         moves_briefly=f"throttle up to {full:.0%} ahead and astern, speed steps up to {context.speed:.1f} m/s",
         writes_briefly=""
         if settings.dry_run
-        else f"some of {len(names)} parameters and the servo limits, after asking again",
+        else f"up to {len(names)} parameters, servo limits, after asking; only better ones stay",
         finish=partial(read_back, loop.read, visit),
     )
 

@@ -184,11 +184,11 @@ def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention
     """
     if settings.patience <= 0.0:
         return ()
-    after, again = f"if messages stop for up to {settings.patience:g} s (--patience)", ""
+    text = f"continue if messages stop for up to {settings.patience:g} s (--patience)"
+    brief = f"continues after at most {settings.patience:g} s of silence (--patience)"
     if not armed:
-        again = " if it was disarmed, after asking"
-    text = f"continue {after}" + f", and arm the vehicle again{again}" * bool(again)
-    brief = f"continues after at most {settings.patience:g} s of silence (--patience)" + ", asks to rearm" * bool(again)
+        text += ", and arm the vehicle again if it was disarmed, after asking"
+        brief += ", asks to rearm"
     return (Intention(text, "Link", brief),)
 
 

@@ -353,8 +353,8 @@ class _Flight:
             return ""
         relays = "relays, " * bool(relays_before([run.settings for run in self._left], self._visit.craft))
         first = f"{'pulses, ' * checks}{relays}"
-        told = f"{first}{self._meaning().partition(', ')[0]}"
-        return told if len(told) <= LINE else f"{first}{self.runs[0].settings.kind.name}"
+        brief = f"{first}{self._meaning().partition(', ')[0]}"
+        return brief if len(brief) <= LINE else f"{first}{self.runs[0].settings.kind.name}"
 
     def _meaning(self) -> str:
         """Return the name of the only manoeuvre with its meaning."""

@@ -146,7 +146,7 @@ def movements_of(context: TuneContext, now: Observation) -> str:
 
 
 def movements_in_brief(context: TuneContext, now: Observation) -> str:
-    """Return what :func:`movements_of` states in one line of a terminal, without the checks and the turns."""
+    """Return what :func:`movements_of` states in one line of a terminal, without turns and their limits."""
     axis, d = context.axis, context.axis.kind
     dive = dive_for(axis.dof, context.craft.firmware, now)
     step = context.settings.step if context.settings.step is not None else d.step
