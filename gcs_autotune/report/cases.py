@@ -149,7 +149,7 @@ class CaseStudy:
     words: Mapping[str, str] = field(default_factory=dict)
     """Names of values and results -> what a reader is shown instead."""
 
-    def told(self, text: str) -> str:
+    def in_words(self, text: str) -> str:
         """Return *text* with the names in it replaced by their :attr:`words`."""
         names = "|".join(map(re.escape, sorted(self.words, key=len, reverse=True)))
         return re.sub(rf"(?<![\w.'-])(?:{names})(?![\w.'-])", lambda m: self.words[m[0]], text) if names else text
@@ -165,15 +165,19 @@ def case_study_document(study: CaseStudy) -> Document:
     text = f"{counts}."
     if study.success is not None:
         number, share, interval = study.success.cells
-        aim = study.told(study.success.of)
+        aim = study.in_words(study.success.of)
         text = f"{aim[0].upper()}{aim[1:]}: {number} ({share}, 95 % interval {interval}); {counts}."
         figures.insert(0, KeyFigure(share, aim, f"{number}, 95 % interval {interval}"))
     sections = (
-        *(_map_section(replace(m, x=study.told(m.x), y=study.told(m.y))) if (m := study.map) is not None else ()),
+        *(
+            _map_section(replace(m, x=study.in_words(m.x), y=study.in_words(m.y)))
+            if (m := study.map) is not None
+            else ()
+        ),
         *_rates(study),
         *_results(study),
         *(_confusion(study.confusion) if study.confusion is not None else ()),
-        *(_comparison(replace(a, measure=study.told(a.measure))) if (a := study.against) is not None else ()),
+        *(_comparison(replace(a, measure=study.in_words(a.measure))) if (a := study.against) is not None else ()),
         *_bad_cases(study),
     )
     return Document(
@@ -225,15 +229,15 @@ def draw_success_map(found: SuccessMap, ax: Axes) -> AxesImage:
 
 
 def _rates(study: CaseStudy) -> Iterator[Section]:
-    rows = tuple((study.told(value), *rate.cells) for value, rate in study.by_value)
+    rows = tuple((study.in_words(value), *rate.cells) for value, rate in study.by_value)
     heads = ("value", "success", "", "95 % interval")
     yield Section("rates", "Success by value", (Table(heads, "lrrr", rows),), facts=IN_RESULT)
 
 
 def _results(study: CaseStudy) -> Iterator[Section]:
-    rows = tuple((study.told(s.of), str(s.count), *(f"{q:.4g}" for q in s.quantiles)) for s in study.spreads)
+    rows = tuple((study.in_words(s.of), str(s.count), *(f"{q:.4g}" for q in s.quantiles)) for s in study.spreads)
     spreads = Table(("result", "cases", "5 %", "25 %", "median", "75 %", "95 %"), "lrrrrrr", rows)
-    named = [replace(b, of=study.told(b.of)) for b in study.bounds]
+    named = [replace(b, of=study.in_words(b.of)) for b in study.bounds]
     checks = tuple((b.of, f"{b.ratio:.2f}", f"{b.low:.2f} to {b.high:.2f}", b.within.cells[1]) for b in named)
     note = "By chance, the rms error of an efficient method is in the range of the third column in 95 % of studies."
     bounds = Table(("error", "rms / bound", "by chance", "within 1.96 bounds"), "lrrr", checks, note=note)
@@ -294,7 +298,7 @@ def _bad_cases(study: CaseStudy) -> Iterator[Section]:
     why = Table(("cases", "reason"), "rl", tuple((str(n), reason) for reason, n in study.failures.items()), shown=10)
     yield Section("failures", "Failed cases", (why,), facts=IN_RESULT)
     parts: Sequence[Note] = [
-        Note(w.command, f"{study.told(w.values)}: {_outcome(study, w)}", kind="command") for w in study.worst
+        Note(w.command, f"{study.in_words(w.values)}: {_outcome(study, w)}", kind="command") for w in study.worst
     ]
     title = "Worst cases" if len(study.worst) < study.cases else "All cases, the worst first"
     yield Section("worst", title, tuple(parts), facts=IN_RESULT)
