@@ -81,36 +81,34 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
     def fly(_: Journal) -> None:
         found.append(identify(context.begin(), turns_first=False))
 
+    movements, briefly = _movements(context, 0.0 if dive is None else float(dive.settings["depth"]))
     return Mission(
         itinerary=itinerary,
         modes=(*([firmware.hold_mode] if dive is not None else []), firmware.manual_mode),
-        movements=_movements(context, 0.0 if dive is None else float(dive.settings["depth"])),
+        movements=movements,
         needs=(
             room(axis.dof, context.speed, settings, now, whole),
             how_long(itinerary),
             battery(now, settings.envelope, itinerary.seconds),
         ),
         fly=fly,
-        moves_briefly=_movements_in_brief(context, dives=dive is not None),
+        moves_briefly=briefly,
     )
 
 
-def _movements(context: TuneContext, depth: float) -> str:
-    """Return a sentence on what moves, after a dive to *depth* [m]. Zero means no dive."""
+def _movements(context: TuneContext, depth: float) -> tuple[str, str]:
+    """Return what moves as a sentence and in one line of a terminal. It dives to *depth* [m] first; zero: no dive."""
     kind, firmware = context.axis.kind, context.craft.firmware
-    down = f"dive to {depth:g} m, then " if depth else ""
+    down, dive = (f"dive to {depth:g} m, then ", "a dive, ") if depth else ("", "")
     by_throttle = kind.excitation.by_throttle and firmware.needs_way
-    flown = "throttle-step" if by_throttle else "self-oscillation"
-    more = ", and a third one if these two do not distinguish a dead zone from a thrust curve"
-    maybe = "" if by_throttle or context.settings.most_relays < 3 else more
-    return f"{kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}"
-
-
-def _movements_in_brief(context: TuneContext, *, dives: bool) -> str:
-    by_throttle = context.axis.kind.excitation.by_throttle and context.craft.firmware.needs_way
-    flown = "throttle-step" if by_throttle else "self-oscillation"
-    maybe = "" if by_throttle or context.settings.most_relays < 3 else ", perhaps a third"
-    return f"{'a dive, ' * dives}pulses, two {flown} experiments in {context.axis.name}{maybe}"
+    flown = f"two {'throttle-step' if by_throttle else 'self-oscillation'} experiments in {context.axis.name}"
+    more, perhaps = (
+        ", and a third one if these two do not distinguish a dead zone from a thrust curve",
+        ", perhaps a third",
+    )
+    if by_throttle or context.settings.most_relays < 3:
+        more = perhaps = ""
+    return f"{kind.excitation.check}{down}{flown}{more}", f"{dive}pulses, {flown}{perhaps}"
 
 
 def learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:

@@ -40,7 +40,7 @@ from gcs_autotune.workflow.supplied_gains import changes_of
 from gcs_autotune.workflow.supplied_model import supplied_for
 from gcs_autotune.workflow.tunable_loop import tune_loop
 from gcs_autotune.workflow.tune_log import TuneLog
-from gcs_autotune.workflow.tune_preview import excursion_of, movements_in_brief, movements_of, tune_legs
+from gcs_autotune.workflow.tune_preview import excursion_of, movements_of, tune_legs
 
 __all__ = ["TuneJob", "fly_job", "job_of", "leave_report", "read_back", "tune"]
 
@@ -118,13 +118,14 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     itinerary = Itinerary(tune_legs(context, pace, now), pace.turn)
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
+    movements, moves = movements_of(context, now)
     sentence, briefly = some_of([axis.names.own(g.parameter) for g in axis.gains], asks=not settings.agreed)
 
     loop, designs = autopilot_loop(context), settings.gains is None
     return Mission(
         itinerary=itinerary,
         modes=(firmware.hold_mode, firmware.manual_mode),
-        movements=movements_of(context, now),
+        movements=movements,
         needs=(
             room(axis.dof, context.speed, settings, now, whole),
             how_long(itinerary, patient.seconds),
@@ -133,7 +134,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
         ),
         fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
         writes="write no parameter (dry run)" if settings.dry_run else sentence,
-        moves_briefly=movements_in_brief(context, now),
+        moves_briefly=moves,
         writes_briefly="" if settings.dry_run else briefly,
         held=log.parameters_before,
         finish=partial(read_back, loop.read, visit),

@@ -27,7 +27,7 @@ from gcs_autotune.workflow.nominal_plant import assumed_crafts, assumed_plant
 from gcs_autotune.workflow.preflight import sign_check_for
 from gcs_autotune.workflow.proof import SHARE
 
-__all__ = ["excursion_of", "movements_in_brief", "movements_of", "tune_legs"]
+__all__ = ["excursion_of", "movements_of", "tune_legs"]
 
 
 def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[Itinerary]) -> Excursion:
@@ -123,40 +123,30 @@ Project choice.
 """
 
 
-def movements_of(context: TuneContext, now: Observation) -> str:
-    """Return a sentence on what moves during a tune."""
+def movements_of(context: TuneContext, now: Observation) -> tuple[str, str]:
+    """Return what moves during a tune as a sentence, and in one line of a terminal without turns and their limits."""
     axis, d, speed = context.axis, context.axis.kind, context.speed
     step = context.settings.step if context.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
     shown = "" if context.law.controls_velocity else shown
     turning = ", turning around if space requires" if speed else ""
-    under_way = f" under way at {speed:.1f} m/s{turning}" if axis.needs_speed else ""
     dive = dive_for(axis.dof, context.craft.firmware, now)
-    down = f"dive to {dive.settings['depth']:g} m, then " if dive is not None else ""
-    signs = d.excitation.check
-    kind = (
-        "throttle steps" if d.excitation.by_throttle else f"relay oscillations about the present {d.excitation.title}"
-    )
-    swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
-    beside = ", steps in turn rate" if flies_accompanying_step(context) and context.settings.gains is None else ""
-    most = SHARE * context.settings.envelope.heading_excursion
-    if (beside or d.stepped == "r") and math.isfinite(most):
-        beside += f" (turning by up to {math.degrees(most):.0f} deg)"
-    return f"{signs}{down}{shown}steps in {axis.name}{beside}{swings}{under_way}"
-
-
-def movements_in_brief(context: TuneContext, now: Observation) -> str:
-    """Return what :func:`movements_of` states in one line of a terminal, without turns and their limits."""
-    axis, d = context.axis, context.axis.kind
-    dive = dive_for(axis.dof, context.craft.firmware, now)
-    step = context.settings.step if context.settings.step is not None else d.step
-    size = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
-    designs = context.given is None and context.settings.gains is None
+    down = f"dive to {dive.settings['depth']:g} m, " if dive is not None else ""
+    signs, by_throttle = d.excitation.check, d.excitation.by_throttle
+    kind = "throttle steps" if by_throttle else f"relay oscillations about the present {d.excitation.title}"
+    identifies = context.given is None and context.settings.gains is None
     beside = flies_accompanying_step(context) and context.settings.gains is None
-    parts = [
-        *([f"dive to {dive.settings['depth']:g} m"] if dive is not None else []),
-        "pulses",
-        f"{'' if context.law.controls_velocity else size}steps in {axis.name}{' and turn rate' * beside}",
-        *(["throttle steps" if d.excitation.by_throttle else "oscillations"] if designs else []),
-    ]
-    return ", ".join(parts) + f" at {context.speed:.1f} m/s" * bool(axis.needs_speed)
+    most = SHARE * context.settings.envelope.heading_excursion
+    turns = (beside or d.stepped == "r") and math.isfinite(most)
+    sentence = (
+        f"{signs}{down}{'then ' * bool(down)}{shown}steps in {axis.name}{', steps in turn rate' * beside}"
+        + f" (turning by up to {math.degrees(most):.0f} deg)" * turns
+        + f" and {kind}" * identifies
+        + f" under way at {speed:.1f} m/s{turning}" * bool(axis.needs_speed)
+    )
+    brief = (
+        f"{down}pulses, {shown}steps in {axis.name}{' and turn rate' * beside}"
+        + f", {'throttle steps' if by_throttle else 'oscillations'}" * identifies
+        + f" at {speed:.1f} m/s" * bool(axis.needs_speed)
+    )
+    return sentence, brief
