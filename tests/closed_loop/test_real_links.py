@@ -1,8 +1,8 @@
 """The same tune over real transports: two processes, UDP, TCP and a pair of pseudo-terminals.
 
 The simulator runs free at three times real time, so these are the only tests that take wall time. A stall of a loaded
-machine counts threefold there. So the pilot-input failsafe (three seconds) has ten times as long, and a turn has room
-until it is seen to be over.
+machine counts threefold there. So their processes take precedence over other tests where the system allows it, the
+pilot-input failsafe (three seconds) has ten times as long, and a turn has room until it is seen to be over.
 """
 
 from __future__ import annotations
@@ -29,6 +29,18 @@ TURNING = 0.5
 tell linear from quadratic."""
 
 
+@pytest.fixture(autouse=True)
+def precedence() -> Iterator[None]:
+    """These processes before those of other tests, which children inherit: only an administrator may do this."""
+    usual = os.getpriority(os.PRIO_PROCESS, 0)
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, -15)
+    try:
+        yield
+    finally:
+        os.setpriority(os.PRIO_PROCESS, 0, usual)
+
+
 def free_port(kind) -> int:
     with socket.socket(socket.AF_INET, kind) as s:
         s.bind(("127.0.0.1", 0))
@@ -49,18 +61,26 @@ def tcp() -> Iterator[tuple[str, str]]:
 
 @contextlib.contextmanager
 def serial() -> Iterator[tuple[str, str]]:
-    """Two pseudo-terminals with a null-modem cable between their masters."""
+    """Two pseudo-terminals with a null-modem cable between their masters.
+
+    The cable holds what the other side has not yet taken. Without this, a program that is not scheduled for a quarter
+    of a second would lose messages: at threefold speed, a pseudo-terminal has no room for more.
+    """
     (one, vehicle), (other, ground) = os.openpty(), os.openpty()
     done, wake = os.pipe()
+    for end in (one, other):
+        os.set_blocking(end, False)
 
     def cable():
-        ends = {one: other, other: one}
+        ends, held = {one: other, other: one}, {one: b"", other: b""}
         while True:
-            ready, _, _ = select.select([one, other, done], [], [])
-            if done in ready:
+            readable, writable, _ = select.select([one, other, done], [end for end in ends if held[end]], [])
+            if done in readable:
                 return
-            for end in ready:
-                os.write(ends[end], os.read(end, 4096))
+            for end in writable:
+                held[end] = held[end][os.write(end, held[end][:512]) :]
+            for end in readable:
+                held[ends[end]] += os.read(end, 4096)
 
     thread = threading.Thread(target=cable, daemon=True)
     thread.start()

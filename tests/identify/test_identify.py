@@ -146,6 +146,25 @@ def test_a_hole_in_the_telemetry_does_not_bend_the_answer(relays: list[Trial]) -
     assert fit.parameters["alpha_r"].value == pytest.approx(0.36, rel=0.02)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_gaps_of_half_a_second_that_hide_pulses_of_a_small_craft_do_not_bend_the_answer(
+    seed: int, record: Record
+) -> None:
+    plant = (0.2, 0.75, 0.025, 0.0)
+    trial = record(plant, Relay(0.3, 10 * DEG), 16.0, dt=0.025, h=0.005, noise=0.003, rate_noise=0.004, seed=seed)
+    gaps = np.random.default_rng(seed).uniform(2.0, 15.0, 4)
+    holed = trial
+    for name in trial.channels:
+        c = trial[name]
+        keep = np.all([(c.t < gap) | (c.t > gap + 0.6) for gap in gaps], axis=0)
+        holed = changed(holed, name, t=c.t[keep], values=c.values[keep])
+    fit = fit_axis(holed)
+    assert {"gaps", "input-gaps"} <= slugs(fit)
+    alpha, beta, beta_rr = (fit.parameters[name].value for name in ("alpha_r", "beta_r", "beta_rr"))
+    assert alpha == pytest.approx(plant[0], rel=0.03)
+    assert beta + 0.5 * beta_rr == pytest.approx(plant[1] + 0.5 * plant[2], rel=0.03)
+
+
 def test_a_coarse_compass_is_noticed_and_the_answer_stays_within_a_few_percent(record: Record) -> None:
     trials = []
     for C in (0.08, 0.16):

@@ -69,10 +69,11 @@ STEADY = 0.9
 Project choice.
 """
 
-LONGEST, STEPS = 1.0, 10.0
-"""Limits of an interval without samples in a regularly recorded input, in seconds and in usual time steps.
+GAP_SECONDS, GAP_STEPS = 0.25, 10.0
+"""Limits of an interval without samples, in seconds and in median time steps. Project choice.
 
-An interval that exceeds both is a gap. Project choice.
+An interval that exceeds both is a gap. The oscillation of a small ROV has half-periods of 0.7 s: a gap of 0.5 s may
+hide a pulse of its input, and then a model fitted across the gap is wrong by a multiple.
 """
 
 
@@ -254,6 +255,12 @@ def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
     return replace(channel, t=channel.t[~out], values=channel.values[~out])
 
 
+def gaps_in(t: Array) -> NDArray[np.intp]:
+    """Return the indices of the last samples before the gaps in the stamps *t* (n,) [s]."""
+    dt = np.diff(t)
+    return np.flatnonzero(dt > max(GAP_SECONDS, GAP_STEPS * float(np.median(dt))))
+
+
 def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, float]]:
     """Return the start and end [s] of each gap in a regularly recorded input.
 
@@ -265,9 +272,7 @@ def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, 
     usual = float(np.median(dt))
     if float(np.mean(np.abs(dt - usual) <= 0.5 * usual)) < STEADY:
         return []
-    found = [
-        (float(drive.t[i]) + usual, float(drive.t[i + 1])) for i in np.flatnonzero(dt > max(LONGEST, STEPS * usual))
-    ]
+    found = [(float(drive.t[i]) + usual, float(drive.t[i + 1])) for i in gaps_in(drive.t)]
     if found:
         notes.append(
             Doubt(

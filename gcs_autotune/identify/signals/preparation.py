@@ -18,7 +18,17 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.signals.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
-from gcs_autotune.identify.signals.cleaning import clean, continuous, holes_of, noted, outside, unwrap, within_range
+from gcs_autotune.identify.signals.cleaning import (
+    GAP_SECONDS,
+    clean,
+    continuous,
+    gaps_in,
+    holes_of,
+    noted,
+    outside,
+    unwrap,
+    within_range,
+)
 from gcs_autotune.identify.signals.intake import left_out
 from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment, Signal
 from gcs_autotune.models import FORMS, Form
@@ -54,12 +64,6 @@ INPUTS: dict[str, tuple[str, ...]] = {
 
 WITHIN_LOOP = 0.25
 """Fraction of an autopilot's loop time by which outputs and attitudes from the same loop may differ. Project choice."""
-
-GAP_SECONDS, GAP_STEPS = 1.0, 10.0
-"""Limits of an interval without samples, in seconds and in median time steps. Project choice.
-
-If an interval exceeds both, a new segment starts after it, with its own initial state.
-"""
 
 TRANSITION = 4.0
 """Smallest ratio of a velocity's standard deviation to its noise for a change from one steady value to another.
@@ -437,9 +441,7 @@ def _errors_of(trial: Trial, name: str, t: Array) -> tuple[Array, Array]:
 
 def _edges(t: Array) -> Array:
     """Return the boundaries of the uninterrupted stretches of *t*, including both ends."""
-    dt = np.diff(t)
-    holes = np.flatnonzero(dt > max(GAP_SECONDS, GAP_STEPS * float(np.median(dt))))
-    return np.concatenate([t[:1], t[holes + 1], [np.inf]])
+    return np.concatenate([t[:1], t[gaps_in(t) + 1], [np.inf]])
 
 
 def _joined(trial: Trial, drives: Sequence[Channel]) -> tuple[Array, Array, Array]:
