@@ -55,12 +55,15 @@ class ChangingCurrent(SteadyCurrent):
     derivatives = Effect.derivatives  # only speeds over ground and positions change
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return start values of the current as for a steady one, without change."""
-        more = {"growth": 0.0, "turn": 0.0}
+        """Return start values of the current: without change as for a steady one, then reversing halfway.
+
+        A current that reverses has a mean near zero, and then no start without change leads to it.
+        """
         low, high = data.extent.get("z", (0.0, 0.0))
-        if "heave" in data.form.dofs and high - low > DEEP:
-            more["shear"] = 0.0
-        return tuple({**start, **more} for start in super().starts(place, data))
+        shear = {"shear": 0.0} if "heave" in data.form.dofs and high - low > DEEP else {}
+        steady = super().starts(place, data)
+        changes = ({"growth": growth, "turn": 0.0, **shear} for growth in (0.0, -2.0 / data.duration))
+        return tuple({**start, **change} for change in changes for start in steady)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Return the bounds of the current and of its changes in the longest run."""
