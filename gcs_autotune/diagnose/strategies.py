@@ -35,7 +35,9 @@ from gcs_autotune.diagnose.score import (
     CandidateScore,
     SearchStep,
     bic_penalty,
+    is_form_of,
     is_needed,
+    key_of,
     may_be_none,
     ordered,
 )
@@ -251,13 +253,37 @@ def backward_elimination(state: SearchState) -> SearchState:
     A cause accepted early may have represented two others. The newest cause is compared again only if an earlier one
     has changed since.
     """
-    state = plain_constants(state) or state
+    state = _without_plainer_law(plain_constants(state) or state)
     newest, won = state.steps[-1].accepted, state.fitted
     last = None if newest is None else (newest.effect.slug, newest.effect.place)
     for key in sorted(((e.slug, e.place) for e in state.causes), key=lambda k: k == last):
         if key != last or state.fitted is not won:
             state = _asked_again(state, *key)
     return state
+
+
+def _without_plainer_law(state: SearchState) -> SearchState:
+    """Return the state without the plainer laws of the newest cause, if they are not needed beside it.
+
+    Beside a plainer law, the special one describes only what that law leaves of the same cause. It is therefore fitted
+    again from its own start values and from those of the plainer law.
+    """
+    kept, accepted = state.fitted, state.steps[-1].accepted
+    newest = None
+    if accepted is not None:
+        newest = next((e for e in kept.effects if key_of(e) == key_of(accepted.effect)), None)
+    plainer = [e for e in state.causes if newest is not None and is_form_of(newest, e)]
+    if newest is None or not plainer:
+        return state
+    rest = tuple(e for e in kept.effects if e is not newest and e not in plainer)
+    starts = [newest.with_values(s) for s in EFFECTS[newest.slug].starts(newest.place, state.problem.data_summary)]
+    known = {n: v for e in plainer for n, v in e.values.items() if n in newest.values}
+    tried = [newest, *(start.with_values(known) for start in starts), *starts]
+    fits = (state.problem.fit(kept.theta, (*rest, own), kept.initial, trials=30, shift=kept.shift) for own in tried)
+    alone = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
+    if alone is None or is_needed((alone.cost - kept.cost) / correlation_of(kept), kept, alone, state.tried):
+        return state
+    return state.with_model(alone)
 
 
 def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
