@@ -48,7 +48,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="design the controller that `hold` flies (heading, depth), instead of the autopilot's; line is always own",
     )
-    what.add_argument("--firmware", choices=FIRMWARES, help="autopilot (default: ardurover, for depth ardusub)")
+    what.add_argument(
+        "--firmware",
+        choices=FIRMWARES,
+        help="autopilot (default: that of the run or of --parameters, otherwise ardurover, for depth ardusub)",
+    )
     what.add_argument(
         "--parameters",
         type=Path,

@@ -176,12 +176,17 @@ class _Parameters:
         return {name: self._values[name] for name in found if name}
 
 
+def _parameter_file(settings: DeskSettings) -> Path | None:
+    """Return the file with the vehicle's parameters, or None if there is none."""
+    if settings.parameters is not None or not settings.source.is_dir():
+        return settings.parameters
+    files = (settings.source / f"parameters_{name}.param" for name in ("after", "before"))
+    return next((file for file in files if file.is_file()), None)
+
+
 def _present(settings: DeskSettings, axis: Axis) -> tuple[Axis, dict[str, float], str]:
     """Return the axis with the vehicle's names, its parameters under canonical names, and where they come from."""
-    path = settings.parameters
-    if path is None and settings.source.is_dir():
-        files = (settings.source / f"parameters_{name}.param" for name in ("after", "before"))
-        path = next((file for file in files if file.is_file()), None)
+    path = _parameter_file(settings)
     defaults = {gain.parameter: gain.default for gain in axis.gains}
     if path is None:
         return axis, defaults, "the firmware's defaults"
@@ -192,11 +197,23 @@ def _present(settings: DeskSettings, axis: Axis) -> tuple[Axis, dict[str, float]
 
 
 def _axis(settings: DeskSettings, loop: str) -> tuple[str, Axis]:
-    """Return the firmware's name and its loop."""
+    """Return the firmware's name and its loop: the firmware of the settings, or else the one whose gains the vehicle
+    has, the one that its runs state, or the first one with this loop.
+    """
     if settings.firmware:
         firmware = lookup(FIRMWARE, settings.firmware, "firmware")
         return settings.firmware, lookup(firmware.axes, loop, f"loop of {settings.firmware}")
-    return next((name, f.axes[loop]) for name, f in FIRMWARE.items() if loop in f.axes)
+    possible = {name: f.axes[loop] for name, f in FIRMWARE.items() if loop in f.axes}
+    path = _parameter_file(settings)
+    if path is not None:
+        stored = _Parameters(load_params(path))
+        for name, axis in possible.items():
+            if read_named(stored, [gain.parameter for gain in axis.gains])[1]:
+                return name, axis
+    runs = load_runs(settings.source) if settings.source.is_dir() else ()
+    stated = (str(run.meta.get("firmware", "")).lower() for run in runs)
+    name = next((name for name in stated if name in possible), next(iter(possible)))
+    return name, possible[name]
 
 
 def _supplied(settings: DeskSettings, axis: Axis) -> tuple[SuppliedModel, tuple[str, ...]]:

@@ -51,6 +51,25 @@ def test_gains_for_ardurover_are_printed_with_the_defaults_saved_and_shown_on_a_
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("briefly")
+@pytest.mark.parametrize("known_from", ["parameters", "run"])
+def test_gains_are_designed_for_the_autopilot_of_the_parameters_or_of_the_run(known_from, capsys, tmp_path):
+    source, more = written(tmp_path / "model.json", YAW), ()
+    if known_from == "parameters":
+        stored = tmp_path / "vehicle.param"
+        stored.write_text("ATC_RAT_YAW_P,0.2\nATC_ANG_YAW_P,5.5\n", encoding="utf-8")
+        more = ("--parameters", stored)
+    else:
+        run = example_run()
+        (tmp_path / "trials").mkdir()
+        save_trial(replace(run, meta={**run.meta, "firmware": "ArduSub"}), tmp_path / "trials" / "03-relay-1.csv")
+        source = tmp_path
+    found = told(capsys, source, "--for", "heading", *more)
+    assert found["firmware"] == "ardusub"
+    assert {*found["gains"]} >= {"ATC_RAT_YAW_P", "ATC_ANG_YAW_P"}
+
+
+@pytest.mark.slow
 def test_all_styles_are_designed_into_one_file_to_compare_them(tmp_path, briefly, capsys):
     model, file = written(tmp_path / "rov.json", HEAVE), tmp_path / "styles.json"
     assert main(["design", str(model), "--for", "depth", "--full-scale", "100", "--styles", str(file)]) == 0
