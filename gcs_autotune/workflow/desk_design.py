@@ -130,6 +130,7 @@ def designs_of_styles(settings: DeskSettings) -> dict[str, DesignedGains | str]:
         As :func:`design_at_desk`.
     """
     found: dict[str, DesignedGains | str] = {}
+    settings = replace(settings, speed=_speed(settings))  # read from the runs once
     for style in STYLE_STEPS:
         try:
             designed = design_at_desk(replace(settings, style=style))
@@ -243,7 +244,7 @@ def _gains(settings: DeskSettings) -> Designed:
         return _own(settings)
     firmware, plain = _axis(settings, settings.loop)
     axis, present, origin = _present(settings, plain)
-    (given, notes), speed = _supplied(settings, axis), _speed(settings)
+    (given, notes), speed = _supplied(settings, axis), _speed(settings) if axis.needs_speed else settings.speed
     if axis.needs_speed and axis.steers_by_way and speed is None:
         raise UsageError(f"no speed given. Use --speed with the speed at which '{given.file.name}' was identified")
     spec = _spec(settings, axis, given, speed, present)
