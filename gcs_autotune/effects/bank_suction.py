@@ -23,11 +23,8 @@ CLOSE, SHARE = 0.1, 0.2
 - ``SHARE``: suction and moment there at the highest speed, relative to the largest force.
 """
 
-LEAST, MOST = 0.01, 0.5
-"""Least distance to the wall in a fit, and greatest one at the closest point, over the range of positions.
-
-Project choice. At a distance that hardly changes within the runs, a wall is only another name for wind.
-"""
+LEAST = 0.01
+"""Least distance to the wall in a fit, over the range of positions. Project choice."""
 
 BANK = "bank"
 """Input that carries the sine of the angle between the wall's direction and the heading, over the distance."""
@@ -80,8 +77,8 @@ class BankSuction(Effect):
         return tuple(found)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return the bounds: the wall is close to the positions, pulls, and turns the bow either way."""
-        far = hypot(*(max(map(abs, data.extent[n])) for n in ("x", "y"))) + MOST * _span(data)
+        """Return the bounds: the wall is within two ranges of position, pulls, and turns the bow either way."""
+        far = hypot(*(max(map(abs, data.extent[n])) for n in ("x", "y"))) + 2.0 * _span(data)
         suction = {"Y": (0.0, inf)} if "sway" in place else {}
         return {"direction": (-3.0 * pi, 3.0 * pi), "distance": (-far, far), **suction, "N": (-inf, inf)}
 

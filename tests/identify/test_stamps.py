@@ -75,3 +75,13 @@ def test_the_bound_knows_that_the_stamps_are_not_exact(clean: list[Trial]) -> No
     assert shifted["alpha"] > 1.5 * exact["alpha"]
     fit = fit_axis(runs, structure="nonlinear")
     assert fit.parameters["alpha_r"].std == pytest.approx(shifted["alpha"], rel=0.1)
+
+
+@pytest.mark.parametrize("rate", [2.0, 3.0, 4.0, 10.0])
+def test_changes_of_an_output_that_a_slow_link_reports_keep_their_uncertainty(rate: float) -> None:
+    t = np.arange(0.0, 40.0, 1.0 / rate)
+    N = Channel("N", "1", t, np.where(np.arange(len(t)) // 5 % 2, 0.3, -0.3))
+    psi = Channel("psi", "rad", t, np.sin(0.5 * t))
+    meta = {"outputs_dated": "midway", "loop_period": STEP}
+    (segment,) = prepare(Trial("slow", {"psi": psi, "N": N}, meta=meta), "yaw")
+    assert segment.slack[1:] == pytest.approx(1.0 / rate - STEP, abs=0.5 * STEP)

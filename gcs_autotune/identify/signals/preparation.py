@@ -19,7 +19,6 @@ from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.signals.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
 from gcs_autotune.identify.signals.cleaning import (
-    GAP_SECONDS,
     clean,
     continuous,
     gaps_in,
@@ -490,5 +489,6 @@ def _slack_of(trial: Trial, drive: Channel) -> Array:
     if trial.meta.get("outputs_dated") != "midway" or loop <= 0.0:
         return slack
     whole = np.round((np.diff(drive.t) - loop) / (0.5 * loop)) * 0.5 * loop
-    slack[1:] = np.where(whole < GAP_SECONDS, np.maximum(whole, 0.0), 0.0)
+    slack[1:] = np.maximum(whole, 0.0)
+    slack[gaps_in(drive.t) + 1] = 0.0  # what a gap hides is left out
     return slack
