@@ -54,7 +54,7 @@ def authority(
         if path.is_dir():
             file = model_file(path)
             settings |= _settings(path)
-            runs = _runs(path)
+            runs = readable_runs(path)
             firmwares |= {str(run.meta.get("firmware", "")) for run in runs} - {""}
         models.append(_flown(path, file, runs, full_scale or {}))
     surge, yaw = _roles(models)
@@ -118,7 +118,7 @@ SAME_SPEED = 0.15
 """Relative difference of two speeds below which two yaw models are of the same speed."""
 
 
-def _runs(path: Path) -> Sequence[Trial]:
+def readable_runs(path: Path) -> Sequence[Trial]:
     """Return the runs that were fitted; none if they cannot be read, since the model alone is usable."""
     try:
         return load_runs(path)

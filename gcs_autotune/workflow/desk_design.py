@@ -40,6 +40,8 @@ from gcs_autotune.logs import load_runs
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import DesignedGains, DesignedOwn, DesignedRelay
+from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.authority import readable_runs
 from gcs_autotune.workflow.nominal_plant import motion_of
 from gcs_autotune.workflow.own_loops import SUPPLIED, range_of
 from gcs_autotune.workflow.proof import SHARE_OF_TOP, cruise_pair, known_of
@@ -67,7 +69,7 @@ class DeskSettings:
     ----------
     source : a model file, the JSON output of an identification, or a run directory.
     loop : a name in :data:`TASKS`. own : for a controller of our own instead of the autopilot's.
-    firmware : name in ``FIRMWARE``; empty: the first one that has the loop.
+    firmware : name in ``FIRMWARE``; empty: that of the vehicle's parameters or runs, or the first one with the loop.
     parameters : file with the vehicle's present gains; None: those of the run directory, or the firmware's defaults.
     full_scale : model input at full output, if the model's input is not an output.
     speed, throttle : speed [m/s] and throttle [fraction] at which a boat was identified.
@@ -130,7 +132,8 @@ def designs_of_styles(settings: DeskSettings) -> dict[str, DesignedGains | str]:
         As :func:`design_at_desk`.
     """
     found: dict[str, DesignedGains | str] = {}
-    settings = replace(settings, speed=_speed(settings))  # read from the runs once
+    firmware, axis = _axis(settings, settings.loop)  # the runs are read once, not for every style
+    settings = replace(settings, firmware=firmware, speed=_speed(settings, axis))
     for style in STYLE_STEPS:
         try:
             designed = design_at_desk(replace(settings, style=style))
@@ -156,12 +159,17 @@ def _model(settings: DeskSettings, dof: str) -> ModelFile:
     return replace(model_file_of(fit_axis(load_runs(path), dof=dof)), name=path.name)
 
 
-def _speed(settings: DeskSettings) -> float | None:
-    """Return the speed of the settings, or else that of the runs in the directory [m/s]."""
-    if settings.speed is not None or not settings.source.is_dir():
+def _runs(settings: DeskSettings) -> Sequence[Trial]:
+    """Return the runs in the directory; none for a model file."""
+    return readable_runs(settings.source) if settings.source.is_dir() else ()
+
+
+def _speed(settings: DeskSettings, axis: Axis) -> float | None:
+    """Return the speed of the settings, or else that of the runs in the directory if *axis* needs one [m/s]."""
+    if settings.speed is not None or not axis.needs_speed:
         return settings.speed
-    told = [float(run.meta.get("speed") or math.nan) for run in load_runs(settings.source)]
-    known = [speed for speed in told if math.isfinite(speed) and speed > 0.0]
+    stated = [float(run.meta.get("speed") or math.nan) for run in _runs(settings)]
+    known = [speed for speed in stated if math.isfinite(speed) and speed > 0.0]
     return float(np.median(known)) if known else None
 
 
@@ -211,8 +219,7 @@ def _axis(settings: DeskSettings, loop: str) -> tuple[str, Axis]:
         for name, axis in possible.items():
             if read_named(stored, [gain.parameter for gain in axis.gains])[1]:
                 return name, axis
-    runs = load_runs(settings.source) if settings.source.is_dir() else ()
-    stated = (str(run.meta.get("firmware", "")).lower() for run in runs)
+    stated = (str(run.meta.get("firmware", "")).lower() for run in _runs(settings))
     name = next((name for name in stated if name in possible), next(iter(possible)))
     return name, possible[name]
 
@@ -244,7 +251,7 @@ def _gains(settings: DeskSettings) -> Designed:
         return _own(settings)
     firmware, plain = _axis(settings, settings.loop)
     axis, present, origin = _present(settings, plain)
-    (given, notes), speed = _supplied(settings, axis), _speed(settings) if axis.needs_speed else settings.speed
+    (given, notes), speed = _supplied(settings, axis), _speed(settings, axis)
     if axis.needs_speed and axis.steers_by_way and speed is None:
         raise UsageError(f"no speed given. Use --speed with the speed at which '{given.file.name}' was identified")
     spec = _spec(settings, axis, given, speed, present)
@@ -303,7 +310,7 @@ def _own(settings: DeskSettings) -> DesignedOwn:
     _, axis = _axis(settings, "heading" if is_line else settings.loop)
     if axis.kind.controls_velocity:
         raise UsageError(f"there is no controller of our own for {axis.name}. Use heading, depth or line")
-    (given, notes), speed = _supplied(settings, axis), _speed(settings)
+    (given, notes), speed = _supplied(settings, axis), _speed(settings, axis)
     if is_line and speed is None:
         raise UsageError("no speed given. Use --speed with the craft's speed on the line")
     known, full = known_of(given, axis), given.full_scale or 1.0

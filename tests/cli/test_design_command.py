@@ -25,7 +25,7 @@ def written(path: Path, model: SingleDof) -> Path:
     return path
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+def printed(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
     assert main(["design", *map(str, arguments), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
@@ -64,9 +64,17 @@ def test_gains_are_designed_for_the_autopilot_of_the_parameters_or_of_the_run(kn
         (tmp_path / "trials").mkdir()
         save_trial(replace(run, meta={**run.meta, "firmware": "ArduSub"}), tmp_path / "trials" / "03-relay-1.csv")
         source = tmp_path
-    found = told(capsys, source, "--for", "heading", *more)
+    found = printed(capsys, source, "--for", "heading", *more)
     assert found["firmware"] == "ardusub"
     assert {*found["gains"]} >= {"ATC_RAT_YAW_P", "ATC_ANG_YAW_P"}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("briefly")
+def test_a_folder_with_a_model_and_no_run_is_designed_for(capsys, tmp_path):
+    written(tmp_path / "model.json", YAW)
+    assert printed(capsys, tmp_path, "--for", "heading", "--speed", "1.5")["firmware"] == "ardurover"
+    assert "no speed given. Use --speed" in refused(capsys, tmp_path, "--for", "heading")
 
 
 @pytest.mark.slow
@@ -96,7 +104,7 @@ def test_styles_are_not_compared_where_another_option_sets_the_speed(tmp_path, c
 def test_present_gains_come_from_a_file_under_the_vehicles_own_names(capsys, tmp_path):
     model, held = written(tmp_path / "boat.json", YAW), tmp_path / "present.param"
     held.write_text("ATC_STR_RAT_FF,1.25\nATC_STR_ANG_P,1.5\n", encoding="utf-8")
-    found = told(capsys, model, "--for", "heading", "--speed", "1.5", "--settling-time", "8", "--parameters", held)
+    found = printed(capsys, model, "--for", "heading", "--speed", "1.5", "--settling-time", "8", "--parameters", held)
     changes = {change["parameter"]: change for change in found["proposal"]["changes"]}
     assert changes["ATC_STR_RAT_FF"]["old"] == 1.25
     assert found["present"] == "present.param, defaults for ATC_STR_RAT_P, ATC_STR_RAT_I, ATC_STR_RAT_D"
@@ -112,7 +120,7 @@ def test_present_gains_come_from_a_file_under_the_vehicles_own_names(capsys, tmp
     ],
 )
 def test_every_loop_of_the_autopilot_keeps_its_margins_over_the_region(capsys, tmp_path, loop, model, options):
-    found = told(capsys, written(tmp_path / "craft.json", model), "--for", loop, *options)
+    found = printed(capsys, written(tmp_path / "craft.json", model), "--for", loop, *options)
     worst = found["after"]["worst_margins"]
     assert worst["stable"] and worst["phase"] > math.radians(44.0) and worst["gain"] > 2.4
     assert all(real < 0.0 for real, _ in found["after"]["poles"])
@@ -120,18 +128,18 @@ def test_every_loop_of_the_autopilot_keeps_its_margins_over_the_region(capsys, t
 
 def test_a_speed_loop_gets_the_measured_pair_of_throttle_and_speed(capsys, tmp_path):
     model = SingleDof("surge", "1", 2.0, 0.3, 0.15)
-    found = told(capsys, written(tmp_path / "craft.json", model), "--for", "speed", "--throttle", "0.6")
+    found = printed(capsys, written(tmp_path / "craft.json", model), "--for", "speed", "--throttle", "0.6")
     kept = model.steady_velocity(0.6)
     assert (found["gains"]["CRUISE_THROTTLE"], found["gains"]["CRUISE_SPEED"]) == (60.0, pytest.approx(kept, rel=0.01))
 
 
 def test_our_own_loop_keeps_the_required_margin_and_is_slower_for_it(capsys, tmp_path):
     model = written(tmp_path / "boat.json", YAW)
-    fast = told(capsys, model, "--for", "heading", "--own")
-    wide = told(capsys, model, "--for", "heading", "--own", "--gain-margin", "3.5")
+    fast = printed(capsys, model, "--for", "heading", "--own")
+    wide = printed(capsys, model, "--for", "heading", "--own", "--gain-margin", "3.5")
     assert wide["loop"]["margins"]["gain"] > 3.5 > fast["loop"]["margins"]["gain"]
     assert wide["wanted"]["omega_0"] < fast["wanted"]["omega_0"]
-    line = told(capsys, model, "--for", "line", "--speed", "1.5", "--guidance", "indirect")
+    line = printed(capsys, model, "--for", "line", "--speed", "1.5", "--guidance", "indirect")
     assert line["wanted"] == fast["wanted"]
     assert {"K_psi", "K_r", "K_d", "K_I"} < set(line["line"])
 
@@ -139,12 +147,12 @@ def test_our_own_loop_keeps_the_required_margin_and_is_slower_for_it(capsys, tmp
 def test_the_relay_of_example_6_3_is_predicted(capsys, tmp_path):
     example = SingleDof("yaw", "1", math.degrees(0.3 / 50.0), math.degrees(1.0 / 50.0))  # 50/(s(0.3s+1)) in degrees
     model = written(tmp_path / "example.json", example)
-    found = told(
+    found = printed(
         capsys, model, "--for", "relay", "--relay-output", "1", "--relay-hysteresis", "20.28", "--control-rate", "100"
     )
     assert math.degrees(found["X_m"]) == pytest.approx(24.47, rel=0.02)
     assert found["period"] == pytest.approx(2.8, rel=0.03)
-    late = told(
+    late = printed(
         capsys, model, "--for", "relay", "--relay-output", "1", "--relay-hysteresis", "16", "--control-rate", "5"
     )
     assert math.degrees(late["X_m"]) == pytest.approx(24.47, rel=0.10)
@@ -157,7 +165,7 @@ def test_a_run_directory_supplies_model_speed_and_present_gains(capsys, tmp_path
     about = {"manoeuvre": "relay", "purpose": "identification", "dof": "yaw", "speed": 1.2}
     save_trial(replace(run, meta=about), tmp_path / "trials" / "01-relay.csv")
     (tmp_path / "parameters_before.param").write_text("ATC_STR_ANG_P,3\n", encoding="utf-8")
-    found = told(capsys, tmp_path, "--for", "heading", "--omega-0", "1")
+    found = printed(capsys, tmp_path, "--for", "heading", "--omega-0", "1")
     assert found["present"].startswith("parameters_before.param, defaults for ATC_STR_RAT_FF")
     old = {change["parameter"]: change["old"] for change in found["proposal"]["changes"]}
     assert (old["ATC_STR_ANG_P"], old["ATC_STR_RAT_P"]) == (3.0, 0.2)
@@ -189,14 +197,14 @@ def test_a_relay_weaker_than_the_constant_force_is_rejected(capsys, tmp_path):
 
 
 def test_a_line_is_designed_by_default_as_hold_flies_it(capsys, tmp_path):
-    found = told(capsys, written(tmp_path / "boat.json", YAW), "--for", "line", "--speed", "1.5")
+    found = printed(capsys, written(tmp_path / "boat.json", YAW), "--for", "line", "--speed", "1.5")
     assert found["guidance"] == LAWS[0]
 
 
 @pytest.mark.parametrize(("loop", "more"), [("heading", ("--speed", "1.2")), ("heading", ("--own",))])
 def test_a_gentle_loop_has_wider_margins_and_about_half_the_bandwidth(capsys, tmp_path, loop, more):
     model = written(tmp_path / "boat.json", YAW)
-    normal, gentle = (told(capsys, model, "--for", loop, "--style", s, *more) for s in ("normal", "gentle"))
+    normal, gentle = (printed(capsys, model, "--for", loop, "--style", s, *more) for s in ("normal", "gentle"))
     loops = [found.get("after", found.get("loop")) for found in (normal, gentle)]
     worst = [loop["worst_margins"] for loop in loops]
     assert worst[1]["gain"] > max(3.4, worst[0]["gain"])
