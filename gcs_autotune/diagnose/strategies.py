@@ -269,17 +269,19 @@ def _without_plainer_law(state: SearchState) -> SearchState:
     again from its own start values and from those of the plainer law.
     """
     kept, accepted = state.fitted, state.steps[-1].accepted
-    newest = None
-    if accepted is not None:
-        newest = next((e for e in kept.effects if key_of(e) == key_of(accepted.effect)), None)
+    key = None if accepted is None else key_of(accepted.effect)
+    newest = next((e for e in kept.effects if key_of(e) == key), None)
     plainer = [e for e in state.causes if newest is not None and is_form_of(newest, e)]
     if newest is None or not plainer:
         return state
     rest = tuple(e for e in kept.effects if e is not newest and e not in plainer)
     starts = [newest.with_values(s) for s in EFFECTS[newest.slug].starts(newest.place, state.problem.data_summary)]
     known = {n: v for e in plainer for n, v in e.values.items() if n in newest.values}
-    tried = [newest, *(start.with_values(known) for start in starts), *starts]
-    fits = (state.problem.fit(kept.theta, (*rest, own), kept.initial, trials=30, shift=kept.shift) for own in tried)
+    tried = {tuple(own.values.items()): own for start in starts for own in (start.with_values(known), start)}
+    fits = (
+        state.problem.fit(kept.theta, (*rest, own), kept.initial, trials=30, shift=kept.shift)
+        for own in (newest, *tried.values())
+    )
     alone = min((f for f in fits if f is not None), key=lambda f: f.cost, default=None)
     if alone is None or is_needed((alone.cost - kept.cost) / correlation_of(kept), kept, alone, state.tried):
         return state
