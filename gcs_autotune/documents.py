@@ -14,10 +14,22 @@ from typing import Any, TypeVar
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["MODEL", "REPORT_MARK", "check_run_folder", "conformed", "is_report", "load_json", "load_toml", "model_file"]
+__all__ = [
+    "MODEL",
+    "REPORT_MARK",
+    "SETTING_OUT",
+    "check_run_folder",
+    "conformed",
+    "is_report",
+    "load_json",
+    "load_toml",
+    "model_file",
+]
 
 MODEL = "model.json"
 """The model file of a run directory."""
+SETTING_OUT = "setting_out.json"
+"""File of a run directory with the settings, vehicle and parameters at the start of the run."""
 REPORT_MARK = '<meta name="generator" content="gcs-autotune">'
 """Element in the head of every report page that the program writes."""
 

@@ -48,6 +48,7 @@ __all__ = [
     "Purpose",
     "Trial",
     "as_share",
+    "load_meta",
     "load_trial",
     "save_trial",
     "trial_of_columns",
@@ -331,6 +332,17 @@ def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
     trial = _with_side_file(Trial(visible(path.stem), channels, meta=meta), path.with_suffix(".json"))
     there = {tuple(note) for note in trial.meta.get("notes", ()) if isinstance(note, (list, tuple))}
     return _noted(trial, [note for note in (*notes, *more) if note not in there])
+
+
+def load_meta(path: Path) -> Mapping[str, Any]:
+    """Return the ``meta`` of the run in a CSV file that :func:`save_trial` wrote. The samples are not read.
+
+    Raises
+    ------
+    BadFile
+        The metadata file is damaged.
+    """
+    return _with_side_file(Trial(visible(path.stem), {}), path.with_suffix(".json")).meta
 
 
 def _noted(trial: Trial, notes: Sequence[Note]) -> Trial:

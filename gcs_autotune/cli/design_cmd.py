@@ -7,13 +7,14 @@ import math
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files
 from gcs_autotune.cli.hold_cmd import LAWS
 from gcs_autotune.cli.tune_cmd import FUNCTIONS, STYLES, add_style, check_style
 from gcs_autotune.cli.writing import fresh, on_replacing, page_file, put_out, write_page
+from gcs_autotune.documents import SETTING_OUT, conformed, load_json
 from gcs_autotune.errors import BadFile, UsageError
 
 if TYPE_CHECKING:
@@ -37,10 +38,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--for",
-        required=True,
         choices=LOOPS,
         dest="loop",
-        help="what to design: a loop, or relay for the limit cycle that a relay will cause",
+        help="what to design: a loop, or relay for the limit cycle that a relay will cause (default: the loop that the "
+        "run directory tuned)",
     )
     what = parser.add_argument_group("controller")
     what.add_argument(
@@ -97,8 +98,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    _check(args)
     check_files(args.model, args.parameters)
+    _check(args)
     from gcs_autotune.mavlink import save_params
     from gcs_autotune.report import DesignedGains, designed_document
     from gcs_autotune.workflow import DeskSettings, design_at_desk
@@ -163,8 +164,19 @@ def _write_styles(settings: DeskSettings, file: Path) -> int:
     return 0
 
 
+def _loop_of(source: Path) -> str:
+    """Return the loop that the run directory at *source* tuned."""
+    start = source / SETTING_OUT
+    told = load_json(start, "the start settings of a run") if start.is_file() else {}
+    axis = conformed(told, dict[str, Any], start).get("settings", {}).get("axis")
+    if axis not in LOOPS:
+        raise UsageError(f"add what to design: --for {', '.join(LOOPS[:-1])} or {LOOPS[-1]}")
+    return str(axis)
+
+
 def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before the slow imports."""
+    args.loop = args.loop or _loop_of(args.model)
     args.axis = MOTIONS[args.dof or "yaw"] if args.loop == "relay" else "heading" if args.loop == "line" else args.loop
     if args.loop == "relay":
         check_axis_limits(args, ("relay-hysteresis",))
@@ -207,7 +219,7 @@ COMMAND = Command(
         "json",
     ),
     examples=(
-        ("gcs-autotune design runs/LAST --for heading", "gains from the model of a run"),
+        ("gcs-autotune design runs/NAME", "gains from the model of a run"),
         ("gcs-autotune design boat.json --for speed --save boat.param", "gains as a parameter file"),
         ("gcs-autotune design boat.json --for relay --dof yaw", "the limit cycle of a relay"),
     ),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from gcs_autotune.diagnose import CraftComparison, compare_craft
+from gcs_autotune.documents import SETTING_OUT
 from gcs_autotune.errors import AutotuneError, BadFile, NotInformative, UsageError
 from gcs_autotune.identify import AxisFit, Structure, fit_axis
 from gcs_autotune.logs import load_runs
@@ -20,7 +21,6 @@ from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.untrusted_text import visible
 from gcs_autotune.workflow.recheck import AFTER
 from gcs_autotune.workflow.record import SUMMARY
-from gcs_autotune.workflow.resuming import SETTING_OUT
 from gcs_autotune_files import Refused, read
 
 __all__ = ["COMPARED", "compare", "fits_in"]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,11 +37,11 @@ from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 from gcs_autotune.identify import ModelFile, fit_axis, load_model, model_file_of
 from gcs_autotune.identify.relay import predict_cycle
-from gcs_autotune.logs import load_runs
+from gcs_autotune.logs import TRIALS_FOLDER, load_runs
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import DesignedGains, DesignedOwn, DesignedRelay
-from gcs_autotune.trial import Trial
+from gcs_autotune.trial import load_meta
 from gcs_autotune.workflow.authority import readable_runs
 from gcs_autotune.workflow.nominal_plant import motion_of
 from gcs_autotune.workflow.own_loops import SUPPLIED, range_of
@@ -159,16 +160,20 @@ def _model(settings: DeskSettings, dof: str) -> ModelFile:
     return replace(model_file_of(fit_axis(load_runs(path), dof=dof)), name=path.name)
 
 
-def _runs(settings: DeskSettings) -> Sequence[Trial]:
-    """Return the runs in the directory; none for a model file."""
-    return readable_runs(settings.source) if settings.source.is_dir() else ()
+def _stated(settings: DeskSettings) -> Sequence[Mapping[str, Any]]:
+    """Return the metadata of the runs in the directory; none for a model file."""
+    if not settings.source.is_dir():
+        return ()
+    tables = sorted((settings.source / TRIALS_FOLDER).glob("*.csv"))
+    # the samples of a run directory take up to a second to read, and only the metadata is needed
+    return [load_meta(file) for file in tables] or [run.meta for run in readable_runs(settings.source)]
 
 
 def _speed(settings: DeskSettings, axis: Axis) -> float | None:
     """Return the speed of the settings, or else that of the runs in the directory if *axis* needs one [m/s]."""
     if settings.speed is not None or not axis.needs_speed:
         return settings.speed
-    stated = [float(run.meta.get("speed") or math.nan) for run in _runs(settings)]
+    stated = (float(meta.get("speed") or math.nan) for meta in _stated(settings))
     known = [speed for speed in stated if math.isfinite(speed) and speed > 0.0]
     return float(np.median(known)) if known else None
 
@@ -219,7 +224,7 @@ def _axis(settings: DeskSettings, loop: str) -> tuple[str, Axis]:
         for name, axis in possible.items():
             if read_named(stored, [gain.parameter for gain in axis.gains])[1]:
                 return name, axis
-    stated = (str(run.meta.get("firmware", "")).lower() for run in _runs(settings))
+    stated = (str(meta.get("firmware", "")).lower() for meta in _stated(settings))
     name = next((name for name in stated if name in possible), next(iter(possible)))
     return name, possible[name]
 

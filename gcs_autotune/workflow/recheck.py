@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs_autotune.axes import AxisKind
+from gcs_autotune.documents import SETTING_OUT
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
 from gcs_autotune.observer import Observer
@@ -25,7 +26,6 @@ from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
 from gcs_autotune.workflow.fly import fly_plan
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import SUMMARY
-from gcs_autotune.workflow.resuming import SETTING_OUT
 from gcs_autotune_files import read
 
 __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]

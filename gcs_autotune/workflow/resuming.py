@@ -13,7 +13,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from gcs_autotune.documents import conformed, load_json
+from gcs_autotune.documents import SETTING_OUT, conformed, load_json
 from gcs_autotune.errors import GuardTripped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.link import Journal, MavlinkCraft, difference, fingerprint_of, same_float32
 from gcs_autotune.manoeuvres import GUARDS
@@ -23,8 +23,6 @@ from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 
 __all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "same_options", "way_on"]
 
-SETTING_OUT = "setting_out.json"
-"""File of a run directory with the settings, vehicle and parameters at the start of the run."""
 USED_AGAIN = ("step-before", "relay-1", "relay-2", "throttle-1", "throttle-2")
 """Trials that a later run may reuse."""
 _SHAPING = (

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from gcs_autotune.documents import SETTING_OUT
 from gcs_autotune.errors import BadFile
 from gcs_autotune.mavlink import Frame, mavlink, read_tlog
 
@@ -55,7 +56,7 @@ def share_run(run: Path, out: Path, *, hide_position: bool = False) -> Shared:
         *run* is no run directory, or *out* cannot be written.
     """
     found = [p for p in sorted(run.rglob("*")) if p.is_file() and not p.is_symlink() and p.resolve() != out.resolve()]
-    if not any(p.name in ("summary.json", "journal.jsonl", "setting_out.json") for p in found):
+    if not any(p.name in ("summary.json", "journal.jsonl", SETTING_OUT) for p in found):
         raise BadFile(f"{run} is not a run directory. Give the folder that contains report.html")
     place = next(filter(None, (_place(p) for p in found if p.suffix == ".tlog")), None) if hide_position else None
     files: list[str] = []

@@ -16,7 +16,7 @@ from typing import Any
 from msgspec import Struct
 
 from gcs_autotune.axes import AXES, axis_kind, excitation_of
-from gcs_autotune.documents import conformed, load_json
+from gcs_autotune.documents import SETTING_OUT, conformed, load_json
 from gcs_autotune.errors import (
     BadFile,
     DataError,
@@ -46,7 +46,6 @@ from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.recheck import AFTER, recheck
 from gcs_autotune.workflow.record import JOURNAL, SAVED, SUMMARY, RunDirectory
-from gcs_autotune.workflow.resuming import SETTING_OUT
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tune import job_of
 from gcs_autotune.workflow.tune_log import TuneLog

@@ -69,6 +69,17 @@ def test_gains_are_designed_for_the_autopilot_of_the_parameters_or_of_the_run(kn
     assert {*found["gains"]} >= {"ATC_RAT_YAW_P", "ATC_ANG_YAW_P"}
 
 
+def test_the_loop_is_the_one_that_the_run_tuned_unless_it_is_stated(capsys, tmp_path):
+    written(tmp_path / "model.json", YAW)
+    assert "add what to design: --for heading, yaw" in refused(capsys, tmp_path)
+    start = tmp_path / "setting_out.json"
+    start.write_text('{"settings": {"axis": "heading"}}', encoding="utf-8")
+    assert "no speed given" in refused(capsys, tmp_path)  # ArduRover's heading
+    assert "not surge" in refused(capsys, tmp_path, "--for", "speed")
+    start.write_text("[1]", encoding="utf-8")
+    assert "setting_out.json" in refused(capsys, tmp_path)
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
 def test_a_folder_with_a_model_and_no_run_is_designed_for(capsys, tmp_path):
