@@ -118,6 +118,9 @@ def cramer_rao(
     used = np.any(np.vstack(columns) != 0.0, axis=0)
     used[: len(wanted)] = True
     information = information_of(residuals, [c[:, used] for c in columns], noise)
+    causes = [place - len(numbers) + by_physical.shape[1] for own in objective.common.values() for place in own]
+    known = np.isin(np.flatnonzero(used), causes)
+    information[known, known] += 1.0
     if dated:
         at = [*wanted, *nuisance].index("delay")
         information[at, at] += found.shift_std**-2

@@ -9,6 +9,7 @@ heading loop with a period of a second. Therefore each channel records its filte
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -70,7 +71,11 @@ def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, s
     if f"{NAVIGATION}.psi" in store:
         for name in SIGNALS:
             own = SIGNALS[name].unit
-            for channel, unit in ((name, own), (f"std_{name}", own), (f"memory_{name}", "s")):
+            common = itertools.takewhile(
+                lambda c: f"{NAVIGATION}.{c}" in store, (f"common{i}_{name}" for i in itertools.count(1))
+            )
+            for channel in (name, f"std_{name}", f"memory_{name}", *common):
+                unit = "s" if channel.startswith("memory_") else own
                 if f"{NAVIGATION}.{channel}" in store:
                     t, values = store.series(f"{NAVIGATION}.{channel}")
                     pick.channels[channel] = Channel(channel, unit, t, values)

@@ -55,6 +55,15 @@ FLOOR = 0.3
 for motion. Project choice."""
 ALIKE = 0.05
 """Correlation of the errors of two neighbouring samples below which they count as independent. Project choice."""
+COMMON, NOTICED = 6, 5.0
+"""Errors common to all samples of a log that a run contains. Project choice.
+
+- ``COMMON``: greatest number of them.
+- ``NOTICED``: least size of one, in samples: the sum of squares of what it adds to every sample, over the variance of
+  the remaining error.
+"""
+TINY = 1e-6
+"""Fraction of a variance below which it is rounding. Project choice."""
 LEAST = np.array([5e-4, 0.01])
 """Smallest noise of gyro [rad/s] and accelerometer [m/s^2]. Project choice."""
 DRIFTS = (2e-5, 2e-4, 0.0)
@@ -113,6 +122,8 @@ class Navigation(Displayed):
     - ``t`` (k,) [s]; ``values``, ``stds``: signal -> (k,), of x y z phi theta psi u v w p q r in SI units.
     - ``covariance`` (k, 12, 12): of the signals in the order of ``values``.
     - ``memories``: signal -> (k,), correlation time of its error [s], 0 if the errors of two samples are independent.
+    - ``common``: signal -> (k, c), the part of its error by c causes that last for the whole log, such as biases. Each
+      column is for a cause of one standard deviation; the causes are independent of each other.
     - ``constants``, ``noise``: by name. ``passes``; ``converged``.
     - ``imu_noise``: of gyro [rad/s] and accelerometer [m/s^2].
     """
@@ -122,6 +133,7 @@ class Navigation(Displayed):
     stds: Mapping[str, Array]
     covariance: Array
     memories: Mapping[str, Array]
+    common: Mapping[str, Array]
     constants: Mapping[str, Constant]
     noise: Mapping[str, SensorNoise]
     imu_noise: tuple[float, float]
@@ -343,7 +355,8 @@ class _Stretch:
                 "sensor (FRD axes, specific force -9.8 m/s^2 down at rest)"
             )
         spread = np.sqrt(np.diag(self.first()[1]))
-        values, covariance = self._at_centre(x, P)
+        values, J = self._at_centre(x)
+        covariance = self._covariance(J, P)
         # The filter takes tilt errors for noise of the compass, but they last. They add to the turn of the compass.
         tilt = {f"compass turn {axis}": float(np.mean(covariance[:, i, i])) for axis, i in (("x", 3), ("y", 4))}
         constants = {
@@ -364,6 +377,7 @@ class _Stretch:
             noise[name] = SensorNoise(len(used), len(mine) - len(used), self.sigma[name], nis)
         stds = {n: np.sqrt(np.maximum(covariance[:, i, i], 0.0)) for i, n in enumerate(values)}
         lost = [*("xy" if not self.has_velocity else ""), *("uv" if not self.has_velocity else "")]
+        common = dict(zip(values, np.moveaxis(_common_of(J, P, covariance), 1, 0), strict=True))
         values = {n: v for n, v in values.items() if n not in lost}
         return Navigation(
             self.imu[:: self.every, 0],
@@ -371,6 +385,7 @@ class _Stretch:
             {n: stds[n] for n in values},
             covariance,
             {n: m for n, m in self._memories(result, covariance).items() if n in values},
+            {n: c for n, c in common.items() if n in values},
             constants,
             noise,
             (float(self.imu_noise[0]), float(self.imu_noise[1])),
@@ -391,8 +406,8 @@ class _Stretch:
         times[alike < ALIKE] = 0.0
         return {name: times[:, i].copy() for i, name in enumerate((*"xyz", *ANGLES, *"uvw", *"pqr"))}
 
-    def _at_centre(self, x: Array, P: Array) -> tuple[dict[str, Array], Array]:
-        """Return the signals at the centre of gravity, and their covariance (k, 12, 12)."""
+    def _at_centre(self, x: Array) -> tuple[dict[str, Array], Array]:
+        """Return the signals at the centre of gravity, and their derivatives by the filter's errors (k, 12, SIZE)."""
         k, c = len(x), np.array(self.mounting.centre)
         R = _matrices(x[:, :4])
         w = self.imu[:: self.every, 1:4] - x[:, 10:13]
@@ -412,13 +427,16 @@ class _Stretch:
         J[:, 6:9, 3:6] = np.eye(3)
         J[:, 6:9, kernel.GYRO : kernel.GYRO + 3] = _cross_matrix(c)
         J[:, 9:12, kernel.GYRO : kernel.GYRO + 3] = -np.eye(3)
-        covariance = J @ P @ np.swapaxes(J, 1, 2)
-        gyro = np.zeros((12, 3))
-        gyro[6:9], gyro[9:12] = -_cross_matrix(c), np.eye(3)
-        covariance += self.imu_noise[0] ** 2 * (gyro @ gyro.T)
         names = (*"xyz", *ANGLES, *"uvw", *"pqr")
         columns = np.column_stack([position, phi, theta, psi, velocity, w])
-        return {name: columns[:, i].copy() for i, name in enumerate(names)}, covariance
+        return {name: columns[:, i].copy() for i, name in enumerate(names)}, J
+
+    def _covariance(self, J: Array, P: Array) -> Array:
+        """Return the covariance (k, 12, 12) of the signals, with the noise of the gyro."""
+        gyro = np.zeros((12, 3))
+        gyro[6:9], gyro[9:12] = -_cross_matrix(np.array(self.mounting.centre)), np.eye(3)
+        covariance: Array = J @ P @ np.swapaxes(J, 1, 2) + self.imu_noise[0] ** 2 * (gyro @ gyro.T)
+        return covariance
 
 
 class _Pass:
@@ -462,6 +480,28 @@ class _Pass:
         shifts += self.P @ pull
         self.x[:, 4:] += shifts[:, 3:]
         self.x[:, :4] = _turned(self.x[:, :4], shifts[:, :3])
+
+
+def _common_of(J: Array, P: Array, covariance: Array) -> Array:
+    """Return the part of the error of every signal by causes that last for the whole log (k, 12, c).
+
+    The filter's constants have correlated errors, which c independent causes explain: the principal components of the
+    constants. A cause adds ``J P_xc`` times its direction, as in a consider analysis. The causes with the greatest
+    effect are kept.
+    """
+    constants = kernel.MOVING + np.flatnonzero(np.einsum("kii->ki", P).min(axis=0)[kernel.MOVING :] > 0.0)
+    own = P[:, constants[:, None], constants].mean(axis=0)  # they drift too little to matter
+    spread = np.sqrt(np.diag(own))
+    size, axes = np.linalg.eigh(own / np.outer(spread, spread))
+    directions = axes[:, size > TINY] / (spread[:, None] * np.sqrt(size[size > TINY]))
+    every = J @ P[:, :, constants] @ directions
+    variance = np.einsum("kii->ki", covariance)
+    rest = np.maximum(variance - np.sum(every**2, axis=2), TINY * variance)
+    relative = (every / np.sqrt(rest)[:, :, None]).reshape(-1, directions.shape[1])
+    effect, turn = np.linalg.eigh(relative.T @ relative)
+    greatest = np.argsort(-effect)[: min(COMMON, int(np.sum(effect > NOTICED)))]
+    common: Array = every @ turn[:, greatest]
+    return common
 
 
 def _gravity(latitude: float) -> float:

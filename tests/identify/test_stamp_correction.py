@@ -158,10 +158,11 @@ def test_the_shifts_are_found_with_everything_fitted_left_free_and_the_common_sh
     rng = np.random.default_rng(3)
     J, S, score = rng.normal(size=(rows, 3)), rng.normal(size=(rows, 2)), rng.normal(size=rows)
     wide = np.array([0.5, 2.0])
-    solution: Any = SimpleNamespace(shift_std=shift_std)
+    prior = np.array([0.0, 0.0, shift_std**-2 if shift_std else 0.0])
+    solution: Any = SimpleNamespace(prior=prior)
     mean, std = _posterior(J, S, score, wide, solution)
     table = np.hstack([J, S])
-    information = table.T @ table + np.diag([0.0, 0.0, shift_std**-2 if shift_std else 0.0, *wide**-2.0])
+    information = table.T @ table + np.diag([*prior, *wide**-2.0])
     x = np.linalg.solve(information, table.T @ score)
     rest = score - table @ x
     expected = np.sqrt(rest @ rest / (rows - 3) * np.diag(np.linalg.inv(information)))

@@ -149,8 +149,8 @@ def test_the_command_writes_runs_that_identify_reads(tmp_path, capsys, monkeypat
     assert main(["navigate", "log.csv", f"--centre={centre}"]) == 0
     assert "expected 1" in capsys.readouterr().out
     (got,) = load_runs(tmp_path / "runs" / "navigated-log")
-    assert {"u", "std_u", "memory_u", "r", "std_r", "memory_r", "N"} <= set(got.channels)
-    assert (got["std_u"].unit, got["memory_u"].unit) == ("m/s", "s")
+    assert {"u", "std_u", "memory_u", "common1_u", "r", "std_r", "memory_r", "common1_r", "N"} <= set(got.channels)
+    assert (got["std_u"].unit, got["memory_u"].unit, got["common1_u"].unit) == ("m/s", "s", "m/s")
 
 
 def test_json_contains_every_constant(tmp_path, capsys, monkeypatch):
@@ -241,6 +241,41 @@ def test_intervals_cover_the_truth_if_the_run_contains_the_correlation_time_of_i
             misses[seed, j], inside[seed, j] = alpha.value - 3.0, abs(alpha.value - 3.0) < 2.5 * alpha.std
     assert np.all(inside[:, 1])
     assert np.sqrt(np.mean(misses[:, 1] ** 2)) < 0.7 * np.sqrt(np.mean(misses[:, 0] ** 2))
+
+
+def test_common_errors_are_a_part_of_the_standard_deviations_and_that_of_a_turn_rate_is_the_bias_of_its_gyro():
+    solution, *_ = boat()
+    causes = {own.shape for own in solution.common.values()}
+    assert len(causes) == 1
+    assert 0 < causes.pop()[1] <= 6
+    for name, own in solution.common.items():
+        assert np.all(np.sum(own**2, axis=1) <= solution.stds[name] ** 2 * (1.0 + 1e-6)), name
+    bias = np.linalg.norm(solution.common["r"], axis=1)
+    assert bias == pytest.approx(solution.constants["gyro bias r"].std, rel=0.1)
+
+
+def test_an_error_common_to_all_samples_counts_once_in_identify():
+    """A bias of the turn rate grows with time; without its column it passes for inertia, drag and constant force."""
+    t = np.arange(0.0, 40.0, 0.1)
+    force = np.where((t // 2.0).astype(int) % 2 == 0, 1.0, -1.0)
+    r = np.zeros(len(t))
+    for i in range(len(t) - 1):
+        r[i + 1] = 0.5 * force[i] + (r[i] - 0.5 * force[i]) * math.exp(-0.1 * 2.0 / 3.0)
+    shape, noise = 0.1 * np.sin(0.3 * t) * t / 40.0, 0.005
+    z = {name: [] for name in ("with", "without")}
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        measured = r + shape * rng.standard_normal() + noise * rng.standard_normal(len(t))
+        std = Channel("std_r", "rad/s", t, np.hypot(shape, noise))
+        plain = {"N": Channel("N", "N m", t, force), "r": Channel("r", "rad/s", t, measured), "std_r": std}
+        more = {**plain, "common1_r": Channel("common1_r", "rad/s", t, shape)}
+        for name, channels in (("with", more), ("without", plain)):
+            alpha = fit(Trial("run", channels), dof="yaw", structure="linear").parameters["alpha_r"]
+            z[name].append((alpha.value - 3.0, alpha.std))
+    errors, stds = (np.array(z["with"]).T[i] for i in (0, 1))
+    others = np.array(z["without"]).T[0]
+    assert np.all(np.abs(errors) < 3.0 * stds)
+    assert np.sqrt(np.mean(errors**2)) < 0.5 * np.sqrt(np.mean(others**2))
 
 
 ROWS = {

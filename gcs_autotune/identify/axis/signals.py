@@ -233,11 +233,13 @@ def _compared(records: Sequence[Segment], i: int, solution: Solution) -> _Compar
     states = np.zeros((len(nu), 2 * len(records)))
     states[:, 2 * i : 2 * i + 2] = by[:, len(names) :]
     late = [by[:, names.index("delay")][:, None]] if solution.shift_std > 0.0 else []
+    count = len(solution.free) + states.shape[1] + len(late)
+    common = np.zeros((len(nu), len(solution.whole) - count))  # errors of the record, no part of the motion
     return _Compared(
         record.velocity.values[keep] - nu,
         nu,
         _acceleration(numbers, record, t[keep], nu),
-        np.hstack([by[:, [names.index(n) for n in solution.free]], states, *late]),
+        np.hstack([by[:, [names.index(n) for n in solution.free]], states, common, *late]),
         switches.by[record.velocity.name] * record.slack[switches.which],
         float(np.median(np.diff(t))),
     )

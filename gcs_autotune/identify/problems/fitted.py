@@ -34,6 +34,7 @@ class Fitted(ModelFit):
     - ``shift`` [s]: time by which input stamps are too early, if they were set midway between two messages. It is the
       last column of ``jacobian`` if there is one.
     - ``shift_std`` [s]: standard deviation of the prior of ``shift`` about zero, 0 for exact stamps.
+    - ``prior`` (q,): information of the priors of the fitted values, empty without any.
     - ``learnt``: noise per signal at the last update of disturbances from the residuals, empty without disturbances.
     """
 
@@ -46,6 +47,7 @@ class Fitted(ModelFit):
     converged: bool
     shift: float = 0.0
     shift_std: float = 0.0
+    prior: Array = field(default_factory=lambda: np.zeros(0))
     learnt: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -85,9 +87,9 @@ class Fitted(ModelFit):
     def information(self, raised: float = 1.0) -> Array:
         """Return the information matrix (q, q) of the fitted values.
 
-        raised : factor of the prior information on the shift of stamps.
+        raised : factor of the prior information.
         """
         information = np.asarray(self.jacobian.T @ self.jacobian)
-        if self.shift_std:
-            information[-1, -1] += raised / self.shift_std**2
+        if len(self.prior):
+            information[np.diag_indices(len(information))] += raised * self.prior
         return information

@@ -1,9 +1,10 @@
 """Likelihood of any fit: of parameters, effects, initial states and the shift of stamps.
 
 The vector of unknowns contains the free base parameters, the free parameters of effects, and the free initial states of
-every segment. If input changes are time-stamped midway between two messages (decision 3), a common shift of all their
-stamps comes last. The shift must not be fitted as an effect or as inertia. It differs from a delay only by its small
-size, which its prior expresses (:class:`.StampPrior`).
+every segment. If the samples of a run have common errors (``Signal.common``), their causes follow. They are fitted too,
+with their prior, so that such an error counts once and not for every sample. If input changes are time-stamped midway
+between two messages (decision 3), a common shift of all their stamps comes last. The shift must not be fitted as an
+effect or as inertia. It differs from a delay only by its small size, which its prior expresses (:class:`.StampPrior`).
 
 Noise is treated in one of two ways. :meth:`Objective.at` uses supplied noise models (:class:`.noise.NoiseModel`:
 Gaussian, robust or rounded). They are for fits that estimate noise and vector in turn (:mod:`.reweighting`).
@@ -59,9 +60,9 @@ class Residual:
 
     - ``t``, ``measured``, ``predicted`` (n,): stamps [s], measured values and predicted values.
     - ``judged`` (n,): measured minus predicted, over the relative standard deviation of each sample if that is known.
-    If the errors of neighbouring samples are known to be correlated, this is what is new in each of them.
-    If a disturbance among the effects explains a fraction of this
-      difference, that fraction is subtracted. NaN marks samples that the disturbance explains completely.
+      Common errors are subtracted. If the errors of neighbouring samples are known to be correlated, this is what is
+      new in each of them. If a disturbance among the effects explains a fraction of this difference, that fraction is
+      subtracted. NaN marks samples that the disturbance explains completely.
     - ``jacobian`` (n, k): derivatives of the prediction in the segment's own columns, empty without sensitivities.
     - ``step``: resolution of the sensor, 0 if negligible.
     - ``penalty``: contribution of a disturbance to minus twice the log-likelihood.
@@ -143,9 +144,18 @@ class Objective(FreeNumbers):
             self.columns.append(np.concatenate([np.arange(self.shared), used + np.arange(len(names))]))
             self.state_places.append(np.array([simulator.states.index(n) for n in names], dtype=np.int64))
             used += len(names)
+        self.common: dict[str, Index] = {}
+        for segment in problem.segments:
+            causes = max((signal.common.shape[1] for signal in segment.signals.values()), default=0)
+            if segment.run not in self.common:
+                self.common[segment.run] = used + np.arange(causes)
+                used += causes
         self.size = used + self.dated
-        if self.dated:
-            self.columns = [np.append(own, used) for own in self.columns]
+        late = [used] if self.dated else []
+        self.columns = [
+            np.concatenate([own, late, self.common[segment.run]]).astype(np.int64)
+            for own, segment in zip(self.columns, problem.segments, strict=True)
+        ]
 
     def _typical(self, data_summary: DataSummary) -> list[float]:
         sizes = [typical_of(own, data_summary) for own in self.effects]
@@ -154,7 +164,8 @@ class Objective(FreeNumbers):
     def pack(self) -> Array:
         """Return the vector (q,) of the current values of all free parameters and states."""
         states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
-        return np.concatenate([self.pack_shared(), *states, [self.shift] if self.dated else []])
+        causes = np.zeros(sum(map(len, self.common.values())))
+        return np.concatenate([self.pack_shared(), *states, causes, [self.shift] if self.dated else []])
 
     def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], tuple[Array, ...], float]:
         """Return all parameters, the effects, the initial states per segment, and the shift of stamps [s].
@@ -200,9 +211,13 @@ class Objective(FreeNumbers):
             motion = self.simulators[i].predict(theta, effects, initial[i], segment, shift, sensitivities=sensitivities)
             if motion is None:
                 return None
+            causes = x[self.common[segment.run]]
             for name, signal in segment.signals.items():
                 prediction, by = motion[name]
                 error, fee = signal.values - prediction, 0.0
+                if len(causes):
+                    common = signal.common if len(signal.common) else np.zeros((len(error), len(causes)))
+                    error, by = error - common @ causes, np.hstack([by, common]) if len(by) else by
                 if effects:
                     left = EffectResidual(segment.run, name, signal.t, error, signal.values, self._level(name))
                     error, by, fee = judged_by(effects, left, by)
@@ -289,7 +304,8 @@ class Objective(FreeNumbers):
     def known(self) -> tuple[Array, Array]:
         """Return the expected value (q,) and the information (q,) of the prior of each element of the vector.
 
-        The shift of stamps is expected to be zero. A lagged input is expected to equal the input in force.
+        The shift of stamps is expected to be zero, and so are the causes of common errors, with a standard deviation
+        of one. A lagged input is expected to equal the input in force.
         """
         prior, weight = np.zeros(self.size), np.zeros(self.size)
         for segment, simulator, columns in zip(self.problem.segments, self.simulators, self.columns, strict=True):
@@ -299,6 +315,8 @@ class Objective(FreeNumbers):
                     own = segment.inputs[:, channel]
                     prior[at] = first_input(segment)[channel]
                     weight[at] = (LAGGED * max(float(np.ptp(own)), 1e-9)) ** -2
+        for places in self.common.values():
+            weight[places] = 1.0
         if self.dated:
             weight[-1] = self.problem.shift_std**-2
         return prior, weight

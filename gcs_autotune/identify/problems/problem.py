@@ -206,6 +206,7 @@ def _fitted(problem: Problem, objective: Objective, x: Array, converged: bool) -
         converged=converged,
         shift=shift,
         shift_std=problem.shift_std,
+        prior=weight,
         learnt=objective.levels,
     )
 

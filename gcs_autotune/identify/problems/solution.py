@@ -191,8 +191,9 @@ def solve(
         converged=minimum.converged,
         shift=shift,
         shift_std=problem.shift_std,
+        prior=objective.known()[1],
     )
-    return _with_uncertainty(fitted, noise, columns, objective.known()[1], (low, high))
+    return _with_uncertainty(fitted, noise, columns, (low, high))
 
 
 def solve_form(
@@ -222,17 +223,14 @@ def solution_of(problem: Problem, fitted: Fitted) -> Solution:
         count = int(rest.known.sum())
         columns.append(fitted.jacobian[at : at + count] * fitted.levels[rest.signal])
         at += count
-    weight = np.zeros(fitted.jacobian.shape[1])
-    weight[-1] = fitted.shift_std**-2 if fitted.shift_std else 0.0
     noise = gaussian_noise(fitted.levels)
-    return _with_uncertainty(fitted, noise, columns, weight, problem.edges(fitted.effects, fitted.free_effects))
+    return _with_uncertainty(fitted, noise, columns, problem.edges(fitted.effects, fitted.free_effects))
 
 
 def _with_uncertainty(
     fitted: Fitted,
     models: Mapping[str, NoiseModel],
     columns: Sequence[Array],
-    weight: Array,
     limits: tuple[Array, Array],
 ) -> Solution:
     """Return *fitted* with its covariance, and with noise levels corrected for the number of fitted values.
@@ -242,9 +240,9 @@ def _with_uncertainty(
 
     models : noise model per signal.
     columns : Jacobians (n, q) of ``rests``.
-    weight : (q,) prior information.
     limits : lower and upper limits of ``names``.
     """
+    weight = fitted.prior
     seen_in = [(rest, J) for rest, J in zip(fitted.rests, columns, strict=True) if len(J)]
     rests, columns = tuple(rest for rest, _ in seen_in), [J for _, J in seen_in]
     names = [*fitted.names, *[""] * (len(weight) - len(fitted.names))]

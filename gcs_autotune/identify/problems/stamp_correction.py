@@ -164,10 +164,7 @@ def _moves(segments: Sequence[Segment], solution: Solution, tables: Sequence[Swi
 def _posterior(J: Array, S: Array, score: Array, wide: Array, solution: Solution) -> tuple[Array, Array]:
     """Return the shifts and their standard errors, with all fitted parameters free too."""
     p, table = J.shape[1], np.hstack([J, S])
-    known = np.zeros(len(wide) + p)
-    known[p:] = wide**-2.0
-    if solution.shift_std > 0.0:
-        known[p - 1] = solution.shift_std**-2
+    known = np.concatenate([solution.prior, wide**-2.0])
     covariance = inverse_of(table.T @ table + np.diag(known))
     x = covariance @ (table.T @ score)
     rest = score - table @ x

@@ -29,7 +29,7 @@ from gcs_autotune.identify.signals.cleaning import (
     within_range,
 )
 from gcs_autotune.identify.signals.intake import left_out
-from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment, Signal
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES, MOST_ALIKE, Segment, Signal
 from gcs_autotune.models import FORMS, Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.rounding import counted
@@ -76,6 +76,13 @@ SETTLED = 2.0
 The ratio is that of the second half of the velocity.
 """
 
+LEAST_OWN = 0.05
+"""Smallest standard deviation of a sample without its common errors, as a fraction of the whole. Project choice.
+
+Without a limit, rounding of a file would decide on it.
+"""
+INDEPENDENT = 0.05
+"""Correlation of the errors of two neighbouring samples below which they count as independent. Project choice."""
 TURN_RATES = ("p", "q", "r")
 """Names of the signals that the autopilot's gyro filter delays."""
 
@@ -425,17 +432,38 @@ def _cut(
     return tuple(parts)
 
 
-def _errors_of(trial: Trial, name: str, t: Array) -> tuple[Array, Array]:
-    """Return the standard deviations (n,) and the correlation times (n,) [s] of the errors of samples at *t*.
+def _errors_of(trial: Trial, name: str, t: Array) -> tuple[Array, Array, Array]:
+    """Return standard deviations (n,), correlation times (n,) [s] and common errors (n, c) of samples at *t*.
 
-    Each is empty if the run does not contain it. The channels ``std_u`` and ``memory_u`` contain those of ``u``.
-    ``navigate`` writes them.
+    Each is empty if the run does not contain it. The channels ``std_u``, ``memory_u`` and ``common1_u`` contain those
+    of ``u``; ``navigate`` writes them. The first two are returned without the part of the common errors.
     """
     std, memory = (trial.channels.get(f"{word}_{name}") for word in ("std", "memory"))
     if std is None or not len(std) or not np.all(std.values > 0.0):
-        return np.zeros(0), np.zeros(0)
+        return np.zeros(0), np.zeros(0), np.zeros((0, 0))
+    sizes = np.interp(t, std.t, std.values)
     times = np.zeros(0) if memory is None or not len(memory) else np.interp(t, memory.t, memory.values)
-    return np.interp(t, std.t, std.values), times
+    causes = itertools.takewhile(bool, (trial.channels.get(f"common{i}_{name}") for i in itertools.count(1)))
+    columns = [np.interp(t, c.t, c.values) for c in causes if c is not None]
+    if not columns:
+        return sizes, times, np.zeros((0, 0))
+    common = np.column_stack(columns)
+    return *_without_common(t, sizes, times, common), common
+
+
+def _without_common(t: Array, std: Array, memory: Array, common: Array) -> tuple[Array, Array]:
+    """Return standard deviations (n,) and correlation times (n,) [s] of the part of an error that is not *common*."""
+    rest = np.sqrt(np.maximum(std**2 - np.sum(common**2, axis=1), (LEAST_OWN * std) ** 2))
+    if not len(memory):
+        return rest, memory
+    step = np.diff(t)
+    alike = np.where(memory[1:] > 0.0, np.exp(-step / np.maximum(memory[1:], 1e-9)), 0.0)
+    alike = alike * std[1:] * std[:-1] - np.sum(common[1:] * common[:-1], axis=1)
+    alike = np.clip(alike / (rest[1:] * rest[:-1]), 0.0, MOST_ALIKE)
+    times = np.zeros(len(t))
+    lasting = alike > INDEPENDENT
+    times[1:][lasting] = -step[lasting] / np.log(alike[lasting])
+    return rest, times
 
 
 def _edges(t: Array) -> Array:

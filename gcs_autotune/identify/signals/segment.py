@@ -19,7 +19,7 @@ from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel
 
-__all__ = ["MIN_SAMPLES", "Segment", "Signal", "within_horizon", "without_signal"]
+__all__ = ["MIN_SAMPLES", "MOST_ALIKE", "Segment", "Signal", "within_horizon", "without_signal"]
 
 Array = NDArray[np.float64]
 
@@ -43,6 +43,8 @@ class Signal:
     - ``std`` (n,): standard deviation of each sample if the run contains it (``std_u``), else empty.
     - ``memory`` (n,): correlation time [s] of the error of each sample if the run contains it (``memory_u``), else
       empty.
+    - ``common`` (n, c): errors with causes that last for the whole run, each for a cause of one standard deviation, if
+      the run contains them (``common1_u``). ``std`` and ``memory`` are then those of the remaining error.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Signal:
     step: float
     std: Array = field(default_factory=lambda: np.zeros(0))
     memory: Array = field(default_factory=lambda: np.zeros(0))
+    common: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @cached_property
     def alike(self) -> Array:
@@ -76,8 +79,8 @@ class Signal:
         return self._kept(np.arange(len(self.t)) < count)
 
     def _kept(self, keep: NDArray[np.bool_]) -> Signal:
-        std, memory = (own[keep] if len(own) else own for own in (self.std, self.memory))
-        return replace(self, t=self.t[keep], values=self.values[keep], std=std, memory=memory)
+        std, memory, common = (own[keep] if len(own) else own for own in (self.std, self.memory, self.common))
+        return replace(self, t=self.t[keep], values=self.values[keep], std=std, memory=memory, common=common)
 
 
 @dataclass(frozen=True, eq=False)
