@@ -46,6 +46,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.observer import Observer
 from gcs_autotune.report import TuneStory
+from gcs_autotune.report.toolkit.wording import format_share
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.autopilot_loop import lend_parameters
@@ -136,7 +137,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         if settings.dry_run
         else f"write some of {', '.join(names)} and the servo limits SERVOn_MIN, TRIM and MAX, after asking again. The "
         "old values are restored unless thrust is more proportional to the command and tracking is no worse",
-        moves_briefly=f"throttle up to {full:.0%} ahead and astern, speed steps up to {context.speed:.1f} m/s",
+        moves_briefly=f"throttle up to {format_share(full)} ahead and astern, speed steps up to {context.speed:.1f} m/s",
         writes_briefly=""
         if settings.dry_run
         else f"up to {len(names)} parameters, servo limits, after asking; only better ones stay",

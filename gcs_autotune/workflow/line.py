@@ -155,7 +155,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     runner = visit.runner(envelope, keep, gains=True)
     flights = _Flights(visit, runner, course, speed)
     names = [name for name in LINE_PARAMETERS if name in present]
-    corners = f"{style_of(settings.style).bandwidth:.0%} of the turn rate that the hull has in corners"
+    corners = f"{100.0 * style_of(settings.style).bandwidth:.0f} % of the turn rate that the hull has in corners"
     sentence, briefly = some_of(names, asks=not settings.agreed)
     ahead, back = course.reach + BEYOND * speed, BEYOND * speed
     free = f"{ahead:.0f} m of free water ahead and to starboard, and {back:.0f} m to port and astern"

@@ -119,9 +119,9 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
     movements, moves = movements_of(context, now)
-    sentence, briefly = some_of([axis.names.own(g.parameter) for g in axis.gains], asks=not settings.agreed)
-
     loop, designs = autopilot_loop(context), settings.gains is None
+    tuned = [axis.names.own(g.parameter) for g in axis.gains] if designs else [c.parameter for c in log.given_changes]
+    sentence, briefly = some_of(tuned, asks=not settings.agreed, every=not designs)
     return Mission(
         itinerary=itinerary,
         modes=(firmware.hold_mode, firmware.manual_mode),

@@ -39,6 +39,7 @@ class TuneLog(MissionLog):
         self._announced: tuple[str, ...] = ()
         self._ending, self._reason = "aborted", "the run did not start"
         self.fit: AxisFit | None = None
+        self.second_fit: AxisFit | None = None
         self.proposal: Proposal | None = None
         self.given_changes: tuple[Change, ...] = ()
         self.metrics_before: StepMetrics | None = None
@@ -134,6 +135,7 @@ class TuneLog(MissionLog):
             relays=tuple(self._relays()),
             step_after=self._trial("step-after"),
             fit=self.fit,
+            second_fit=self.second_fit,
             given=None if s.given is None else s.given.model.to_dict(),
             proposal=self.proposal,
             given_changes=self.given_changes,
