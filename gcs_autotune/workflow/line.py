@@ -137,7 +137,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     def keep(trial: Trial) -> None:
         visit.keep(trial)
         log.flown(trial)
-        log.say(f"{trial.name}: {trial.ending}, {trial.reason}")
+        log.say_ending(trial)
 
     def fly(journal: Journal) -> None:
         with MissionLoan(craft.session, journal, partial(_busy, craft)) as mission:

@@ -134,7 +134,7 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     def keep(trial: Trial) -> None:
         visit.keep(trial)
         log.flown(trial)
-        log.say(f"{trial.name}: {trial.ending}, {trial.reason}")
+        log.say_ending(trial)
 
     flights = _Flights(visit, visit.runner(envelope, keep, gains=True), tune, size, duration)
     sentence, briefly = some_of([gain.parameter for gain in loop.gains], asks=not tune.agreed)

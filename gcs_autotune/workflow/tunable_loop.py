@@ -145,7 +145,9 @@ def tune_loop(
         observer.end("unchanged", f"{offer.refusal or 'the design gave no better gains'}; nothing was written")
     elif dry_run:
         observer.end("dry-run", "dry run: nothing was written")
-    elif not agrees(f"Write {_shown(offer.changes)} and test them by the same manoeuvre?"):
+    elif not agrees(
+        f"Write {_shown(offer.changes)} and test {'it' if len(offer.changes) == 1 else 'them'} by the same manoeuvre?"
+    ):
         observer.end("declined", "the new gains were declined; nothing was written")
     else:
         loop.fly_baseline()

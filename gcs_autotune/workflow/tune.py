@@ -13,7 +13,7 @@ from functools import partial
 from importlib import import_module
 
 from gcs_autotune.design import LAWS, style_of
-from gcs_autotune.errors import AutotuneError, BadFile, UsageError
+from gcs_autotune.errors import AutotuneError, BadFile, LinkLost, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
@@ -196,6 +196,8 @@ def read_back(read: Callable[[], Mapping[str, float]], visit: Visit[TuneLog]) ->
     try:
         with visit.craft.shielded():
             after = dict(read())
+    except LinkLost:  # the error that ends the run has the silence
+        log.say("the parameters could not be read back")
     except AutotuneError as error:
         log.say(f"the parameters could not be read back: {error}")
     else:

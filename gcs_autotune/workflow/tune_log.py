@@ -95,6 +95,11 @@ class TuneLog(MissionLog):
         """Store a completed trial. A repeated trial replaces the interrupted one."""
         self._trials = [*(t for t in self._trials if t.name != trial.name), trial]
 
+    def say_ending(self, trial: Trial) -> None:
+        """Report how *trial* ended. The error that ends the run contains the reason of an aborted one."""
+        reason = "" if trial.ending == "aborted" else f", {trial.reason}"
+        self.say(f"{trial.name}: {trial.ending}{reason} ({trial.duration:.0f} s recorded)")
+
     @property
     def finished(self) -> list[str]:
         """Names of the completed trials of the tune, in their order."""

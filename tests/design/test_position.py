@@ -100,7 +100,7 @@ def test_without_pushes_the_distance_while_holding_is_compared() -> None:
     unpushed = replace(FIGURES, hold=0.5, push=math.nan, excursion=math.nan)
     closer = holds_better(unpushed, replace(unpushed, hold=0.3), pushed=False)
     assert closer.better
-    assert any(line.startswith("distance while holding, rms 0.5 -> 0.3 m") for _, line in closer.lines)
+    assert "distance while holding, rms 0.5 -> 0.3 m" in closer.reasons
     assert not holds_better(unpushed, replace(unpushed, itae=5.0, hold=0.8), pushed=False).better
 
 

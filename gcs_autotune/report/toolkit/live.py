@@ -35,7 +35,8 @@ _SIGNALS: Mapping[str, tuple[str, str]] = {
     "theta": ("pitch", "rad"),
     "z": ("depth", "m"),
     "d": ("distance", "m"),
-    "x": ("speed", "m/s"),
+    "x": ("distance ahead", "m"),
+    "y": ("distance to starboard", "m"),
     "u": ("speed", "m/s"),
     "r": ("turn rate", "rad/s"),
 }
