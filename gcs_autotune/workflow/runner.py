@@ -250,9 +250,9 @@ class ManoeuvreRunner:
         if not self._craft.firmware.floats:
             self._try(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
 
-    def _try(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> None:
+    def _try(self, manoeuvre: Manoeuvre, stage: str, *envelope: Envelope) -> None:
         """Fly *manoeuvre*, and only report that it did not succeed."""
-        flown = self.attempt(manoeuvre, stage, envelope)
+        flown = self.attempt(manoeuvre, stage, *envelope)
         if flown.ending == "aborted":
             self._observer.say(f"{stage}: {flown.reason}")
 

@@ -156,9 +156,12 @@ def test_a_craft_is_watched_by_its_own_axis_while_it_comes_to_rest_and_a_boat_fl
     craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], armed=False)
     observer: Any = SimpleNamespace(say=print)
     runner = ManoeuvreRunner(craft, Envelope(), observer, print)
-    monkeypatch.setattr(
-        runner, "attempt", lambda manoeuvre, stage: flown.append(f"{manoeuvre.signal} {manoeuvre.force}")
-    )
+
+    def attempt(manoeuvre: Any, stage: str) -> Trial:
+        flown.append(f"{manoeuvre.signal} {manoeuvre.force}")
+        return Trial("come-to-rest", {})
+
+    monkeypatch.setattr(runner, "attempt", attempt)
     runner.come_to_rest("proving", AXES[axis])
     assert flown == seen
 

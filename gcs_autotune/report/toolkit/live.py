@@ -121,7 +121,8 @@ def _left(p: Progress) -> str:
 
 
 def _signal(p: Progress) -> str:
-    name, unit = _SIGNALS.get(p.signal, (p.signal, ""))
+    row = SIGNALS.get(p.signal)
+    name, unit = _SIGNALS.get(p.signal) or ((p.signal, "") if row is None else (row.meaning, row.unit))
     text = f"{name} {_reading(p.value, p.signal, unit)}"
     return text + (f" (target {_reading(p.target, p.signal, unit)})" if math.isfinite(p.target) else "")
 
