@@ -201,7 +201,10 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
         )
         for run in runs
     )
-    heads = (f"{name} [{pretty_unit(unit)}]" if unit not in ("", "1") else name for name, unit in parameters.items())
+    units = {
+        name: " [of full]" if unit == "1" else f" [{pretty_unit(unit)}]" * bool(unit) for name, unit in parameters.items()
+    }
+    heads = (f"{name}{unit}" for name, unit in units.items())
     structures = {run.fits[dof].structure for run in runs}
     notes = ["* Outside its interval."] if any(outside.values()) else []
     if len(structures) == 1:

@@ -11,7 +11,6 @@ from gcs_autotune.design import Change, Linearity, Margins, PositionMetrics, Pro
 from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     MOST_FACTOR,
-    UNKNOWN,
     format_change,
     format_factor,
     format_number,
@@ -54,6 +53,8 @@ _VEHICLE: Mapping[str, str] = {
     "simulated": "simulated",
 }
 """Keys of ``TuneStory.vehicle`` -> label; other keys are shown unchanged."""
+_ENUMERATIONS: Mapping[str, str] = {"autopilot": "MAV_AUTOPILOT", "vehicle_type": "MAV_TYPE"}
+"""Keys of ``TuneStory.vehicle`` whose numbers MAVLink names -> the enumeration."""
 
 
 def gains_table(changes: Sequence[Change]) -> Table:
@@ -242,14 +243,21 @@ def vehicle_table(vehicle: Mapping[str, object]) -> Table:
     """Return a table of the vehicle's data, known keys first. It has no headings and omits nested tables."""
     plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
     keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
-    rows = tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)
+    rows = tuple(
+        (_VEHICLE.get(k, k.replace("_", " ")), _plain(k, vehicle[k])) for k in keys if vehicle[k] not in (None, "")
+    )
     return Table(("", ""), "ll", rows)
 
 
-def _plain(value: object) -> str:
+def _plain(key: str, value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return UNKNOWN if value is None else str(value)
+    table = _ENUMERATIONS.get(key)
+    if table is None or not isinstance(value, int):
+        return str(value)
+    from gcs_autotune.mavlink import enum_name  # reports at the desk do without pymavlink, which takes a second
+
+    return enum_name(table, value).removeprefix(f"{table}_")
 
 
 def _with_unit(value: float, unit: str) -> str:
