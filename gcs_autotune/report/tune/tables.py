@@ -53,8 +53,11 @@ _VEHICLE: Mapping[str, str] = {
     "simulated": "simulated",
 }
 """Keys of ``TuneStory.vehicle`` -> label; other keys are shown unchanged."""
-_ENUMERATIONS: Mapping[str, str] = {"autopilot": "MAV_AUTOPILOT", "vehicle_type": "MAV_TYPE"}
-"""Keys of ``TuneStory.vehicle`` whose numbers MAVLink names -> the enumeration."""
+_NAMES: Mapping[str, Mapping[object, str]] = {
+    "autopilot": {3: "ArduPilot"},
+    "vehicle_type": {10: "ground rover", 11: "surface boat", 12: "submarine"},
+}
+"""Keys of ``TuneStory.vehicle`` -> number of MAV_AUTOPILOT or MAV_TYPE -> its name, for the vehicles that are tuned."""
 
 
 def gains_table(changes: Sequence[Change]) -> Table:
@@ -252,12 +255,7 @@ def vehicle_table(vehicle: Mapping[str, object]) -> Table:
 def _plain(key: str, value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    table = _ENUMERATIONS.get(key)
-    if table is None or not isinstance(value, int):
-        return str(value)
-    from gcs_autotune.mavlink import enum_name  # reports at the desk do without pymavlink, which takes a second
-
-    return enum_name(table, value).removeprefix(f"{table}_")
+    return _NAMES.get(key, {}).get(value, str(value))
 
 
 def _with_unit(value: float, unit: str) -> str:
