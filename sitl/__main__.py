@@ -66,7 +66,7 @@ def _make_parser() -> argparse.ArgumentParser:
         f"serial:DEVICE[,BAUD]; default {_DEFAULT_ADDRESS}",
     )
     parser.add_argument("--speedup", default="1", help="simulated seconds per second; default 1")
-    parser.add_argument("--lockstep", action="store_true", help="take simulated time from standard input (decision 1)")
+    parser.add_argument("--lockstep", action="store_true", help="take simulated time from standard input")
     parser.add_argument("--seed", default="0", help="seed of the sensor noise; default 0")
     parser.add_argument(
         "--param",

@@ -6,7 +6,7 @@ import argparse
 from datetime import datetime
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_number, check_files
+from gcs_autotune.cli.command import Command, add_number, check_files, waiting
 from gcs_autotune.cli.reading import add_parameters, full_scale, read_parameters
 from gcs_autotune.cli.writing import on_replacing, page_file, put_out, write_page
 from gcs_autotune.errors import UsageError
@@ -38,18 +38,19 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_files(*args.models, args.parameters)
-    from gcs_autotune.design import limits_for
-    from gcs_autotune.mavlink import save_params
-    from gcs_autotune.report import authority_document
-    from gcs_autotune.workflow import authority
+    with waiting(args, "computing the limits of the craft"):
+        from gcs_autotune.design import limits_for
+        from gcs_autotune.mavlink import save_params
+        from gcs_autotune.report import authority_document
+        from gcs_autotune.workflow import authority
 
-    found = authority(
-        args.models,
-        parameters=read_parameters(args),
-        full_scale=full_scale(args.full_scale),
-        throttle=args.throttle,
-    )
-    limits = limits_for(found)
+        found = authority(
+            args.models,
+            parameters=read_parameters(args),
+            full_scale=full_scale(args.full_scale),
+            throttle=args.throttle,
+        )
+        limits = limits_for(found)
     if args.save is not None and not limits:
         raise UsageError("--save: these models determine no parameter. Give a heading and a speed run of a boat")
     document = authority_document(found, limits, f"{datetime.now():%Y-%m-%d %H:%M}")

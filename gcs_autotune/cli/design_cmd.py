@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.axes import AXES
-from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files
+from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files, waiting
 from gcs_autotune.cli.hold_cmd import LAWS
 from gcs_autotune.cli.tune_cmd import FUNCTIONS, STYLES, add_style, check_style
 from gcs_autotune.cli.writing import fresh, on_replacing, page_file, put_out, write_page
@@ -100,9 +100,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     check_files(args.model, args.parameters)
     _check(args)
-    from gcs_autotune.mavlink import save_params
-    from gcs_autotune.report import DesignedGains, designed_document
-    from gcs_autotune.workflow import DeskSettings, design_at_desk
+    with waiting(args, "starting"):
+        from gcs_autotune.mavlink import save_params
+        from gcs_autotune.report import DesignedGains, designed_document
+        from gcs_autotune.workflow import DeskSettings, design_at_desk
 
     angular = AXES[args.axis].angular if args.axis in AXES else False
 
@@ -134,7 +135,8 @@ def _run(args: argparse.Namespace) -> int:
     )
     if args.styles is not None:
         return _write_styles(settings, args.styles)
-    designed = design_at_desk(settings)
+    with waiting(args, "designing"):
+        designed = design_at_desk(settings)
     lines = []
     if args.save is not None:
         if not isinstance(designed, DesignedGains):

@@ -9,7 +9,7 @@ from pathlib import Path
 from gcs_autotune.cli.command import Command, check_files, waiting
 from gcs_autotune.cli.reading import full_scale
 from gcs_autotune.cli.writing import fresh, on_replacing
-from gcs_autotune.documents import model_file
+from gcs_autotune.documents import MODEL, model_file
 from gcs_autotune.errors import BadFile
 from gcs_autotune.untrusted_text import visible
 
@@ -45,13 +45,15 @@ def _run(args: argparse.Namespace) -> int:
         from gcs_autotune.identify import load_model
 
         written = export_model(load_model(args.model), args.to, full_scale(args.full_scale))
-    path: Path = args.out or fresh(model_file(args.model).with_suffix(written.suffix))
+    source = model_file(args.model)
+    path: Path = args.out or fresh(source.with_suffix(written.suffix))
     replaced = on_replacing(path)
     try:
         path.write_text(written.text, encoding="utf-8")
     except OSError as error:
         raise BadFile(f"{path} cannot be written: {error.strerror}. Choose another --out") from error
-    for what in written.left:
+    others = sorted(source.parent.glob("model-*.json")) if source.name == MODEL else []
+    for what in (*written.left, *(f"{other}. Export this model of the same run separately" for other in others)):
         sys.stderr.write(f"Not exported: {visible(what)}\n")
     sys.stdout.write(f"Model for {args.to}: {visible(str(path))}{replaced}\n")
     return 0

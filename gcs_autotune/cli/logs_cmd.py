@@ -17,6 +17,7 @@ from gcs_autotune.cli.command import (
     check_files,
     connection_of,
     uri_of,
+    waiting,
     watching,
 )
 from gcs_autotune.cli.console import ConsoleOperator
@@ -90,11 +91,12 @@ def _fetch(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace) -> int:
     check_files(*args.files, args.parameters)
-    from gcs_autotune.logs import fresh_folder, survey, write_runs
-    from gcs_autotune.report import log_document
+    with waiting(args, "reading the log"):
+        from gcs_autotune.logs import fresh_folder, survey, write_runs
+        from gcs_autotune.report import log_document
 
-    logs = [(path, *_read(path, args)) for path in args.files]
-    surveys = [survey(log, cut) for _, log, cut in logs]
+        logs = [(path, *_read(path, args)) for path in args.files]
+        surveys = [survey(log, cut) for _, log, cut in logs]
     if not args.json:
         for told in surveys:
             put_out(log_document(told))

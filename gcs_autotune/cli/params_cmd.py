@@ -14,6 +14,7 @@ from gcs_autotune.cli.command import (
     check_files,
     connection_of,
     uri_of,
+    waiting,
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import on_replacing
@@ -43,7 +44,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     saving = args.action == "save"
     check_files(None if saving else args.file)
-    from gcs_autotune.workflow import link_of, restore_parameters, save_parameters
+    with waiting(args, "starting"):
+        from gcs_autotune.workflow import link_of, restore_parameters, save_parameters
 
     connection = connection_of(args, uri_of(args) if saving else args.connect or link_of(args.file))
     if saving:

@@ -6,7 +6,15 @@ import argparse
 import sys
 from pathlib import Path
 
-from gcs_autotune.cli.command import Command, add_connection, add_loudness, add_remote, check_files, connection_of
+from gcs_autotune.cli.command import (
+    Command,
+    add_connection,
+    add_loudness,
+    add_remote,
+    check_files,
+    connection_of,
+    waiting,
+)
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.untrusted_text import visible
 
@@ -33,7 +41,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     check_files(args.run)
-    from gcs_autotune.workflow import is_settled, link_of, restore_run
+    with waiting(args, "starting"):
+        from gcs_autotune.workflow import is_settled, link_of, restore_run
 
     if is_settled(args.run) and not args.remote:
         sys.stdout.write("Nothing to restore: this run has already restored everything.\n")

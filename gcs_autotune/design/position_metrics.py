@@ -125,14 +125,20 @@ def _rms(values: Array) -> float:
     return math.sqrt(float(np.mean(values**2))) if len(values) else math.nan
 
 
-def holds_better(before: PositionMetrics, after: PositionMetrics) -> Verdict:
-    """Compare two flights: step and push must be better on the mean, and nothing clearly worse."""
+def holds_better(before: PositionMetrics, after: PositionMetrics, *, pushed: bool = True) -> Verdict:
+    """Compare two flights: step and push must be better on the mean, and nothing clearly worse.
+
+    pushed : whether pushes are flown. Otherwise the distance while holding is compared, as for a boat, which current
+    and wind carry away.
+    """
     if not math.isfinite(after.itae):
         return Verdict(((False, "the loop is unstable with the new gains"),))
     if not math.isfinite(before.itae):
         return Verdict(((True, "the loop was unstable with the old gains, and is stable with the new ones"),))
     pairs = [("step error (ITAE)", "s^2", before.itae, after.itae)]
-    if math.isfinite(before.push) and math.isfinite(after.push):
+    if not pushed:
+        pairs.append(("distance while holding, rms", "m", before.hold, after.hold))
+    elif math.isfinite(before.push) and math.isfinite(after.push):
         pairs.append(("distance under the push, rms", "m", before.push, after.push))
     ratios = [new / old for _, _, old, new in pairs]
     lines = []

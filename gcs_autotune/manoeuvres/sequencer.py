@@ -132,14 +132,15 @@ class Sequencer:
             trial = replace(recorded, reason=outcome.reason, meta={**recorded.meta, **manoeuvre.settings})
             self._keep(trial)
         if failure is not None:
-            self._report_not_neutral(failure)
+            self._report_not_neutral(failure, is_known=isinstance(error, LinkLost) and isinstance(failure, LinkLost))
             if error is None:
                 raise failure
         return trial
 
-    def _report_not_neutral(self, failure: AutotuneError) -> None:
+    def _report_not_neutral(self, failure: AutotuneError, *, is_known: bool) -> None:
+        why = "" if is_known else f" ({failure})"
         self._observer.say(
-            f"Neutral outputs could not be confirmed ({failure}). The vehicle's override time-out sets them to neutral."
+            f"Neutral outputs could not be confirmed{why}. The vehicle's override time-out sets them to neutral."
         )
 
 
@@ -186,7 +187,8 @@ def restore_on_exit(
         if change is not None and order is None and trouble is not None and change.what not in str(trouble):
             observer.say(change.what)
         if order is not None:
-            observer.say(f"left in mode {craft.mode} and {_armed(craft.armed)}: {order.what}. This order is respected")
+            why = "" if trouble is not None and order.what in str(trouble) else f": {order.what}"
+            observer.say(f"left in mode {craft.mode} and {_armed(craft.armed)}{why}. This order is respected")
         if differences:
             raise _not_as_found(differences, trouble) from trouble
         settled()

@@ -230,8 +230,8 @@ def _of_force(force: str) -> ManoeuvreKind:
 def _row(axis: AxisKind) -> ManoeuvreKind:
     return ManoeuvreKind(
         name="set-point-relay",
-        help=f"set-point relay: the commanded {axis.name} steps to either side, in two sizes, under the autopilot's "
-        "own loop",
+        help=f"set-point relay: the commanded {axis.name} steps to either side. The steps have two sizes, and the "
+        "autopilot's own loop follows them",
         excites=frozenset({axis.dof}),
         drives=frozenset(),
         make=partial(_make, axis),

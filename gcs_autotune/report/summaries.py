@@ -32,7 +32,7 @@ from gcs_autotune.report.toolkit.wording import (
     remarks,
     to_people,
 )
-from gcs_autotune.rounding import EXACT
+from gcs_autotune.rounding import EXACT, counted
 from gcs_autotune.seatrials import Figure, Sheet
 from gcs_autotune.thrusters import PropellerFit, ThrusterFit, TwinFit
 from gcs_autotune.vision import Calibration
@@ -58,6 +58,16 @@ CHANGES = 8
 AT_ONCE = 2.0
 """Time [s] from the start of a log within which first reported states count as initial, because heartbeats arrive once
 a second."""
+
+
+MESSAGE_OF: Mapping[str, str] = {
+    "hud": "VFR_HUD",
+    "stick": "MANUAL_CONTROL",
+    "esc": "ESC_TELEMETRY",
+    "rpm": "RPM",
+    "ahrs2": "AHRS2",
+}
+"""Source in a log -> message that contains it, if messages of a telemetry log have no timestamp of their own."""
 
 
 def log_document(told: Mapping[str, Any]) -> Document:
@@ -92,9 +102,8 @@ def _log(told: Mapping[str, Any]) -> Iterator[Part]:
         )
         yield Note(_course(boot))
         if boot["dated_by_arrival"]:
-            yield Note(
-                f"Messages without a timestamp of their own, timed by arrival: {', '.join(boot['dated_by_arrival'])}."
-            )
+            named = ", ".join(MESSAGE_OF.get(source, source) for source in boot["dated_by_arrival"])
+            yield Note(f"Messages without a timestamp of their own, timed by arrival: {named}.")
     yield _messages(told["messages"])
     if told["truth"]:
         yield Note(f"The log contains a simulator's true state ({', '.join(told['truth'])}), which is not used.")
@@ -143,7 +152,7 @@ def _look(look: Mapping[str, Any]) -> str:
     quiet = format_number(look["response_to_noise"], 2)
     return (
         f"{look['dof']}: {look['verdict']}{why} (input {look['input']}, range {format_number(look['input_range'], 2)}, "
-        f"{look['swings']} reversals, sampled every {format_seconds(look['input_interval'])}; response "
+        f"{counted(look['swings'], 'reversal')}, sampled every {format_seconds(look['input_interval'])}; response "
         f"{look['response']}, {quiet} times its noise, sampled every {format_seconds(look['response_interval'])})"
     )
 

@@ -46,6 +46,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.observer import Observer
 from gcs_autotune.report import TuneStory
+from gcs_autotune.report.toolkit.wording import format_share
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.autopilot_loop import lend_parameters
@@ -115,6 +116,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     if craft.skid and "MOT_THST_ASYM" not in present:
         log.say("this firmware has no MOT_THST_ASYM, so weak thrust astern stays")
     now, pace, full = craft.observe(), pace_of(craft.steered_by), _full(present)
+    share = format_share(full)
     itinerary = Itinerary(_legs(settings, pace), pace.turn)
     whole = _excursion(context, full, itinerary)
     names = [n for n in (*MOTORS, *CONTEXT[:1], CONTEXT[2], *SPEED_GAINS, *STEERING_GAINS) if n in present]
@@ -123,7 +125,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         itinerary=itinerary,
         modes=(firmware.hold_mode, firmware.manual_mode),
         movements=(
-            f"throttle levels of up to {full:.0%} ahead and astern, and steps in speed up to {context.speed:.1f} m/s, "
+            f"throttle levels of up to {share} ahead and astern, and steps in speed up to {context.speed:.1f} m/s, "
             "straight ahead, turning around between them"
         ),
         needs=(
@@ -136,7 +138,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         if settings.dry_run
         else f"write some of {', '.join(names)} and the servo limits SERVOn_MIN, TRIM and MAX, after asking again. The "
         "old values are restored unless thrust is more proportional to the command and tracking is no worse",
-        moves_briefly=f"throttle up to {full:.0%} ahead and astern, speed steps up to {context.speed:.1f} m/s",
+        moves_briefly=f"throttle up to {share} ahead and astern, speed steps up to {context.speed:.1f} m/s",
         writes_briefly=""
         if settings.dry_run
         else f"up to {len(names)} parameters, servo limits, after asking; only better ones stay",

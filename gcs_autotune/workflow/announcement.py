@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -28,6 +29,7 @@ __all__ = [
     "exactly",
     "how_long",
     "in_modes",
+    "in_short",
     "room",
     "some_of",
     "styled",
@@ -36,6 +38,9 @@ __all__ = [
 
 ROOM_AND_TIME = "Space, time"
 """Row of the announcement that states both, for a run whose every stage was simulated."""
+
+REASON = 66
+"""Characters of a reason beside "Not heading" in a line of the announcement, on a terminal of 80 columns."""
 
 ROV_ROOM, BELOW = 2.0, 1.5
 """Free water [m] required around an ROV that holds its position, and below its deepest target. Project choice."""
@@ -85,24 +90,31 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> Inte
     *source* states where the numbers come from.
     """
     metres, usual, moves = excursion.metres(envelope), excursion.usual, excursion.distance >= 1.0
-    deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
+    dives = excursion.depth_excursion >= 0.1
+    deep = f", down to {excursion.depth_max:.1f} m of depth" if dives else ""
+    deep_briefly = f", {excursion.depth_max:.1f} m deep" if dives else ""
     ends = " (--max-distance ends the run there)" if excursion.needs > metres else ""
     far = f"up to {metres:.0f} m from the start{ends}" if moves else "only the water around the craft"
+    at_spot = f"at the spot{deep_briefly}"
     longest = exactly(LATE * excursion.seconds)
     if usual is None:
         told = ", ".join(f"{name} {exactly(seconds)}" for name, seconds in excursion.stages)
-        brief = f"{far}{deep}, and up to {longest}"
-        return Intention(f"need {brief}: {told}" + f"; predicted from {source}" * bool(source), ROOM_AND_TIME, brief)
+        most = f"up to {f'--max-distance ({metres:.0f} m)' if ends else f'{metres:.0f} m from the start'}{deep_briefly}"
+        return Intention(
+            f"need {far}{deep}, and up to {longest}: {told}" + f"; predicted from {source}" * bool(source),
+            ROOM_AND_TIME,
+            f"{most if moves else at_spot}, up to {longest}",
+        )
     near = f"about {min(usual.needs, metres):.0f} m from the start{deep}, and about" if moves else f"{far}, and about"
     most = f"up to {metres:.0f} m{ends} and " if moves else ""
     by = f" (predicted from {source})" if source else ""
     often = exactly(LATE * usual.seconds)
     most = f". A poorly damped loop needs {most}up to {longest}"
-    brief = f"usually {min(usual.needs, metres):.0f} m{deep} and {often}, at most {metres:.0f} m and {longest}"
+    brief = f"usually {min(usual.needs, metres):.0f} m{deep_briefly} and {often}, at most {metres:.0f} m and {longest}"
     return Intention(
         f"usually need {near} {often}{by}{most}",
         ROOM_AND_TIME,
-        brief if moves else f"{far}; usually {often}, at most {longest}",
+        brief if moves else f"{at_spot}; usually {often}, at most {longest}",
     )
 
 
@@ -135,6 +147,7 @@ def battery(now: Observation, envelope: Envelope, seconds: float, most: float = 
     """
     usual, longest = (math.ceil(20.0 * each / 3600.0) * 5 for each in (seconds, max(most, seconds)))
     share = f"about {usual} %" if longest == usual else f"about {usual} %, up to {longest} %"
+    share_briefly = f"about {usual} %" if longest == usual else f"{usual} to {longest} %"
     draws = f"{share} of a battery that lasts an hour at this power"
     assumed = ", which is assumed"
     known = []
@@ -145,9 +158,9 @@ def battery(now: Observation, envelope: Envelope, seconds: float, most: float = 
         known.append(f"{now.battery_voltage:.1f} V now{ends}")
     if not known:
         rest = ". The vehicle does not report its battery, so the battery is not monitored"
-        return Intention(f"use {draws}{assumed}{rest}", "Battery", f"{draws}{rest}")
+        return Intention(f"use {draws}{assumed}{rest}", "Battery", f"{share_briefly} (not reported, so not monitored)")
     state = ", ".join(known)
-    return Intention(f"use {draws}{assumed}. State: {state}", "Battery", f"{share} ({state})")
+    return Intention(f"use {draws}{assumed}. State: {state}", "Battery", f"{share_briefly} ({state})")
 
 
 def styled(name: str, *, designs: bool = True) -> Intention:
@@ -185,22 +198,29 @@ def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention
     if settings.patience <= 0.0:
         return ()
     text = f"continue if messages stop for up to {settings.patience:g} s (--patience)"
-    brief = f"continues after at most {settings.patience:g} s of silence (--patience)"
+    brief = f"continues after up to {settings.patience:g} s of silence (--patience)"
     if not armed:
         text += ", and arm the vehicle again if it was disarmed, after asking"
-        brief += ", asks to rearm"
+        brief += "; asks to rearm"
     return (Intention(text, "Link", brief),)
 
 
-def some_of(names: Sequence[str], *, asks: bool) -> tuple[str, str]:
+def some_of(names: Sequence[str], *, asks: bool, every: bool = False) -> tuple[str, str]:
     """Return what a tune may write of the parameters *names*, as a sentence and in one line of a terminal.
 
-    asks : whether it asks again before it writes.
+    asks : whether it asks again before it writes. every : whether it writes all of them.
     """
     again = ", after asking again" if asks else ""
-    sentence = f"write some of {', '.join(names)}{again}{',' * asks} and restore the old values unless the new ones are"
-    few = f"some of {len(names)} parameters" if len(names) > 1 else names[0]
+    some = "" if every or len(names) == 1 else "some of "
+    sentence = f"write {some}{', '.join(names)}{again}{',' * asks} and restore the old values unless the new ones are"
+    few = f"{some}{len(names)} parameters" if len(names) > 1 else names[0]
     return f"{sentence} better", f"{few}{again}; only better ones stay"
+
+
+def in_short(reason: str) -> str:
+    """Return the first clause of *reason* for one line of a terminal, or where to read a longer one."""
+    first = re.split(r"[.;:] ", reason, maxsplit=1)[0]
+    return first if len(first) <= REASON else "see --verbose"
 
 
 def _minutes(seconds: float) -> str:

@@ -186,6 +186,6 @@ def tune_runner(settings: TuneSettings, visit: Visit[TuneLog], speed: float) -> 
     def keep(trial: Trial) -> None:
         visit.keep(trial)
         log.flown(trial.proper)
-        log.say(f"{trial.name}: {trial.ending}, {trial.reason} ({trial.duration:.0f} s recorded)")
+        log.say_ending(trial)
 
     return visit.runner(replace(settings.envelope, cruise=speed), keep, gains=True)

@@ -135,7 +135,7 @@ class _Flight:
         """Report what this flight would do on the vehicle of *visit*."""
         mission = self._declared(visit, only_preview=True)
         for text in mission.needs:
-            visit.log.say(f"the flight would {text.text if isinstance(text, Intention) else text}")
+            visit.log.say(f"the flight would {text.text}")
 
     def _declared(self, visit: Visit[MissionLog], *, only_preview: bool) -> Mission:
         self._visit = visit
@@ -324,7 +324,7 @@ class _Flight:
         run = self._left[0]
         return 2.0 * whole.seconds + (whole.metres(run.envelope) / run.speed if run.speed else 0.0)
 
-    def _continues(self, whole: Excursion) -> list[Intention | str]:
+    def _continues(self, whole: Excursion) -> list[Intention]:
         """Return a sentence on what may follow the runs of the plan, which take the *whole* excursion."""
         until = self._plan.until
         if self._plan.again is not None and self._left:
@@ -333,9 +333,14 @@ class _Flight:
             return [Intention(f"then {words}: {longest}", "Also", f"flies again at another size if needed, {longest}")]
         if until is None:
             return []
+        minutes = f"at most {until.seconds / 60.0:.0f} min"
         return [
-            f"then fly the most informative runs, each previewed and within the same limits, until {until.title} "
-            f"is reached, for at most {until.seconds / 60.0:.0f} min of runs"
+            Intention(
+                f"then fly the most informative runs, each previewed and within the same limits, until {until.title} "
+                f"is reached, for {minutes} of runs",
+                "Also",
+                f"more runs until the precision is reached, {minutes}",
+            )
         ]
 
     def _movements(self) -> str:
@@ -348,12 +353,16 @@ class _Flight:
         return f"{self._relays_told()}{len(left)} run{'s' * (len(left) != 1)}{done}: {names}{back}"
 
     def _movements_in_brief(self, *, checks: bool) -> str:
-        """Return the manoeuvre by its name, and the beginning of its meaning if the line has room for it."""
-        if len(self.runs) > 1:
-            return ""
+        """Return the manoeuvre by its name, and the first sentence of its meaning if the line has room for it.
+
+        Several runs are listed by their names, or counted.
+        """
         relays = "relays, " * bool(relays_before([run.settings for run in self._left], self._visit.craft))
         first = f"{'pulses, ' * checks}{relays}"
-        brief = f"{first}{self._meaning().partition(', ')[0]}"
+        if len(self.runs) > 1:
+            names = f"{first}{', '.join(run.name for run in self._left)}"
+            return names if len(names) <= LINE else f"{first}{len(self._left)} runs"
+        brief = f"{first}{self._meaning().partition('. ')[0]}"
         return brief if len(brief) <= LINE else f"{first}{self.runs[0].settings.kind.name}"
 
     def _meaning(self) -> str:
@@ -376,16 +385,16 @@ class _Flight:
         dofs = " and ".join(axis_kind(axis).dof for axis in axes)
         return f"relay oscillations in {dofs} to identify the craft, then " if axes else ""
 
-    def _needs(self, whole: Excursion) -> list[Intention | str]:
+    def _needs(self, whole: Excursion) -> list[Intention]:
         """Return a sentence on the space, time and depth that the *whole* excursion needs."""
         if not self._left:
             return []
         first, least = self._left[0], self._plan.min_depth
         plant = first.preview.craft
-        needs: list[Intention | str] = [
+        needs: list[Intention] = [
             whole_of(whole, first.envelope, "the worst of several assumed craft" if plant.assumed else plant.source)
         ]
-        return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
+        return needs + ([_dive_first(least + DEEPER)] if least is not None else [])
 
     def _prepare(self) -> None:
         """Store the plan, and what an earlier flight completed of it, in the run directory."""
@@ -504,6 +513,11 @@ LINE = 66
 """Characters beside "Space, time" in a line of the announcement, on a terminal of 80 columns."""
 LOOKING_OUT = "checking for calm water"
 """Name of the stage between two runs in which the craft waits for calm water."""
+
+
+def _dive_first(depth: float) -> Intention:
+    where = f"to {depth:g} m before each run"
+    return Intention(f"dive {where}", "Dive", where)
 
 
 def _dive(runner: ManoeuvreRunner, dive: Dive | None) -> None:

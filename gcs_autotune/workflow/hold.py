@@ -178,7 +178,7 @@ def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
             battery(now, tune.envelope, itinerary.seconds),
         ),
         fly=fly,
-        moves_briefly=f"{'a dive, ' * (dive is not None)}pulses, {'relays, ' * bool(titles)}{task.movements(context)}",
+        moves_briefly=f"{'a dive, ' * (dive is not None)}pulses, {'relays, ' * bool(titles)}{task.briefly(context)}",
     )
 
 
@@ -197,6 +197,10 @@ class Task(ABC):
     @abstractmethod
     def movements(self, context: TuneContext) -> str:
         """Return in words what moves."""
+
+    def briefly(self, context: TuneContext) -> str:
+        """Return what moves in one line of a terminal."""
+        return self.movements(context)
 
     @abstractmethod
     def legs(self, context: TuneContext) -> list[Leg]:
@@ -224,7 +228,7 @@ class HoldSetPoint(Task):
         """Return the step, and the holding after it, in words."""
         step, kind, seconds = self.step(context), context.axis.kind, self.settings.seconds
         shown = f"{math.degrees(step):.0f} deg" if kind.angular else f"{step:g} m"
-        after = f", back, and {seconds:g} s of holding," if seconds > 0.0 else " and back"
+        after = f" and back, {seconds:g} s of holding" if seconds > 0.0 else " and back"
         return f"a {shown} step in {context.axis.name}{after}"
 
     def legs(self, context: TuneContext) -> list[Leg]:
@@ -271,6 +275,10 @@ class HoldLine(Task):
         s = self.settings
         side = "starboard" if s.offset >= 0.0 else "port"
         return f"{s.length:g} m along a line that is {abs(s.offset):g} m to {side} ({s.guidance} control)"
+
+    def briefly(self, context: TuneContext) -> str:
+        """Return the line without the law that follows it."""
+        return self.movements(context).partition(" (")[0]
 
     def legs(self, context: TuneContext) -> list[Leg]:
         """Return the line."""
@@ -374,6 +382,11 @@ class HoldPosition(Task):
             f"a step of {s.distance_step:g} m ahead and to starboard with a turn of "
             f"{math.degrees(self.step(context)):.0f} deg, and back ({s.law} control)"
         )
+
+    def briefly(self, context: TuneContext) -> str:
+        """Return the step without the law that holds the position."""
+        turn = math.degrees(self.step(context))
+        return f"{self.settings.distance_step:g} m ahead and to starboard, {turn:.0f} deg turn, and back"
 
     def legs(self, context: TuneContext) -> list[Leg]:
         """Return the step."""

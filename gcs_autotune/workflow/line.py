@@ -137,7 +137,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     def keep(trial: Trial) -> None:
         visit.keep(trial)
         log.flown(trial)
-        log.say(f"{trial.name}: {trial.ending}, {trial.reason}")
+        log.say_ending(trial)
 
     def fly(journal: Journal) -> None:
         with MissionLoan(craft.session, journal, partial(_busy, craft)) as mission:
@@ -155,7 +155,7 @@ def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     runner = visit.runner(envelope, keep, gains=True)
     flights = _Flights(visit, runner, course, speed)
     names = [name for name in LINE_PARAMETERS if name in present]
-    corners = f"{style_of(settings.style).bandwidth:.0%} of the turn rate that the hull has in corners"
+    corners = f"{100.0 * style_of(settings.style).bandwidth:.0f} % of the turn rate that the hull has in corners"
     sentence, briefly = some_of(names, asks=not settings.agreed)
     ahead, back = course.reach + BEYOND * speed, BEYOND * speed
     free = f"{ahead:.0f} m of free water ahead and to starboard, and {back:.0f} m to port and astern"

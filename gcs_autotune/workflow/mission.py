@@ -134,7 +134,7 @@ class Mission:
     itinerary: Itinerary
     modes: tuple[str, ...]
     movements: str
-    needs: tuple[Intention | str, ...]
+    needs: tuple[Intention, ...]
     fly: Callable[[Journal], None]
     writes: str = "write no parameter"
     moves_briefly: str = ""
@@ -206,7 +206,7 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
                 arming(craft),
                 in_modes(mission.modes, craft.mode, "at the end"),
                 Intention(f"move: {mission.movements}", "Moves", mission.moves_briefly or mission.movements),
-                *(need if isinstance(need, Intention) else Intention(need, "Also", need) for need in mission.needs),
+                *mission.needs,
                 *after_a_silence(visit.common, armed=craft.armed),
                 Intention(
                     mission.writes,

@@ -134,7 +134,7 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     def keep(trial: Trial) -> None:
         visit.keep(trial)
         log.flown(trial)
-        log.say(f"{trial.name}: {trial.ending}, {trial.reason}")
+        log.say_ending(trial)
 
     flights = _Flights(visit, visit.runner(envelope, keep, gains=True), tune, size, duration)
     sentence, briefly = some_of([gain.parameter for gain in loop.gains], asks=not tune.agreed)
@@ -321,7 +321,7 @@ class _Position:
         relays = [(dof, self._flights.relay(dof)) for dof in DOFS]
         self._log.say("identifying")
         fits = [self._identified(dof, relay) for dof, relay in relays]
-        self._log.fit = fits[0]
+        self._log.fit, self._log.second_fit = fits
         for fit in fits:
             m = fit.model
             self._log.say(
@@ -390,7 +390,7 @@ class _Loiter(_Position):
         before = self._log.position_before
         assert before is not None
         after = self._log.position_after = _measured_of_boat(self._flights.fly_ahead("after"))
-        return ProofResult(holds_better(before, after))
+        return ProofResult(holds_better(before, after, pushed=False))
 
 
 _NAMES = tuple(gain.parameter for gain in POSITION_GAINS)
@@ -401,7 +401,10 @@ def _told(stable: bool, gain: float, phase: float) -> str:
 
 
 def _measured_of_boat(step: Trial) -> PositionMetrics:
-    """Return the figures of a boat's step; the ends of its phases show how it holds against current and wind."""
+    """Return the figures of a boat's step; the ends of its phases show how it holds against current and wind.
+
+    Nothing pushes it.
+    """
     if step.ending == "stopped":
         return UNSTABLE
     targets, track = _phases(step, "target"), _track(step)
@@ -409,7 +412,7 @@ def _measured_of_boat(step: Trial) -> PositionMetrics:
         Stay(begin, end, _place(mark), _place(last)) for (last, *_), (mark, begin, end) in itertools.pairwise(targets)
     ]
     ends = [Stay(stay.end - BOAT_HELD, stay.end, stay.place, stay.place) for stay in steps]
-    return position_metrics(track, steps, track, ends, ends, _travel(step))
+    return position_metrics(track, steps, None, (), ends, _travel(step))
 
 
 def _travel(step: Trial) -> float:

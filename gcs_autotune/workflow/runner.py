@@ -135,6 +135,7 @@ class ManoeuvreRunner:
                 if not self.bear(error):
                     self._explain(error)
                     raise
+                self._observer.say(str(error))
             self._observer.say(f"continuing: {stage or again.name} is flown again from its start")
             self._come_down(again)
             manoeuvre = deepcopy(again)
@@ -238,7 +239,7 @@ class ManoeuvreRunner:
             return False
         turn = TurnAboutSettings(throttle)
         turn = replace(turn, output=self._sequencer.home_side(now) * turn.output)
-        self.attempt(TurnAbout(turn), "turning around", replace(self._envelope, heading_excursion=math.inf))
+        self._try(TurnAbout(turn), "turning around", replace(self._envelope, heading_excursion=math.inf))
         return True
 
     def come_to_rest(self, stage: str, axis: AxisKind) -> None:
@@ -247,7 +248,13 @@ class ManoeuvreRunner:
         A boat drifts with neutral outputs.
         """
         if not self._craft.firmware.floats:
-            self.attempt(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
+            self._try(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
+
+    def _try(self, manoeuvre: Manoeuvre, stage: str, *envelope: Envelope) -> None:
+        """Fly *manoeuvre*, and only report that it did not succeed."""
+        flown = self.attempt(manoeuvre, stage, *envelope)
+        if flown.ending == "aborted":
+            self._observer.say(f"{stage}: {flown.reason}")
 
 
 MOST_TURNING = 3.0

@@ -141,11 +141,12 @@ def tune_loop(
     if offer.changes:
         values = tuple(NewValue(c.parameter, c.old, c.new, c.reason) for c in offer.changes)
         observer.note(ProposedGains(values, *offer.costs))
+    them = "it" if len(offer.changes) == 1 else "them"
     if offer.refusal or not offer.changes:
         observer.end("unchanged", f"{offer.refusal or 'the design gave no better gains'}; nothing was written")
     elif dry_run:
         observer.end("dry-run", "dry run: nothing was written")
-    elif not agrees(f"Write {_shown(offer.changes)} and test them by the same manoeuvre?"):
+    elif not agrees(f"Write {_shown(offer.changes)} and test {them} by the same manoeuvre?"):
         observer.end("declined", "the new gains were declined; nothing was written")
     else:
         loop.fly_baseline()

@@ -13,7 +13,7 @@ from functools import partial
 from importlib import import_module
 
 from gcs_autotune.design import LAWS, style_of
-from gcs_autotune.errors import AutotuneError, BadFile, UsageError
+from gcs_autotune.errors import AutotuneError, BadFile, LinkLost, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
@@ -119,9 +119,9 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
     movements, moves = movements_of(context, now)
-    sentence, briefly = some_of([axis.names.own(g.parameter) for g in axis.gains], asks=not settings.agreed)
-
     loop, designs = autopilot_loop(context), settings.gains is None
+    tuned = [axis.names.own(g.parameter) for g in axis.gains] if designs else [c.parameter for c in log.given_changes]
+    sentence, briefly = some_of(tuned, asks=not settings.agreed, every=not designs)
     return Mission(
         itinerary=itinerary,
         modes=(firmware.hold_mode, firmware.manual_mode),
@@ -196,6 +196,8 @@ def read_back(read: Callable[[], Mapping[str, float]], visit: Visit[TuneLog]) ->
     try:
         with visit.craft.shielded():
             after = dict(read())
+    except LinkLost:  # the error that ends the run has the silence
+        log.say("the parameters could not be read back")
     except AutotuneError as error:
         log.say(f"the parameters could not be read back: {error}")
     else:

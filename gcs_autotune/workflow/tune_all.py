@@ -36,7 +36,7 @@ from gcs_autotune.observer import Intention, Intentions, ListedStep, Observer, S
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import JobStep, JobStory, job_document, save_page, to_json
 from gcs_autotune.tunables import TUNABLES, Tunable
-from gcs_autotune.workflow.announcement import battery, exactly, in_modes, styled
+from gcs_autotune.workflow.announcement import battery, exactly, in_modes, in_short, styled
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.excursion import overhead
 from gcs_autotune.workflow.experiments import SHALLOW, WORKING_DEPTH, speed_for
@@ -245,17 +245,16 @@ class _Job:
         flown = [step for step in steps if step.ending == "open"]
         back = ", with a return to the start in between" if craft.firmware.needs_way else ""
         yield replace(arming(craft), text=f"{arming(craft).text}, for each step")
-        order = f"{', '.join(step.name for step in flown)}{back}"
-        yield Intention(f"tune in this order: {order}", "Order", order)
+        order = ", ".join(step.name for step in flown)
+        yield Intention(f"tune in this order: {order}{back}", "Order", order)
         for step in steps:
             if step.ending == "rejected":
-                yield Intention(f"not tune {step.name}: {step.reason}", f"Not {step.name}", step.reason)
+                yield Intention(f"not tune {step.name}: {step.reason}", f"Not {step.name}", in_short(step.reason))
         for name, mission in left.items():
             brief = mission.moves_briefly or mission.movements
             yield Intention(f"move for {name}: {mission.movements}", name.capitalize(), brief)
             space = mission.needs[0]
-            told = space if isinstance(space, Intention) else Intention(space, brief=space)
-            yield Intention(f"{told.text} (for {name})", "Space", told.brief)
+            yield replace(space, text=f"{space.text} (for {name})")
         deep = [name for name in left if excitation_of(axis_kind(TUNABLES[name].axis).dof).below_surface]
         if deep and not craft.firmware.floats:
             dive = f"to {WORKING_DEPTH:g} m before {' and '.join(deep)}, if it is shallower than {SHALLOW:g} m by then"

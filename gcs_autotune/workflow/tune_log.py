@@ -39,6 +39,7 @@ class TuneLog(MissionLog):
         self._announced: tuple[str, ...] = ()
         self._ending, self._reason = "aborted", "the run did not start"
         self.fit: AxisFit | None = None
+        self.second_fit: AxisFit | None = None
         self.proposal: Proposal | None = None
         self.given_changes: tuple[Change, ...] = ()
         self.metrics_before: StepMetrics | None = None
@@ -94,6 +95,11 @@ class TuneLog(MissionLog):
         """Store a completed trial. A repeated trial replaces the interrupted one."""
         self._trials = [*(t for t in self._trials if t.name != trial.name), trial]
 
+    def say_ending(self, trial: Trial) -> None:
+        """Report how *trial* ended. The error that ends the run contains the reason of an aborted one."""
+        reason = "" if trial.ending == "aborted" else f", {trial.reason}"
+        self.say(f"{trial.name}: {trial.ending}{reason} ({trial.duration:.0f} s recorded)")
+
     @property
     def finished(self) -> list[str]:
         """Names of the completed trials of the tune, in their order."""
@@ -134,6 +140,7 @@ class TuneLog(MissionLog):
             relays=tuple(self._relays()),
             step_after=self._trial("step-after"),
             fit=self.fit,
+            second_fit=self.second_fit,
             given=None if s.given is None else s.given.model.to_dict(),
             proposal=self.proposal,
             given_changes=self.given_changes,

@@ -145,7 +145,7 @@ def movements_of(context: TuneContext, now: Observation) -> tuple[str, str]:
         + f" under way at {speed:.1f} m/s{turning}" * bool(axis.needs_speed)
     )
     brief = (
-        f"{down}pulses, {shown}steps in {axis.name}{' and turn rate' * beside}"
+        f"{down}pulses, {shown}{axis.name} steps{', turn-rate steps' * beside}"
         + f", {'throttle steps' if by_throttle else 'oscillations'}" * identifies
         + f" at {speed:.1f} m/s" * bool(axis.needs_speed)
     )

@@ -96,6 +96,14 @@ def test_better_step_and_push_are_kept_and_a_worse_one_is_not() -> None:
     assert not holds_better(FIGURES, replace(FIGURES, itae=5.0, push=0.07, travel=1.5)).better
 
 
+def test_without_pushes_the_distance_while_holding_is_compared() -> None:
+    unpushed = replace(FIGURES, hold=0.5, push=math.nan, excursion=math.nan)
+    closer = holds_better(unpushed, replace(unpushed, hold=0.3), pushed=False)
+    assert closer.better
+    assert "distance while holding, rms 0.5 -> 0.3 m" in closer.reasons
+    assert not holds_better(unpushed, replace(unpushed, itae=5.0, hold=0.8), pushed=False).better
+
+
 def test_a_stable_loop_is_better_than_an_unstable_one() -> None:
     assert holds_better(UNSTABLE, FIGURES).better
     assert not holds_better(FIGURES, UNSTABLE).better

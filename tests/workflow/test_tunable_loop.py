@@ -156,9 +156,12 @@ def test_a_craft_is_watched_by_its_own_axis_while_it_comes_to_rest_and_a_boat_fl
     craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], armed=False)
     observer: Any = SimpleNamespace(say=print)
     runner = ManoeuvreRunner(craft, Envelope(), observer, print)
-    monkeypatch.setattr(
-        runner, "attempt", lambda manoeuvre, stage: flown.append(f"{manoeuvre.signal} {manoeuvre.force}")
-    )
+
+    def attempt(manoeuvre: Any, stage: str) -> Trial:
+        flown.append(f"{manoeuvre.signal} {manoeuvre.force}")
+        return Trial("come-to-rest", {})
+
+    monkeypatch.setattr(runner, "attempt", attempt)
     runner.come_to_rest("proving", AXES[axis])
     assert flown == seen
 
@@ -205,7 +208,7 @@ def test_given_gains_are_written_only_when_wanted_and_never_in_a_dry_run(context
     assert supplied(context) == ["dry-run"]
     done.clear()
     context.settings.dry_run, context.answer = False, False
-    assert supplied(context) == ["Write P 1 -> 2 and test them by the same manoeuvre?", "declined"]
+    assert supplied(context) == ["Write P 1 -> 2 and test it by the same manoeuvre?", "declined"]
 
 
 @pytest.mark.parametrize(("flies", "ending"), [(0.5, ["kept", "kept", "left"]), (1.2, ["given back", "restored"])])
@@ -241,7 +244,7 @@ def proposed(promised: float, changes: list[Change], predicted_now: float = 1.0)
         (0.5, [], False, True, ["unchanged"]),
         (1.5, [CHANGE], False, True, ["unchanged"]),
         (0.5, [CHANGE], True, True, ["dry-run"]),
-        (0.5, [CHANGE], False, False, ["Write P 1 -> 2 and test them by the same manoeuvre?", "declined"]),
+        (0.5, [CHANGE], False, False, ["Write P 1 -> 2 and test it by the same manoeuvre?", "declined"]),
     ],
 )
 def test_a_proposal_ends_without_writing_when_there_is_none_it_promises_less_or_it_is_not_wanted(

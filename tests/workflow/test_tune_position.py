@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.errors import GuardTripped, NotAchieved, PreconditionFailed, WrongVehicle
+from gcs_autotune.identify import load_model
 from gcs_autotune.link import Journal
 from gcs_autotune.workflow import Unattended, tune_position
 from sitl.effects import parse_effect
@@ -46,7 +47,10 @@ def test_better_gains_are_kept_after_a_step_and_a_push(tmp_path: Path) -> None:
     assert Journal.read(harness.directory / "journal.jsonl").is_settled
     summary = json.loads((harness.directory / "summary.json").read_text())
     assert summary["position"]["after"]["push"] == pytest.approx(story.position_after.push)
-    assert "Position before and after" in (harness.directory / "report.html").read_text()
+    page = (harness.directory / "report.html").read_text()
+    assert all(title in page for title in ("Position before and after", "Model of surge", "Model of sway"))
+    sway = load_model(harness.directory / "model-sway.json").axis
+    assert sway is not None and sway.axis.name == "sway"
     said = " ".join(harness.said)
     assert said.index("need about") < said.index("State before the run")
 
@@ -94,7 +98,9 @@ def test_a_boat_holds_closer_against_a_current_with_a_smaller_radius(tmp_path: P
     harness.vehicle.plant.water.V_x, harness.vehicle.plant.water.V_y = 0.2, 0.2
     story = position(harness)
     assert story.ending == "kept"
-    assert story.position_after.push < 0.6 * story.position_before.push
+    assert story.position_after.hold < 0.6 * story.position_before.hold
+    assert math.isnan(story.position_after.push), "nothing pushes a boat"
+    assert not any("push" in reason for reason in story.verdict_reasons)
     assert changed(harness) == {"LOIT_RADIUS"}
     assert not harness.vehicle.autopilot.armed
 

@@ -29,7 +29,7 @@ from gcs_autotune.link.vehicle.mavlink_craft import MavlinkCraft
 from gcs_autotune.link.vehicle.rates import Rates
 from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig, read_override_map, read_rate_stick
 from gcs_autotune.link.vehicle.watchdog import gyro_lag
-from gcs_autotune.mavlink import VehicleIdentity, type_name
+from gcs_autotune.mavlink import VehicleIdentity, enum_name, type_name
 
 __all__ = ["FINGERPRINT", "NEEDED_RATES", "WANTED_RATES", "difference", "fingerprint_of", "open_craft"]
 
@@ -229,9 +229,10 @@ def _firmware(identity: VehicleIdentity) -> Firmware:
     firmware = firmware_for(identity.autopilot, identity.vehicle_type)
     if firmware is None:
         known = ", ".join(f.name for f in FIRMWARE.values())
+        autopilot = enum_name("MAV_AUTOPILOT", identity.autopilot).removeprefix("MAV_AUTOPILOT_")
         raise WrongVehicle(
-            f"{type_name(identity.vehicle_type)} with autopilot {identity.autopilot} (system {identity.system}) "
-            f"is not supported. Supported: {known} on ArduPilot"
+            f"{type_name(identity.vehicle_type)} with autopilot {autopilot} (system {identity.system}) is "
+            f"not supported. Supported: {known} on ArduPilot"
         )
     return firmware
 

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
-from gcs_autotune.errors import AutotuneError, CommandDenied, NoReply, TelemetryFault
+from gcs_autotune.errors import AutotuneError, CommandDenied, LinkLost, NoReply, TelemetryFault
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.bandwidth import CHATTER, FASTER, USUAL_SIZE, Demand, least, plan, shortfall
 from gcs_autotune.link.vehicle.commands import Commands
@@ -372,17 +372,22 @@ class Rates:
         but not raised.
         """
         with self._session.operator.shielded():
-            for name, request in reversed(list(self.granted.items())):
-                self._restore(name, request)
+            lost = [name for name, request in reversed(list(self.granted.items())) if not self._restore(name, request)]
+        if lost:
+            self._session.notes.append(f"no contact, so these message rates were not restored: {', '.join(lost)}")
         self.granted.clear()
 
-    def _restore(self, name: str, request: Granted) -> None:
+    def _restore(self, name: str, request: Granted) -> bool:
+        """Return whether the vehicle answered."""
         try:
             self._set_interval(name, request.previous)
+        except LinkLost:
+            return False
         except AutotuneError as error:
             refused = request.granted == 0.0 < request.asked and isinstance(error, CommandDenied)
             if not refused:  # what was refused when it was asked for has never changed
                 self._session.notes.append(f"the rate of {name} was not restored: {error}")
+        return True
 
 
 def _count(counts: Counter[str], name: str, _: Message) -> None:

@@ -29,7 +29,6 @@ from gcs_autotune.report.toolkit.document import (
 )
 from gcs_autotune.report.toolkit.figures import COLOURS
 from gcs_autotune.report.toolkit.wording import (
-    UNKNOWN,
     format_number,
     format_seconds,
     format_share,
@@ -145,12 +144,15 @@ def _number(found: Comparison, run: ComparedRun) -> str:
     return str(1 + found.runs.index(run))
 
 
+NO_FIGURE = "unknown"
+"""Text for a figure that a run did not determine."""
+
 _METRICS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
     ("itae", "ITAE [s²]", format_number),
-    ("overshoot", "overshoot", lambda v: format_share(v) if math.isfinite(v) else UNKNOWN),
-    ("rise", "rise", lambda v: format_seconds(v, UNKNOWN)),
-    ("settling", "settling", lambda v: format_seconds(v, UNKNOWN)),
-    ("steady_error", "remaining", lambda v: format_share(v) if math.isfinite(v) else UNKNOWN),
+    ("overshoot", "overshoot", lambda v: format_share(v) if math.isfinite(v) else NO_FIGURE),
+    ("rise", "rise", lambda v: format_seconds(v, NO_FIGURE)),
+    ("settling", "settling", lambda v: format_seconds(v, NO_FIGURE)),
+    ("steady_error", "remaining", lambda v: format_share(v) if math.isfinite(v) else NO_FIGURE),
 )
 """Key of ``ComparedRun.metrics`` -> label and format."""
 _ITAE = "ITAE is the tracking error per unit step. "
@@ -201,7 +203,11 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
         )
         for run in runs
     )
-    heads = (f"{name} [{pretty_unit(unit)}]" if unit not in ("", "1") else name for name, unit in parameters.items())
+    units = {
+        name: " [of full]" if unit == "1" else f" [{pretty_unit(unit)}]" * bool(unit)
+        for name, unit in parameters.items()
+    }
+    heads = (f"{name}{unit}" for name, unit in units.items())
     structures = {run.fits[dof].structure for run in runs}
     notes = ["* Outside its interval."] if any(outside.values()) else []
     if len(structures) == 1:

@@ -16,7 +16,6 @@ from gcs_autotune.report.toolkit.canvas import AFTER, WANTED, legend, new_axes
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, Section, Table, Tone, Verdict, cautions
 from gcs_autotune.report.toolkit.figures import finite, thin
 from gcs_autotune.report.toolkit.wording import (
-    UNKNOWN,
     format_moment,
     format_number,
     format_value,
@@ -138,7 +137,7 @@ def _row(name: str, unit: str, factor: float, now: float, then: float, std: floa
     if values[0] and math.isfinite(std):
         values[0] = format_value(factor * now, factor * std)
     if values[1] and not values[0]:
-        values[0] = UNKNOWN
+        values[0] = "not identified"
     return (name, *values, unit)
 
 

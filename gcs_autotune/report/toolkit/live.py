@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import TracebackType
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.control import Control
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
@@ -22,6 +22,7 @@ from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
 from gcs_autotune.observer import Fact, Intentions, Progress, Words
+from gcs_autotune.report.toolkit.tied import TiedText
 from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share, to_people, with_signs
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.untrusted_text import quoted, visible
@@ -35,7 +36,8 @@ _SIGNALS: Mapping[str, tuple[str, str]] = {
     "theta": ("pitch", "rad"),
     "z": ("depth", "m"),
     "d": ("distance", "m"),
-    "x": ("speed", "m/s"),
+    "x": ("distance ahead", "m"),
+    "y": ("distance to starboard", "m"),
     "u": ("speed", "m/s"),
     "r": ("turn rate", "rad/s"),
 }
@@ -120,7 +122,8 @@ def _left(p: Progress) -> str:
 
 
 def _signal(p: Progress) -> str:
-    name, unit = _SIGNALS.get(p.signal, (p.signal, ""))
+    row = SIGNALS.get(p.signal)
+    name, unit = _SIGNALS.get(p.signal) or ((p.signal, "") if row is None else (row.meaning, row.unit))
     text = f"{name} {_reading(p.value, p.signal, unit)}"
     return text + (f" (target {_reading(p.target, p.signal, unit)})" if math.isfinite(p.target) else "")
 
@@ -191,9 +194,9 @@ class TerminalObserver:
             return
         told, introduces, command = self._typeset(text).partition(": gcs-autotune ")
         if not introduces:
-            self._console.print(Text(told))
+            self._console.print(Group(TiedText(told)))
             return
-        self._console.print(Text(f"{told}:"))  # a command is copied: it stays one line, whatever its length
+        self._console.print(Group(TiedText(f"{told}:")))  # a command is copied: it stays one line, whatever its length
         self._console.print(Text(f"  gcs-autotune {command}"), soft_wrap=True)
 
     def _typeset(self, text: str) -> str:

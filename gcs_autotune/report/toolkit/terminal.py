@@ -14,6 +14,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from gcs_autotune.report.toolkit.document import Document, Figure, Note, Part, Section, Table, Tone, is_empty
+from gcs_autotune.report.toolkit.tied import TiedText
 from gcs_autotune.report.toolkit.wording import with_signs
 from gcs_autotune.untrusted_text import visible
 
@@ -81,8 +82,8 @@ def _verdict(document: Document) -> Iterator[RenderableType]:
         return
     style = STYLES[verdict.tone]
     sentences = [_text(sentence) for sentence in verdict.sentences]
-    lead = [Text(with_signs(visible(document.lead)), style=style)] if document.lead else []
-    said = Group(*lead, Text(with_signs(visible(verdict.text)), style="" if lead else style), *sentences)
+    lead = [TiedText(with_signs(visible(document.lead)), style=style)] if document.lead else []
+    said = Group(*lead, TiedText(with_signs(visible(verdict.text)), style="" if lead else style), *sentences)
     yield _apart(Panel(said, box=box.ROUNDED, border_style=style.removeprefix("bold "), width=BOX))
 
 
@@ -132,7 +133,7 @@ def _apart(piece: RenderableType) -> Padding:
 
 
 def _text(text: str) -> Text:
-    return Text(with_signs(visible(text)))
+    return TiedText(with_signs(visible(text)))
 
 
 def _grid(table: Table) -> Padding:
@@ -153,5 +154,5 @@ def _grid(table: Table) -> Padding:
         whole = least >= max(cell_len(text) for text in (head.plain, *(visible(row[i]) for row in rows)))
         lines.add_column(head, justify="right" if right else "left", no_wrap=whole, min_width=least)
     for row in rows:
-        lines.add_row(*(Text(visible(row[i])) for i in used))
+        lines.add_row(*(TiedText(visible(row[i])) for i in used))
     return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)

@@ -221,7 +221,18 @@ def _model(story: TuneStory) -> Iterator[Section]:
         Note(how, kind="quiet"),
         Section("damping", "Choice of damping", damping_parts(fit)),
     )
-    yield Section("model", f"Model: {model_words(fit)}", parts, detail=True, facts=IN_RESULT)
+    second, of = story.second_fit, "" if story.second_fit is None else f" of {fit.dof}"
+    yield Section("model", f"Model{of}: {model_words(fit)}", parts, detail=True, facts=IN_RESULT)
+    if second is not None:
+        used = f"Identified by {second.method} from {', '.join(second.used)}. It is in model-{second.dof}.json."
+        parts = (
+            Note(explained_sentence(second.fit_percent)),
+            *notes(model_sentences(second)),
+            model_table(second),
+            Note(used, kind="quiet"),
+        )
+        title = f"Model of {second.dof}: {model_words(second)}"
+        yield Section("model-second", title, parts, detail=True, facts=IN_RESULT)
 
 
 _HOW_TO_READ_CYCLES = (

@@ -80,6 +80,8 @@ def _parts(story: TuneStory) -> Mapping[str, Any]:
     if story.fit is not None:
         parts[MODEL] = model_document(story.fit)
         parts["fit.json"] = story.fit.to_dict()
+    if story.second_fit is not None:
+        parts[f"model-{story.second_fit.dof}.json"] = model_document(story.second_fit)
     if story.given is not None:
         parts[MODEL] = story.given
     if story.proposal is not None:

@@ -51,6 +51,7 @@ class TuneStory:
     announced : the announcement, one line per entry.
     rates : message name -> (requested, measured rate) [Hz].
     beside : the turn-rate step flown with a heading step, with old and new gains.
+    second_fit : the model of sway of a tune of the position, whose ``fit`` is that of surge.
     missions : the flights of a tune of the line.
     thrust_before, thrust_after : how thrust followed the command in a tune of the actuators.
     track_before, track_after : how they followed their route, with old and new parameters.
@@ -77,6 +78,7 @@ class TuneStory:
     relays: tuple[Trial, ...] = ()
     step_after: Trial | None = None
     fit: AxisFit | None = None
+    second_fit: AxisFit | None = None
     given: Mapping[str, Any] | None = None
     proposal: Proposal | None = None
     given_changes: tuple[Change, ...] = ()

@@ -11,7 +11,6 @@ from gcs_autotune.design import Change, Linearity, Margins, PositionMetrics, Pro
 from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     MOST_FACTOR,
-    UNKNOWN,
     format_change,
     format_factor,
     format_number,
@@ -54,6 +53,11 @@ _VEHICLE: Mapping[str, str] = {
     "simulated": "simulated",
 }
 """Keys of ``TuneStory.vehicle`` -> label; other keys are shown unchanged."""
+_NAMES: Mapping[str, Mapping[object, str]] = {
+    "autopilot": {3: "ArduPilot"},
+    "vehicle_type": {10: "ground rover", 11: "surface boat", 12: "submarine"},
+}
+"""Keys of ``TuneStory.vehicle`` -> number of MAV_AUTOPILOT or MAV_TYPE -> its name, for the vehicles that are tuned."""
 
 
 def gains_table(changes: Sequence[Change]) -> Table:
@@ -242,14 +246,16 @@ def vehicle_table(vehicle: Mapping[str, object]) -> Table:
     """Return a table of the vehicle's data, known keys first. It has no headings and omits nested tables."""
     plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
     keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
-    rows = tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)
+    rows = tuple(
+        (_VEHICLE.get(k, k.replace("_", " ")), _plain(k, vehicle[k])) for k in keys if vehicle[k] not in (None, "")
+    )
     return Table(("", ""), "ll", rows)
 
 
-def _plain(value: object) -> str:
+def _plain(key: str, value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return UNKNOWN if value is None else str(value)
+    return _NAMES.get(key, {}).get(value, str(value))
 
 
 def _with_unit(value: float, unit: str) -> str:

@@ -102,13 +102,14 @@ def route_words(before: TrackMetrics, after: TrackMetrics | None) -> str:
 
 
 def position_words(before: PositionMetrics, after: PositionMetrics | None) -> str:
-    """Return one sentence on the step and the push."""
+    """Return one sentence on the step, and on the push or the holding without one."""
     now = before if after is None else after
     was = "" if after is None else f" (before: {format_quantity(before.itae, 's^2', 2)})"
     words = f"Position (measured): step error {format_quantity(now.itae, 's^2', 2)}{was}"
-    if math.isfinite(now.push):
-        was = "" if after is None else f" (before: {format_quantity(before.push, 'm', 2)})"
-        words += f"; {format_quantity(now.push, 'm', 2)} rms off under the push{was}"
+    name, when = ("push", "under the push") if math.isfinite(now.push) else ("hold", "while holding")
+    if math.isfinite(getattr(now, name)):
+        was = "" if after is None else f" (before: {format_quantity(getattr(before, name), 'm', 2)})"
+        words += f"; {format_quantity(getattr(now, name), 'm', 2)} rms off {when}{was}"
     return f"{words}."
 
 
