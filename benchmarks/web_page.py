@@ -325,7 +325,7 @@ def stops(count: int, viewers: int, *, in_browser: bool, on_phone: bool = False)
             with chromium(server.port, wanted=in_browser) as page:
                 out = server.start("tcp:127.0.0.1:5797")
                 connection = http.client.HTTPConnection("127.0.0.1", server.port)
-                delays, opened, heard = [], [0.0], 0
+                delays, opened, heard = [], [], 0
                 for k in range(count):
                     _, heard = watching.hear("swinging", heard)
                     if page is not None and on_phone:
@@ -348,8 +348,9 @@ def stops(count: int, viewers: int, *, in_browser: bool, on_phone: bool = False)
         vehicle.terminate()
         vehicle.wait(10.0)
     if on_phone:
-        print(f"phone, from opening the page until STOP can be pressed: worst {max(opened):.2f} s of {count} (goal 2)")
-        seen = Figure(f"phone: page opened to STOP ready, worst of {count}", max(opened), "s", most=2.0)
+        median, worst = sorted(opened)[count // 2], max(opened)
+        print(f"phone, from opening the page until STOP can be pressed: median {median:.2f} s, worst {worst:.2f} of {count}")
+        seen = Figure(f"phone: page opened to STOP ready, worst of {count}", worst, "s", most=2.0)
         return [seen, Figure(f"phone: click to neutral, worst of {count}", delays[-1], "ms")]
     return [
         Figure(f"STOP to neutral, worst of {count}", delays[-1], "ms", most=50.0),
