@@ -271,7 +271,6 @@ function showEnd() {
 }
 
 // What can follow the run: it is asked of the archive, which a reload finds as it is.
-const loaded = new Promise((done) => { if (document.readyState === "complete") done(); else addEventListener("load", done); });
 const does = {
   may: () => mayTouch && !running(),
   read: runs.parse,
@@ -280,7 +279,6 @@ const does = {
   refused: (why) => { refused = why; show(); },
 };
 async function offerMore(name) {
-  await loaded;  // it draws, and the library for that comes after this script
   const answer = await fetch(`runs/${encodeURIComponent(name)}`).catch(() => null);
   if (answer && answer.ok && state.run && state.run.name === name) offer($("end-offer"), await answer.json(), does);
 }
@@ -306,7 +304,7 @@ function show() {
     $("gains").dataset.of = JSON.stringify(state.proposal);
     $("gains-table").replaceChildren(...gains(state.proposal));
   }
-  if (fresh && window.uPlot && (state.rows.length || state.track) && performance.now() - drawn > 90) { fresh = false; drawn = performance.now(); draw(state); }
+  if (fresh && (state.rows.length || state.track) && performance.now() - drawn > 90) { fresh = false; drawn = performance.now(); draw(state); }
 }
 
 function take(delta) {
@@ -355,7 +353,6 @@ async function begin() {
   say("version", ` ${fields.version}`);
   mayTouch = !fields.token_needed || (token() !== "none" && (await post("token")).ok);
   isKnown = true;
-  show();  // STOP first: the form takes a phone longer
   make(fields, () => look("live"));
   whatIf.make(fields);
   runs.make(fields.dofs, does, () => { if (mayTouch) look("runs"); return mayTouch; });
