@@ -4,7 +4,7 @@
 10 Hz with four viewers, ticks at most 5 ms later, STOP under 50 ms at worst of 200, page under 300 kB, constant memory
 over an hour's ticks. With ``--browser`` one more viewer is the page in Chromium: its memory is printed, and STOP counts
 from a click on it. With ``--phone`` only this is measured: the page is opened on a phone (390 by 844 pixels, processor
-slowed to a quarter) during a run, until STOP can be pressed without scrolling (goal 2 s), and from the click to neutral.
+slowed to a quarter) during a run, until STOP can be pressed without scrolling (goal 2 s). STOP counts from a click.
 
 The server is that of ``gcs-autotune serve``. It starts this file again as a run: ticks at 25 Hz to the real
 ``RemoteObserver``, or, for STOP, the real craft on a real link to the simulator with the real sequencer.
@@ -39,7 +39,8 @@ CLICKED = "() => addEventListener('click', (event) => { window.clicked = perform
 STOP_SEEN = """() => {
   const stop = document.getElementById("stop");
   if (!stop || stop.disabled) return 0;
-  const box = stop.getBoundingClientRect(), within = box.top >= 0 && box.bottom <= innerHeight && box.right <= innerWidth;
+  const box = stop.getBoundingClientRect();
+  const within = box.top >= 0 && box.bottom <= innerHeight && box.right <= innerWidth;
   const above = document.elementFromPoint((box.left + box.right) / 2, (box.top + box.bottom) / 2);
   return within && above === stop ? performance.now() : 0;
 }"""
@@ -349,7 +350,7 @@ def stops(count: int, viewers: int, *, in_browser: bool, on_phone: bool = False)
         vehicle.wait(10.0)
     if on_phone:
         median, worst = sorted(opened)[count // 2], max(opened)
-        print(f"phone, from opening the page until STOP can be pressed: median {median:.2f} s, worst {worst:.2f} of {count}")
+        print(f"phone, page opened until STOP can be pressed: median {median:.2f} s, worst {worst:.2f} of {count}")
         seen = Figure(f"phone: page opened to STOP ready, worst of {count}", worst, "s", most=2.0)
         return [seen, Figure(f"phone: click to neutral, worst of {count}", delays[-1], "ms")]
     return [

@@ -204,7 +204,8 @@ def _sections(story: JobStory) -> Iterator[Section]:
     )
     table = Table(heads, "lllllll", rows, wide=heads[4:6])
     yield Section("loops", "Loops", (table, errors, *_reports(story)), facts=IN_RESULT)
-    reasons = tuple(f"{s.name}: {s.reason}" for s in story.steps if s.reason and s.ending != "kept" and not _is_failed_recheck(s))
+    other = [s for s in story.steps if s.ending != "kept" and not _is_failed_recheck(s)]
+    reasons = tuple(f"{s.name}: {s.reason}" for s in other if s.reason)
     if reasons:
         yield Section("reasons", "Remarks", tuple(bullets(reasons)), facts=IN_RESULT)
     if story.resume:
