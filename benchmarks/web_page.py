@@ -3,7 +3,8 @@
 ``python3 -m benchmarks.web_page [--seconds 20] [--stops 20] [--viewers 4] [--browser]``. Goals: under 3 % of a core at
 10 Hz with four viewers, ticks at most 5 ms later, STOP under 50 ms at worst of 200, page under 300 kB, constant memory
 over an hour's ticks. With ``--browser`` one more viewer is the page in Chromium: its memory is printed, and STOP counts
-from a click on it.
+from a click on it. With ``--phone`` only this is measured: the page is opened on a phone (390 by 844 pixels, processor
+slowed to a quarter) during a run, until STOP can be pressed without scrolling (goal 2 s). STOP counts from a click.
 
 The server is that of ``gcs-autotune serve``. It starts this file again as a run: ticks at 25 Hz to the real
 ``RemoteObserver``, or, for STOP, the real craft on a real link to the simulator with the real sequencer.
@@ -32,6 +33,18 @@ from benchmarks.results import Figure, headline
 TICK = 0.04
 HOUR = 90_000
 """Ticks of an hour at 25 Hz."""
+PHONE, SLOWER = {"width": 390, "height": 844}, 4
+"""Screen of a phone [CSS px], and how many times slower than here its processor is."""
+CLICKED = "() => addEventListener('click', (event) => { window.clicked = performance.timeOrigin + event.timeStamp })"
+STOP_SEEN = """() => {
+  const stop = document.getElementById("stop");
+  if (!stop || stop.disabled) return 0;
+  const box = stop.getBoundingClientRect();
+  const within = box.top >= 0 && box.bottom <= innerHeight && box.right <= innerWidth;
+  const above = document.elementFromPoint((box.left + box.right) / 2, (box.top + box.bottom) / 2);
+  return within && above === stop ? performance.now() : 0;
+}"""
+"""Milliseconds since navigation, once STOP is enabled, uncovered and whole on the screen without scrolling."""
 HEADERS = {"X-Autotune-Token": "none", "Content-Type": "application/json"}
 
 
@@ -210,15 +223,23 @@ class Page:
         self._page = page
         self._tools = page.context.new_cdp_session(page)
         self._tools.send("Performance.enable")
-        page.evaluate(
-            "() => addEventListener('click', (event) => { window.clicked = performance.timeOrigin + event.timeStamp })"
-        )
+        page.evaluate(CLICKED)
 
     def memory(self) -> float:
         """What its script holds after the garbage is collected [MB]."""
         self._tools.send("HeapProfiler.collectGarbage")
         told = {m["name"]: m["value"] for m in self._tools.send("Performance.getMetrics")["metrics"]}
         return float(told["JSHeapUsedSize"]) / 1e6
+
+    def open_on_phone(self, port: int) -> float:
+        """Open the page as a slow phone does; return the time from navigation until STOP can be pressed [s]."""
+        self._page.set_viewport_size(PHONE)
+        self._tools.send("Emulation.setCPUThrottlingRate", {"rate": SLOWER})
+        self._page.goto("about:blank")
+        self._page.goto(f"http://127.0.0.1:{port}/", wait_until="commit")
+        seen = float(self._page.wait_for_function(STOP_SEEN).json_value())
+        self._page.evaluate(CLICKED)
+        return seen / 1e3
 
     def stop(self) -> float:
         """Click on STOP and return when, by ``time.monotonic``."""
@@ -293,7 +314,7 @@ def cost(seconds: float, viewers: int, *, in_browser: bool) -> list[Figure]:
     ]
 
 
-def stops(count: int, viewers: int, *, in_browser: bool) -> list[Figure]:
+def stops(count: int, viewers: int, *, in_browser: bool, on_phone: bool = False) -> list[Figure]:
     vehicle = subprocess.Popen(
         [sys.executable, "-m", "sitl", "charlie", "--listen", "tcp:127.0.0.1:5797"], stdout=subprocess.DEVNULL
     )
@@ -305,9 +326,11 @@ def stops(count: int, viewers: int, *, in_browser: bool) -> list[Figure]:
             with chromium(server.port, wanted=in_browser) as page:
                 out = server.start("tcp:127.0.0.1:5797")
                 connection = http.client.HTTPConnection("127.0.0.1", server.port)
-                delays, heard = [], 0
+                delays, opened, heard = [], [], 0
                 for k in range(count):
                     _, heard = watching.hear("swinging", heard)
+                    if page is not None and on_phone:
+                        opened.append(page.open_on_phone(server.port))
                     time.sleep(0.3 + 0.013 * (k % 31))  # anywhere in a tick
                     begun = time.monotonic() if page is None else page.stop()
                     if page is None:
@@ -325,6 +348,11 @@ def stops(count: int, viewers: int, *, in_browser: bool) -> list[Figure]:
     finally:
         vehicle.terminate()
         vehicle.wait(10.0)
+    if on_phone:
+        median, worst = sorted(opened)[count // 2], max(opened)
+        print(f"phone, page opened until STOP can be pressed: median {median:.2f} s, worst {worst:.2f} of {count}")
+        seen = Figure(f"phone: page opened to STOP ready, worst of {count}", worst, "s", most=2.0)
+        return [seen, Figure(f"phone: click to neutral, worst of {count}", delays[-1], "ms")]
     return [
         Figure(f"STOP to neutral, worst of {count}", delays[-1], "ms", most=50.0),
         Figure("STOP to neutral, median", delays[count // 2], "ms"),
@@ -337,7 +365,12 @@ def main() -> None:
     parser.add_argument("--stops", type=int, default=20)
     parser.add_argument("--viewers", type=int, default=4)
     parser.add_argument("--browser", action="store_true", help="the page in Chromium, too: STOP counts from a click")
+    parser.add_argument("--phone", action="store_true", help="only the time until a phone can stop a run")
     args = parser.parse_args()
+    if args.phone:
+        measured = stops(args.stops, args.viewers, in_browser=True, on_phone=True)
+        headline("web_page_phone", "time until somebody with a phone stops a run", measured)
+        return
     static = Path("gcs_autotune/web/static")
     sizes = sum(p.stat().st_size for p in static.iterdir())
     print(f"page: {sizes / 1e3:.1f} kB in {len(list(static.iterdir()))} files (goal 300)")

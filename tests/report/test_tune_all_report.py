@@ -39,7 +39,7 @@ def test_no_name_of_a_gain_is_cut_and_every_error_has_its_unit() -> None:
 
 def test_a_step_that_does_not_settle_is_said_in_words() -> None:
     document = job_document(JobStory("", "boat", True, "sitl:blueboat", "j", (KEPT,)))
-    assert "not settled -&gt; 14 s" in to_html(document)
+    assert "not settled \u2192\u00a014\u00a0s" in to_html(document)
 
 
 def test_gains_of_an_aborted_step_are_not_shown_as_changed() -> None:

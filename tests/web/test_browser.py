@@ -48,7 +48,7 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
     page.shows("#end-title", "tune heading: done")
     put_back = page.page.inner_text("#put-back")
     assert "mode HOLD, disarmed, as before the run" in put_back
-    assert "->" in put_back  # the gains that stay
+    assert "\u2192" in put_back  # the gains that stay
     assert "tracking error (ITAE)" in page.page.inner_text("#flown")
     assert " are chosen for the smallest predicted tracking error" in page.page.inner_text(
         "#gains"
@@ -316,7 +316,7 @@ def test_a_craft_of_an_earlier_run_is_chosen_with_its_settings(visit: Any, tmp_p
 def test_yes_goes_on(asking: Page) -> None:
     asking.page.click("#yes")
     asking.shows("#end-title", "done")
-    assert "ATC_STR_RAT_P 0.2 -> 0.4" in asking.page.inner_text("#put-back")
+    assert "ATC_STR_RAT_P 0.2\u00a0\u2192\u00a00.4" in asking.page.inner_text("#put-back")
 
 
 def test_words_of_the_vehicle_are_text_and_never_html(asking: Page) -> None:
@@ -350,7 +350,7 @@ def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_abo
     late.shows("#question-text", "Go ahead?")
     late.page.click("#yes")
     late.shows("#end-title", "done")
-    assert "ATC_STR_RAT_P 0.2 -> 0.4" in late.page.inner_text("#put-back")
+    assert "ATC_STR_RAT_P 0.2\u00a0\u2192\u00a00.4" in late.page.inner_text("#put-back")
 
 
 def test_a_question_that_is_there_before_the_page_knows_that_it_may_answer_can_be_answered(asking: Page) -> None:
@@ -363,7 +363,7 @@ def test_a_question_that_is_there_before_the_page_knows_that_it_may_answer_can_b
     held[0].continue_()
     late.click("#yes")
     asking.shows("#end-title", "done")
-    assert "ATC_STR_RAT_P 0.2 -> 0.4" in asking.page.inner_text("#put-back")
+    assert "ATC_STR_RAT_P 0.2\u00a0\u2192\u00a00.4" in asking.page.inner_text("#put-back")
 
 
 def test_two_viewers_see_the_same_and_either_may_stop(asking: Page) -> None:

@@ -72,7 +72,7 @@ def declined(page: Page) -> None:
 def undoing(page: Page) -> None:
     shown("kept", ENDED, "done")(page)
     page.page.get_by_role("button", name="Undo").click()
-    page.shows(QUESTION, "0.4 -> 0.2")
+    page.shows(QUESTION, "0.4 \u2192 0.2")
 
 
 def undone(page: Page) -> None:
@@ -190,7 +190,7 @@ STATES: Mapping[str, State] = {
     "declined": State(declined, (NEVER_ARMED, "before arming"), ("restored", NOT_READ, *GONE)),
     "kept": State(
         shown("kept", ENDED, "done"),
-        (AS_BEFORE, "ATC_STR_RAT_P 0.2 -> 0.4", "16.5 s², 92 % lower", "Undo: restore the old parameters"),
+        (AS_BEFORE, "ATC_STR_RAT_P 0.2 \u2192 0.4", "16.5 s², 92 % lower", "Undo: restore the old parameters"),
     ),
     "restored": State(
         shown("restored", ENDED, "restored"), (AS_BEFORE, "the new gains were not better in every respect"), GONE
@@ -217,7 +217,7 @@ STATES: Mapping[str, State] = {
         ("heading: the new gains were not better in every respect", "Undo"),
         ("Continue",),
     ),
-    "undoing": State(undoing, ("Write ATC_STR_RAT_P 0.4 -> 0.2?",), ("starting", *GONE)),
+    "undoing": State(undoing, ("Write ATC_STR_RAT_P 0.4 \u2192 0.2?",), ("starting", *GONE)),
     "undone": State(undone, ("verified by reading back",), GONE),
     "runs": State(
         opened, ("Recorded, not live", "Prove this on the vehicle", "\N{RIGHTWARDS ARROW} 0.4"), ("Continue",)
@@ -369,7 +369,7 @@ def test_a_run_is_undone_by_keyboard_alone(visit: Any, at_rest: str) -> None:
     STATES["kept"].reach(page)
     page.shows("#end-offer", "Undo")
     press(page, "Undo")
-    page.shows(QUESTION, "0.4 -> 0.2")
+    page.shows(QUESTION, "0.4 \u2192 0.2")
     assert page.page.evaluate("document.activeElement.id") == "question"
     press(page, "yes")
     page.shows(ENDED, "the old parameters are restored")

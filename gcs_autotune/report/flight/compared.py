@@ -176,7 +176,7 @@ def _sections(found: Comparison) -> Iterator[Section]:
     rows = tuple(
         (_number(found, run), run.name, run.when[:16].replace("T", " "), run.title or "log", run.ending) for run in runs
     )
-    yield Section("runs", "Runs", (Table(("", "run", "date", "what", "ending"), "rllll", rows),), facts=IN_RESULT)
+    yield Section("runs", "Runs", (Table(("run", "name", "date", "what", "ending"), "rllll", rows),), facts=IN_RESULT)
     told = tuple(
         f"run {_number(found, run)} against run {_number(found, first)}, {row.dof}: {row.told}"
         for run in runs

@@ -400,7 +400,7 @@ def candidate_table(fit: AxisFit) -> Table:
     unit = fit.traces[0].unit if fit.traces and fit.traces[0].unit else fit.model.axis.position_unit
     taken = min((c.bic for c in fit.candidates if c.structure == fit.structure), default=best)
     rows = tuple(_candidate_row(c, best, unit, fit.structure, taken) for c in fit.candidates)
-    return Table(("structure", "meaning", "misfit rms", "fitted", "BIC - best", ""), "llrrrl", rows)
+    return Table(("structure", "meaning", "misfit rms", "fitted", "BIC - best", "verdict"), "llrrrl", rows)
 
 
 def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str, taken: float) -> tuple[str, ...]:

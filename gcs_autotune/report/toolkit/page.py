@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -15,7 +14,7 @@ from gcs_autotune.documents import REPORT_MARK
 from gcs_autotune.report.toolkit.canvas import pens, to_svg
 from gcs_autotune.report.toolkit.chart import chart_script, to_chart
 from gcs_autotune.report.toolkit.document import Document, Figure, Note, Part, Section, Table, is_empty
-from gcs_autotune.report.toolkit.wording import with_signs
+from gcs_autotune.report.toolkit.wording import glued, with_signs
 from gcs_autotune.untrusted_text import visible
 
 __all__ = ["drawn", "to_html"]
@@ -61,8 +60,7 @@ def to_html(document: Document) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["glued"] = _glued
-    environment.filters["signed"] = with_signs
+    environment.filters["glued"] = glued
     environment.filters["wide"] = _is_wide
     environment.filters["quoted"] = quote
     sections = [laid for section in document.sections if (laid := _laid(section)).blocks]
@@ -126,8 +124,3 @@ def _least_width(cells: Sequence[str], align: str) -> int:
         return 2 + max(map(len, cells))
     longest = max((len(word) for cell in cells for word in cell.split()), default=0)
     return 2 + max(longest, min(LEGIBLE, max(map(len, cells))))
-
-
-def _glued(text: str) -> str:
-    """Return *text* in the notation of the reports, with each number and its unit on one line."""
-    return re.sub(r"(?<=\d) (?=%|(?:s|m|dB|Hz|N)\b)|(?<=\d N) (?=m\b)", "\u00a0", with_signs(text))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 
 from gcs_autotune.identify import CONTRADICTION, AxisFit, Doubt
@@ -31,6 +31,7 @@ __all__ = [
     "format_seconds",
     "format_share",
     "format_value",
+    "glued",
     "listed",
     "pretty_unit",
     "remarks",
@@ -49,6 +50,10 @@ NOT_IDENTIFIABLE = "not identifiable from these runs"
 
 _VERBATIM = re.compile(r"`[^`]*`|(?<!\w)'[^']*'(?!\w)|\"[^\"]*\"|gcs-autotune .*")
 """Parts of a sentence to copy or quoted from elsewhere: commands, options, messages of a vehicle."""
+
+_UNIT = r"(?:min|ms|dB|Hz|rad|[ck]?m|s|N|V)[²³]?(?:/(?:rad|s|m)[²³]?)?(?!\w)"
+_BEFORE_UNIT = re.compile(rf"(?<=\d) (?=%|{_UNIT})|(?<=\d N) (?=m(?!\w))|(?<=\d min) (?=\d+ s(?!\w))")
+"""Space between a number and its unit."""
 
 _HEADINGS = ("anchor", "direction")
 """Parameters that are headings if their unit is rad."""
@@ -69,11 +74,29 @@ def with_signs(text: str) -> str:
     """Return *text* in the notation of the reports: ``30°``, ``5°/s`` and ``50 %`` for ``30 deg``, ``5 deg/s`` and
     ``50%``. Commands and quotations stay as they are.
     """
+    return _in_prose(text, _signs)
+
+
+def glued(text: str) -> str:
+    """Return *text* for HTML: in the notation of the reports, with each number and its unit on one line and an arrow
+    between old and new. Commands and quotations stay as they are.
+    """
+    return _in_prose(with_signs(text), _without_breaks)
+
+
+def _in_prose(text: str, change: Callable[[str], str]) -> str:
+    """Return *text* with *change* applied outside commands and quotations."""
     pieces, at = [], 0
     for kept in _VERBATIM.finditer(text):
-        pieces += [_signs(text[at : kept.start()]), kept[0]]
+        pieces += [change(text[at : kept.start()]), kept[0]]
         at = kept.end()
-    return "".join((*pieces, _signs(text[at:])))
+    return "".join((*pieces, change(text[at:])))
+
+
+def _without_breaks(text: str) -> str:
+    text = _BEFORE_UNIT.sub("\u00a0", text)
+    text = re.sub(r"(?<=[\d%°²]) (?=(?:->|±) -?\d)|(?<=\d\u00a0[ms]) (?=-> -?\d)", "\u00a0", text)
+    return re.sub(r"(?<=±) (?=\d)", "\u00a0", text.replace("-> ", "\N{RIGHTWARDS ARROW}\u00a0"))
 
 
 def _signs(text: str) -> str:

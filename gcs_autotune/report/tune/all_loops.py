@@ -23,7 +23,9 @@ RECHECK = "recheck "
 WORSE = ("degraded", "poorly damped", "oscillates")
 """Verdicts of a recheck that call for another tune."""
 UNDECIDED = ("undecided", "not identifiable")
-"""Endings of a recheck without a verdict."""
+"""Endings of a recheck that was flown, without a verdict."""
+NO_RECHECK = {"open": "not flown yet", "aborted": "ended early", "rejected": "not possible", "skipped": "left out"}
+"""Endings of a recheck that is missing, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,11 +165,15 @@ def _verdict(story: JobStory) -> Verdict:
         if step.ending == "kept":
             gains = ", ".join(f"{name} {change}" for name, change in _changes(step))
             sentences.append(f"{sentence(f'{step.name}: {_better(step)}')} {gains}{'.' * bool(gains)}".rstrip())
-    sentences += [sentence(f"{step.name}: {step.reason or step.ending}") for step in worse]
-    open_checks = [s.name for s in story.steps if s.is_recheck and s.ending in UNDECIDED]
-    if open_checks:
-        sentences.append(f"No verdict from {' and '.join(open_checks)}: see the remarks.")
+    sentences += [sentence(f"{step.name}: {_why(step)}") for step in story.steps if _is_failed_recheck(step)]
     return Verdict(text, tone, tuple(sentences))
+
+
+def _why(step: JobStep) -> str:
+    """Return what a recheck found, or why it is missing."""
+    missing = NO_RECHECK.get(step.ending, "")
+    join = ", " if step.reason.startswith("because ") else ": "
+    return join.join(filter(None, (missing, step.reason))) or step.ending
 
 
 def _better(step: JobStep) -> str:
@@ -196,8 +202,10 @@ def _sections(story: JobStory) -> Iterator[Section]:
         "corner. Before and after; predicted only where no proof was flown.",
         kind="quiet",
     )
-    yield Section("loops", "Loops", (Table(heads, "lllllll", rows, wide=heads[4:6]), errors), facts=IN_RESULT)
-    reasons = tuple(f"{s.name}: {s.reason}" for s in story.steps if s.reason and s.ending != "kept")
+    table = Table(heads, "lllllll", rows, wide=heads[4:6])
+    yield Section("loops", "Loops", (table, errors, *_reports(story)), facts=IN_RESULT)
+    other = [s for s in story.steps if s.ending != "kept" and not _is_failed_recheck(s)]
+    reasons = tuple(f"{s.name}: {s.reason}" for s in other if s.reason)
     if reasons:
         yield Section("reasons", "Remarks", tuple(bullets(reasons)), facts=IN_RESULT)
     if story.resume:
@@ -211,12 +219,23 @@ def _sections(story: JobStory) -> Iterator[Section]:
     yield Section("details", "Time and steps", tuple(_details(story)), detail=True, facts=IN_RESULT)
 
 
+def _reports(story: JobStory) -> Iterator[Note]:
+    """Yield a link to the report of each step that was flown."""
+    for step in story.steps:
+        if step.directory:
+            yield Note(f"Report of {step.name}", kind="bullet", detail=True, file=f"{step.directory}/report.html")
+
+
+def _is_failed_recheck(step: JobStep) -> bool:
+    """Return whether *step* is a recheck that failed or is missing; the verdict states why."""
+    return step.is_recheck and step.ending in (*WORSE, *UNDECIDED, *NO_RECHECK)
+
+
 def _details(story: JobStory) -> Iterator[Part]:
     announced, took = story.seconds
     if took:
         times = f"announced {format_seconds(announced)}, took {format_seconds(took)} of the vehicle's time"
         yield Note(f"Completed steps: {times}.")
-    yield from bullets(tuple(f"{s.name}: {s.directory}/report.html" for s in story.steps if s.directory))
     yield Section("announced", "Announced before the start", tuple(bullets(story.announced)))
 
 

@@ -36,7 +36,10 @@ export function redraw() {
   for (const [node, picture] of pictures) {
     picture.plots.forEach((plot) => plot.destroy());
     if (!node.isConnected) pictures.delete(node);
-    else picture.plots = picture.make();
+    else {
+      picture.plots = picture.make();
+      picture.plots.forEach((plot) => plot.batch(() => {}));  // at once, see draw
+    }
   }
 }
 
@@ -134,8 +137,9 @@ export function draw(state) {
   isHeading = signal === "psi";
   least = kind.unit === "°" || kind.unit === "°/s" ? 5 : 0.2;
   const { signal: one, output: two } = made();
-  one.setData([x, shown.map((r) => scaled(r[2])), shown.map((r) => scaled(r[3]))]);
-  two.setData([x, shown.map((r) => (r[4] === null ? null : r[4] * 100))]);
+  // In a batch, which draws at once: Firefox copies the canvases for print before what waits is drawn.
+  one.batch(() => one.setData([x, shown.map((r) => scaled(r[2])), shown.map((r) => scaled(r[3]))]));
+  two.batch(() => two.setData([x, shown.map((r) => (r[4] === null ? null : r[4] * 100))]));
   say("caption-signal", `${capital(kind.name)} [${kind.unit || "1"}] over time [s], the last ${WINDOW} s: measured, target`);
   drawTrack(rows, legs, state);
   drawPhase(shown.filter((r) => r[0] === legs.length - 1), kind);

@@ -10,7 +10,8 @@ const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, isKnown = false, wantStop = 0, refused = "", view = "live";
 // In the notation of the reports, a number and its unit on one line.
 const signed = (text) => text.replace(/(?<=\d)%/g, " %").replace(/(?<=\d) s\^2/g, " s²")
-  .replace(/(?<=\d) (?=%|(?:min|ms?|s|Hz|V)(?!\w))/g, "\u00a0");
+  .replace(/(?<=\d) (?=%|(?:min|ms|m|s|Hz|V)[²³]?(?:\/s[²³]?)?(?!\w))|(?<=\d min) (?=\d+ s(?!\w))/g, "\u00a0")
+  .replace(/(?<=[\d%°²]) (?=-> -?\d)/g, "\u00a0").replaceAll("-> ", "\u2192\u00a0");
 const write = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 const say = (id, text) => write(id, signed(text));
 const running = () => Boolean(state.run && !state.end);
@@ -307,8 +308,9 @@ function show() {
 }
 
 function take(delta) {
-  const before = state.run && state.run.begun;
+  const before = state.run && state.run.begun, wasRunning = running();
   state = apply(state, delta);
+  if (wasRunning && !running() && view === "runs") runs.list();  // the run that ended is in the list now
   if (delta.whole || delta.fresh || delta["+rows"] || delta.room || delta.track) fresh = true;
   if ((state.run && state.run.begun) !== before) { wantStop = 0; refused = ""; shownWords = -1; answering = null; }
   if (!running()) { wantStop = 0; }

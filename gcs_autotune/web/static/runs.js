@@ -6,6 +6,7 @@ import { empty, post, token } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
+const NO_SUMMARY = "This run has no result: it is in progress, or it ended before it wrote its summary. Its records are listed below.";
 const MOST_ROWS = 6000;
 const VERBS = ["list", "identify", "diagnose", "compare", "what-if"];
 let entries = [];
@@ -70,12 +71,14 @@ function cells(...contents) {
 
 function row(each) {
   const page = each.report ? report(each.name, each.report, each.report.split(".")[0]) : "";
-  return cells(press(each.name, () => open(each.name)), each.log || each.title, each.ending, each.change, page);
+  return cells(press(each.name, () => open(each.name)), each.log || each.title, each.ending || (each.log ? "" : "none"), each.change, page);
 }
 
 function filter() {
   const words = $("filter").value.toLowerCase().split(/\s+/);
-  for (const node of $("runs").children) node.hidden = !words.every((word) => node.textContent.toLowerCase().includes(word));
+  const rows = [...$("runs").children];
+  for (const node of rows) node.hidden = !words.every((word) => node.textContent.toLowerCase().includes(word));
+  say("runs-none", entries.length && rows.every((node) => node.hidden) ? "No run contains these words. Clear the field to show all runs." : "");
 }
 
 function others() {
@@ -99,7 +102,7 @@ async function open(name) {
   entry = await answer.json();
   $("entry").hidden = false;
   say("entry-title", entry.log || `${entry.title} (${entry.name})`);
-  say("entry-reason", entry.reason);
+  say("entry-reason", entry.reason || (entry.ending || entry.log ? "" : NO_SUMMARY));
   $("trials").replaceChildren(...entry.trials.map((trial) => item(press(trial.name, () => play(entry.name, trial)), ` ${trial.ending}`)));
   if (!entry.trials.length) $("trials").replaceChildren(item("This run contains no record to replay."));
   $("files").replaceChildren(...entry.files.map((file) => item(report(entry.name, file, file))));
