@@ -83,7 +83,7 @@ def test_the_script_is_in_a_page_once_and_only_in_a_page_with_charts():
 
 def test_a_caption_has_the_same_notation_as_the_text():
     page = page_with(Figure("f", "30 deg, off by 6%.", draw))
-    assert "<figcaption>30°, off by 6 %.</figcaption>" in page
+    assert "<figcaption>30°, off by 6\u00a0%.</figcaption>" in page
     assert "6%" not in page
 
 

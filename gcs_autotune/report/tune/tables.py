@@ -246,16 +246,15 @@ def vehicle_table(vehicle: Mapping[str, object]) -> Table:
     """Return a table of the vehicle's data, known keys first. It has no headings and omits nested tables."""
     plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
     keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
-    rows = tuple(
-        (_VEHICLE.get(k, k.replace("_", " ")), _plain(k, vehicle[k])) for k in keys if vehicle[k] not in (None, "")
-    )
-    return Table(("", ""), "ll", rows)
+    known = ((k, vehicle[k]) for k in keys if vehicle[k] is not None)
+    rows = ((_VEHICLE.get(k, k.replace("_", " ")), _plain(k, value)) for k, value in known)
+    return Table(("", ""), "ll", tuple(row for row in rows if row[1]))
 
 
 def _plain(key: str, value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return _NAMES.get(key, {}).get(value, str(value))
+    return _NAMES.get(key, {}).get(value, str(value)) if isinstance(value, int) else str(value)
 
 
 def _with_unit(value: float, unit: str) -> str:
