@@ -119,7 +119,7 @@ def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
             except OperatorStopped:
                 neutral = sent[:]
                 sequencer.go_on()
-            operator._stop = craft.session.operator.asked = False
+            operator._stop = craft.session.operator.requested = False
             observer.say("neutral " + json.dumps(neutral))
         craft.disarm()
 

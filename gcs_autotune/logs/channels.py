@@ -244,10 +244,10 @@ def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
     try:
         return read_servo_map(RecordedParameters(outputs.values), store.firmware), outputs
     except OutputsUnassigned as error:
-        if error.told == error.of:
+        if error.received == error.of:
             raise
         raise PreconditionFailed(
-            f"the log contains {len(store.parameters)} parameters, but only {error.told} of {error.of} "
+            f"the log contains {len(store.parameters)} parameters, but only {error.received} of {error.of} "
             "SERVOn_FUNCTION, so the functions of its outputs are unknown"
         ) from error
     except PreconditionFailed as error:

@@ -188,9 +188,9 @@ class InterferenceMonitor:
 
     def _take(self, judged: Sequence[tuple[str, Intervention]]) -> None:
         """Record the *judged* change. A failsafe may disarm the vehicle just when another station commands a mode."""
-        self._guard, told = max(judged, key=lambda j: j[1].stands)
+        self._guard, intervention = max(judged, key=lambda j: j[1].stands)
         self.found = replace(
-            told,
+            intervention,
             mode_stands=any(each.mode_stands for _, each in judged),
             armed_stands=any(each.armed_stands for _, each in judged),
             may_go_on=all(each.may_go_on for _, each in judged),
@@ -291,8 +291,8 @@ class InterferenceMonitor:
     def _named(self, change: _Change) -> SetFailsafe | None:
         """Return the failsafe for missing overrides whose status text was received and that results in this
         *change*."""
-        said = [text.casefold() for text in self._recent_texts()]
-        return next((f for f in self._fitting(change) if any(f.says in text for text in said)), None)
+        texts = [text.casefold() for text in self._recent_texts()]
+        return next((f for f in self._fitting(change) if any(f.says in text for text in texts)), None)
 
     def _fitting(self, change: _Change) -> list[SetFailsafe]:
         has_receiver = bool(self._rc_monitor.has_receiver)
