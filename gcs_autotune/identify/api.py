@@ -319,8 +319,8 @@ def _contradictions_named(runs: Sequence[Trial]) -> Iterator[None]:
         contrary = [d for run in runs for d in noted(run) if d.slug == CONTRADICTION]
         if not contrary:
             raise
-        said = "; ".join(f"{d.cause}: {d.cure}" for d in contrary)
-        raise NotInformative(f"{said}. Nothing could be identified: {error}") from error
+        causes = "; ".join(f"{d.cause}: {d.cure}" for d in contrary)
+        raise NotInformative(f"{causes}. Nothing could be identified: {error}") from error
 
 
 ModelT = TypeVar("ModelT", bound=Model)

@@ -152,11 +152,11 @@ def _is_upwards(t: Array, w: Array, tz: Array, z: Array) -> bool:
     """
     sunk = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(t))])
     ends = np.arange(max(t[0], tz[0]), min(t[-1], tz[-1]), 1.0)
-    told, seen = np.diff(np.interp(ends, t, sunk)), np.diff(np.interp(ends, tz, z))
-    power = float(told @ told)
-    if float(seen @ seen) <= len(seen) * STILL**2 or power == 0.0:
+    integrated, measured = np.diff(np.interp(ends, t, sunk)), np.diff(np.interp(ends, tz, z))
+    power = float(integrated @ integrated)
+    if float(measured @ measured) <= len(measured) * STILL**2 or power == 0.0:
         return False
-    return float(told @ seen) < -0.5 * math.sqrt(power * float(seen @ seen))
+    return float(integrated @ measured) < -0.5 * math.sqrt(power * float(measured @ measured))
 
 
 def _has(store: SampleStore, source: str) -> bool:
@@ -211,8 +211,8 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
     except UsageError:
         raise
     except AutotuneError as error:
-        is_told = store.firmware is None or store.numbered("servo")
-        why, cure = (str(error), _cure(store)) if is_told else NO_OUTPUTS
+        has_outputs = store.firmware is None or store.numbered("servo")
+        why, cure = (str(error), _cure(store)) if has_outputs else NO_OUTPUTS
     sources = [
         ("outputs of a script", _named(store, "aboard")),
         ("the pilot's sticks", _named(store, "stick")),

@@ -92,22 +92,22 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
         return None
     cause, effect = run[names[0]], run[answers[0]]
     low, high = np.percentile(cause.values, [2.0, 98.0])
-    swings = _swings(cause.values, float(low), float(high))
+    reversals = _reversals(cause.values, float(low), float(high))
     ratio = _to_noise(effect, is_angle=effect.unit == "rad")
     step, beat = _interval(cause), _interval(effect)
     reasons = [
         (high - low < SMALL_INPUT, "nothing", "the input hardly changes"),
         (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
-        (swings < FEW_CHANGES, "weak", f"the input reverses only {counted(swings, 'time')}"),
+        (reversals < FEW_CHANGES, "weak", f"the input reverses only {counted(reversals, 'time')}"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is too slow for a small craft"),
     ]
     verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
     return DofExcitation(
-        dof.name, cause.name, float(high - low), swings, effect.name, ratio, step, beat, verdict, why
+        dof.name, cause.name, float(high - low), reversals, effect.name, ratio, step, beat, verdict, why
     )  # fmt: skip
 
 
-def _swings(values: Array, low: float, high: float) -> int:
+def _reversals(values: Array, low: float, high: float) -> int:
     third = (high - low) / 3.0
     if third <= 0.0:
         return 0

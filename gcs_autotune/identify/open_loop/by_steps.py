@@ -216,8 +216,8 @@ def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> A
     def drag(nu: float) -> float:
         return float((linear + quadratic * abs(nu)) * nu)
 
-    asked = r.tau + constant if math.isnan(read[0]) else drag(read[0])
-    balance = asked - drag(r.k_ss.value)
+    driving = r.tau + constant if math.isnan(read[0]) else drag(read[0])
+    balance = driving - drag(r.k_ss.value)
     predicted = read[1] if r.has_lag and math.isfinite(read[1]) else _dynamics(r, theta)
     if predicted is None:
         return np.array([balance])

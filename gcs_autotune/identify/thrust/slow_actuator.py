@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gcs_autotune.identify.result import AxisFit, Fit, Model
-from gcs_autotune.identify.thrust.thrust_curve import WORTH_A_LOOK, effect_number, fit_with_actuator, pays
+from gcs_autotune.identify.thrust.thrust_curve import LINEAR_ENOUGH, effect_number, fit_with_actuator, pays
 from gcs_autotune.trial import Trial
 
-__all__ = ["LAG", "RATE_LIMIT", "fit_slow_actuator", "slow_actuator_told"]
+__all__ = ["LAG", "RATE_LIMIT", "describe_slow_actuator", "fit_slow_actuator"]
 
 RATE_LIMIT = "rate-limit"
 LAG = "actuator-lag"
@@ -27,7 +27,7 @@ def fit_slow_actuator(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | Non
 
     plain : model of the same runs with an actuator that acts at once.
     """
-    if plain.unexplained < WORTH_A_LOOK:
+    if plain.unexplained < LINEAR_ENOUGH:
         return None
     at_once = fit_with_actuator(runs, plain)
     if at_once is None:
@@ -35,10 +35,10 @@ def fit_slow_actuator(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | Non
     tried = [(slug, fit_with_actuator(runs, plain, slug)) for slug in (RATE_LIMIT, LAG)]
     found = [fit for slug, fit in tried if fit is not None and pays(fit, at_once, slug)]
     best = min(found, key=lambda fit: fit.unexplained, default=None)
-    return best if best is not None and best.unexplained < WORTH_A_LOOK else None
+    return best if best is not None and best.unexplained < LINEAR_ENOUGH else None
 
 
-def slow_actuator_told(found: Fit[Model], plain: AxisFit) -> str:
+def describe_slow_actuator(found: Fit[Model], plain: AxisFit) -> str:
     """Return one sentence that reports the rate limit or lag in *found*.
 
     plain : model of the same runs with an actuator that acts at once.

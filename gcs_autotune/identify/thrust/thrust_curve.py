@@ -32,11 +32,11 @@ from gcs_autotune.trial import Trial
 __all__ = [
     "DEAD_ZONE",
     "QUADRATIC",
+    "describe_thrust_curve",
     "effect_number",
     "fit_thrust_curve",
     "fit_with_actuator",
     "pays",
-    "thrust_curve_told",
 ]
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ _UNEXPLAINED = 0.8
 
 The value is chosen: the ratio of a curve that matters is far smaller.
 """
-WORTH_A_LOOK = 4.0
+LINEAR_ENOUGH = 4.0
 """Unexplained part [percent] of a model with a linear actuator, below which no curve is tried."""
 _BEYOND = 1.1
 """Ratio of a step's output to that of the oscillations, above which the step can show that thrust saturates."""
@@ -89,7 +89,7 @@ def fit_thrust_curve(
     hard as without a band. The second kind is tried only *with_band*, because position loops designed for it performed
     worse (BlueROV2 heading: ITAE 0.74 instead of 0.40).
     """
-    if plain.unexplained < WORTH_A_LOOK:
+    if plain.unexplained < LINEAR_ENOUGH:
         return None
     curve = fit_with_actuator(runs, plain, QUADRATIC)
     if (
@@ -267,7 +267,7 @@ def effect_number(found: Fit[Model], slug: str) -> Parameter:
     return next(p for name, p in found.parameters.items() if name.startswith(slug))
 
 
-def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
+def describe_thrust_curve(found: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
     """Return one sentence that reports the thrust curve, dead band or saturation in *found*.
 
     plain : model of the same runs without an actuator effect.
@@ -286,11 +286,11 @@ def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = No
             what += " and acts at once beyond it, like the neutral band of a speed controller"
         if sure:
             what += f". Beyond it, {square}"
-        told_by = "three oscillations" if step is None else "oscillations and the step together"
-        return f"the {told_by} indicate {what}{levels}"
-    told_by = "oscillations and the step together" if levels else "two oscillations"
+        records = "three oscillations" if step is None else "oscillations and the step together"
+        return f"the {records} indicate {what}{levels}"
+    records = "oscillations and the step together" if levels else "two oscillations"
     return (
-        f"the {told_by} indicate an actuator that is weak for small commands: {square}{levels}. With this the model "
+        f"the {records} indicate an actuator that is weak for small commands: {square}{levels}. With this the model "
         f"explains {found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     )
 
