@@ -227,8 +227,8 @@ def _compared(
     windows: Windows, position: Series, rate: Series, total: Array, expected: Expected, most: float
 ) -> Comparison | None:
     x = windows.slopes(position.x)
-    least, (own, told) = 0.02 * expected.floor, _noises(windows, position, rate)
-    noise = max(own, least), max(told, least)
+    least, (of_position, of_rate) = 0.02 * expected.floor, _noises(windows, position, rate)
+    noise = max(of_position, least), max(of_rate, least)
     predicted = _predicted(windows, position, rate, total, 0.0)
     if max(_rms(x), _rms(predicted)) < expected.floor:
         return None
@@ -357,7 +357,7 @@ def _judge(
     )
     noisy = noise[0 if position_leads else 1] / max(_rms(leading), 1e-300)
     slope, std = (value / max(1.0 - noisy**2, 0.5) for value in (slope, std))
-    moved, told = _rms(x), _rms(predicted)
+    measured_rms, predicted_rms = _rms(x), _rms(predicted)
     factor, factor_std = (1.0 / slope, std / slope**2) if position_leads and slope else (slope, std)
     kind: Kind = "unclear"
     high = abs(slope)
@@ -372,10 +372,10 @@ def _judge(
         still: Kind = "still-rate" if position_leads else "still-position"
         kind, factor, factor_std = (still if quiet else "unrelated"), math.nan, math.nan
     elif abs(coherence) >= ALIKE:
-        swing = _swing(windows, leading)
+        frequency = _frequency(windows, leading)
         allowed = expected.tolerance
         if abs(shift) <= expected.shift:
-            allowed += 1.0 - 1.0 / math.hypot(1.0, swing * shift)
+            allowed += 1.0 - 1.0 / math.hypot(1.0, frequency * shift)
         away = abs(math.log(max(high, 1e-12)))
         if slope < 0.0 and -slope > SURE * std:
             kind = "sign"
@@ -392,7 +392,7 @@ def _judge(
     elif std < SPREAD and abs(slope - 1.0) < 2.0 * expected.tolerance:
         kind = "agrees"
     clear = _rms(leading) / noise[0 if position_leads else 1]
-    return Comparison(kind, factor, factor_std, shift, shift_std, coherence, moved, told, clear)
+    return Comparison(kind, factor, factor_std, shift, shift_std, coherence, measured_rms, predicted_rms, clear)
 
 
 def _is_flat(leading: Array, following: Array) -> bool:
@@ -451,7 +451,7 @@ def _lasting(left: Array, overlap: float) -> float:
     return (1.0 + rho) / (1.0 - rho)
 
 
-def _swing(windows: Windows, slopes: Array) -> float:
+def _frequency(windows: Windows, slopes: Array) -> float:
     """Return the approximate frequency [rad/s] of the motion, from the rms of its change between windows."""
     hops = np.diff(windows.middle)
     near = hops < 1.5 * float(np.median(hops))

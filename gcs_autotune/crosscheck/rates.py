@@ -11,7 +11,7 @@ import numpy as np
 from gcs_autotune.crosscheck.agreement import Comparison, Expected, compare
 from gcs_autotune.crosscheck.contradiction import Contradiction
 from gcs_autotune.crosscheck.windows import Series, integral, series
-from gcs_autotune.crosscheck.wording import told
+from gcs_autotune.crosscheck.wording import contradiction_from
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
@@ -115,7 +115,7 @@ def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) 
             if other is None or other.kind == "agrees":  # None: a heeled craft that turns has q without any pitching
                 continue
         suspect = _suspect(trial, pair, found, position, course)
-        yield told(trial.name, pair.position, pair.rate, pair.verb, found, suspect)
+        yield contradiction_from(trial.name, pair.position, pair.rate, pair.verb, found, suspect)
 
 
 def compared_with_rate(position: Channel, rate: Channel) -> Comparison | None:

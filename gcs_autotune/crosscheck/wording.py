@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from gcs_autotune.crosscheck.agreement import Comparison
 from gcs_autotune.crosscheck.contradiction import Contradiction
 
-__all__ = ["told", "unit_of"]
+__all__ = ["contradiction_from", "unit_of"]
 
 UNITS: Mapping[str, Mapping[float, str]] = {
     "angle": {180.0 / math.pi: "degrees", 2.0 * math.pi: "revolutions", 60.0: "per minute"},
@@ -47,15 +47,15 @@ _CHECKS: Mapping[str, str] = {
 }
 
 
-def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspect: str) -> Contradiction:
+def contradiction_from(run: str, position: str, rate: str, verb: str, found: Comparison, suspect: str) -> Contradiction:
     """Return the result *found* of a comparison as a :class:`Contradiction`.
 
     verb : text for the motion of the position.
     """
     does = verb if "," not in position else verb.removesuffix("s")
-    said, value, std, kind = _said(position, rate, does, found)
+    statement, value, std, kind = _statement(position, rate, does, found)
     factor, unit = unit_of(position, found) if kind in ("factor", "sign") else (1.0, "")
-    cause = f"{said} (run '{run}')"
+    cause = f"{statement} (run '{run}')"
     if unit:
         sure = f"so one of the columns is in {unit} and its header states another unit"
         perhaps = f"so perhaps one of the columns is in {unit}"
@@ -71,7 +71,7 @@ def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspe
     return Contradiction(pair, kind, value, std, suspect, columns, cause, _cure(position, rate, suspect, kind), unit)
 
 
-def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, float, float, str]:
+def _statement(position: str, rate: str, does: str, found: Comparison) -> tuple[str, float, float, str]:
     when = "" if found.during is None else f" from {found.during[0]:.0f} to {found.during[1]:.0f} s"
     if found.kind == "still-rate":
         stands = "stands" if "," not in rate else "stand"

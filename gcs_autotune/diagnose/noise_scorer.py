@@ -16,7 +16,7 @@ from gcs_autotune.diagnose.sampling_interval import prediction_horizon, rms_ahea
 from gcs_autotune.diagnose.score import (
     ALIKE,
     HALF,
-    WORTH,
+    MIN_HELD_OUT_GAIN,
     CandidateScore,
     alike_of,
     is_form_of,
@@ -31,7 +31,7 @@ from gcs_autotune.effects import EFFECTS, DataSummary, Effect, EffectInstance, c
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, Tangent
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_told", "may_be_weighed"]
+__all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_weighed", "suits_process_noise"]
 
 Attempt = tuple[EffectInstance, NoisyFit]
 
@@ -182,7 +182,9 @@ class WithProcessNoise:
         gained, needed = fit.total - self.present.total, needed_of(fit.unknowns - self.present.unknowns, tried)
         now = next(e for e in fit.effects if key_of(e) == key_of(effect))
         before = densities_of(self.left_out, self.left_out)
-        after = densities_of(self.unseen(fit), self.left_out) if gained > min(0.5 * needed, WORTH) else before
+        after = (
+            densities_of(self.unseen(fit), self.left_out) if gained > min(0.5 * needed, MIN_HELD_OUT_GAIN) else before
+        )
         parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
         held_out_gain = float(parts.sum())
         found = CandidateScore(
@@ -263,10 +265,10 @@ def choices_of(
             found += [{name: float(t)} for t in np.concatenate(even)]
         return [s for k, s in enumerate(found) if s not in found[:k]]
 
-    return candidates(data, present, [s for s in slugs if may_be_told(s)], starts)
+    return candidates(data, present, [s for s in slugs if suits_process_noise(s)], starts)
 
 
-def may_be_told(slug: str) -> bool:
+def suits_process_noise(slug: str) -> bool:
     """Return whether a search with process noise considers an effect.
 
     It considers effects that act all the time, on commands or in the equation of motion.
@@ -336,7 +338,10 @@ def _as_likely(judged: Sequence[Score], winner: Score) -> list[Score]:
         a
         for a in judged
         if a.gained > enough
-        and (a.held_out_gain > WORTH or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained)
+        and (
+            a.held_out_gain > MIN_HELD_OUT_GAIN
+            or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained
+        )
     ]
 
 

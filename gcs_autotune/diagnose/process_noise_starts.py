@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.sampling_interval import Plain, judged_at
-from gcs_autotune.diagnose.score import WORTH
+from gcs_autotune.diagnose.score import MIN_HELD_OUT_GAIN
 from gcs_autotune.identify.kalman import LONGEST_WAVE, NoisyFit, NoisyProblem, ProcessNoise, thinned_to
 from gcs_autotune.identify.problems import Fitted, Limits, Problem, data_summary_of
 from gcs_autotune.models import Form
@@ -137,8 +137,8 @@ def plain_with_process_noise(
     plain = None if noisy is None else _best_of_starts(noisy, theta, pace, say)
     if noisy is None or plain is None:
         return None
-    # A fit without weather may be lost altogether; how fast the craft is, and so how closely it is looked at, is told
-    # by one that knows of weather.
+    # A fit without process noise may diverge. The time constant, and so the sampling interval, comes from a fit with
+    # process noise.
     looks = [(noisy, plain)]
     for _ in range(LOOKS):
         pace = _pace_of(plain.theta)
@@ -183,7 +183,7 @@ def at_the_right_interval(
         plain = None if runs is None else _best_of_starts(runs, theta, pace, say)
         return None if runs is None or plain is None else (runs, plain)
 
-    return judged_at(begun, at, slugs, WORTH)
+    return judged_at(begun, at, slugs, MIN_HELD_OUT_GAIN)
 
 
 def _limits(form: Form) -> Limits:
@@ -279,12 +279,12 @@ def _shaped(problem: NoisyProblem, best: NoisyFit, say: Say) -> NoisyFit:
     for k, freedom in enumerate(FREEDOMS[1:]):
         say("process noise: distribution of the innovations", k, len(FREEDOMS))
         tailed = problem.fit(best.theta, (), replace(best.noise, freedom=freedom))
-        if tailed is None or tailed.total <= best.total + WORTH or errs_after_commands(problem, best):
+        if tailed is None or tailed.total <= best.total + MIN_HELD_OUT_GAIN or errs_after_commands(problem, best):
             break
         best = tailed
     say("process noise: distribution of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
     blurred = problem.fit(best.theta, (), replace(best.noise, smoothing=problem.data_summary.interval))
-    return blurred if blurred is not None and blurred.total > best.total + WORTH else best
+    return blurred if blurred is not None and blurred.total > best.total + MIN_HELD_OUT_GAIN else best
 
 
 def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:

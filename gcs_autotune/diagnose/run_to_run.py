@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.diagnose.score import WORTH
+from gcs_autotune.diagnose.score import MIN_HELD_OUT_GAIN
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, ProcessNoise, RunLikelihoods, RunOffset
 
@@ -53,16 +53,16 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     if common is None or alternative is None or other is None:
         return none
     least = OF_THE_DRIFT * other.noise.size
-    best, sizes = common[1] + common[0].gain(none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
+    best, sizes = common[1] + common[0].gain(none.noise.day_force, 0.0) + MIN_HELD_OUT_GAIN, (0.0, 0.0)
     for force, thrust in ((True, False), (False, True), (True, True)):
         found = alternative[0].spread(least, full, force=force, thrust=thrust)
-        likelier = alternative[1] + alternative[0].gain(*found) - WORTH * (force and thrust)
+        likelier = alternative[1] + alternative[0].gain(*found) - MIN_HELD_OUT_GAIN * (force and thrust)
         if likelier > best:
             best, sizes = likelier, found
     if not any(sizes):
         return none
     end = problem.fit(other.theta, fit.effects, replace(other.noise, day_force=sizes[0], day_thrust=sizes[1]))
-    return end if end is not None and end.total > none.total + WORTH else none
+    return end if end is not None and end.total > none.total + MIN_HELD_OUT_GAIN else none
 
 
 def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[RunLikelihoods, float] | None:

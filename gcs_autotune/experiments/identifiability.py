@@ -361,15 +361,15 @@ def _sparse(basis: Array) -> Array:
 
 
 def _unseen(
-    subject: FittedModel, information: Information, scales: Scales, std: Array, told: set[str]
+    subject: FittedModel, information: Information, scales: Scales, std: Array, reported: set[str]
 ) -> tuple[Unseen, ...]:
-    """Return the parameters whose standard error exceeds their value, except those already *told*."""
+    """Return the parameters whose standard error exceeds their value, except those already *reported*."""
     found = []
     for i, (name, own) in enumerate(zip(subject.names, subject.free, strict=True)):
         if own.endswith("_0") and std[i] <= scales.felt[i]:
             continue  # a constant force of about zero is an answer
         value = float(information.values[i])
-        if std[i] > abs(value) and name not in told:
+        if std[i] > abs(value) and name not in reported:
             slight = bool(std[i] <= scales.felt[i])
             found.append(Unseen(name, own, value, float(std[i]), subject.units[i], slight))
     return tuple(found)

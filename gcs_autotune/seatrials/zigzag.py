@@ -225,7 +225,7 @@ def _extreme(log: ShipLog, executes: tuple[Execute, ...], e: Execute, sense: flo
     top = int(np.argmax(side * psi))
     if top >= len(t) - 2:
         return None
-    # the width over which the heading stays near its extreme: a tenth of the swing
+    # the width over which the heading stays near its extreme: a tenth of the oscillation
     near = side * (psi[top] - psi) < 0.1 * float(np.ptp(psi)) + 2.0 * log.step
     left = top - int(np.argmax(~near[top::-1])) + 1 if (~near[: top + 1]).any() else 0
     right = top + int(np.argmax(~near[top:])) if (~near[top:]).any() else len(t)
@@ -407,10 +407,10 @@ def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
 
     A helmsman reverses the rudder late, so that the heading at the executes exceeds the ordered one.
     """
-    asked, share = run.meta.get("heading"), run.meta.get("steering")
-    if isinstance(asked, float) and isinstance(share, float):
+    ordered, share = run.meta.get("heading"), run.meta.get("steering")
+    if isinstance(ordered, float) and isinstance(share, float):
         helm = abs(share) * float(run.meta.get("full_rudder", 1.0)) if unit in ("rad", "1") else z.helm
-        return f"{helm_text(helm, unit)}/{math.degrees(asked):.0f}{_sign(unit)}"
+        return f"{helm_text(helm, unit)}/{math.degrees(ordered):.0f}{_sign(unit)}"
     helm = _ordered(z.helm, HELM_NEAR) if unit == "rad" else z.helm
     return f"{helm_text(helm, unit)}/{math.degrees(_ordered(z.heading.value, HEADING_NEAR)):.0f}{_sign(unit)}"
 
