@@ -123,7 +123,7 @@ def step_metrics(
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size
     last = seconds >= seconds[-1] * (1.0 - LAST_PART)
-    swing = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)
+    oscillation = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)
     band = max(SETTLED, floor)
     settling = _settling(seconds, share, band)
     hidden = math.isnan(settling) and _is_hidden(seconds, share, band, noise_std / abs(size))
@@ -132,7 +132,7 @@ def step_metrics(
         settling=settling,
         steady_error=abs(float(np.mean(1.0 - share[last]))),
         travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
-        oscillation=swing,
+        oscillation=oscillation,
         hidden_by_noise=hidden,
         span=float(seconds[-1]),
     )

@@ -138,7 +138,7 @@ class ComeToRest(Manoeuvre):
             seen.append((now.t, now.r, now.w))
             while seen[0][0] < now.t - STILL_FOR:
                 seen.popleft()
-            # not at every reading: held by a hand whose thrusters have a dead band, it swings about rest for ever
+            # not at every reading: held by a hand whose thrusters have a dead band, it oscillates about rest for ever
             rms = np.sqrt(np.mean(np.square(np.array(seen)[:, 1:]), axis=0))
             if now.t - start >= STILL_FOR and not np.any(rms > STILL):
                 self._end("completed", "at rest")
