@@ -92,7 +92,7 @@ def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
         kind, purpose, signal, force, in_manual, name = "swing", "benchmark", "psi", "N", True, "swing"
 
         @property
-        def asked(self) -> dict[str, float]:
+        def meta_fields(self) -> dict[str, float]:
             return {}
 
         def commands(self, now: Any) -> Any:

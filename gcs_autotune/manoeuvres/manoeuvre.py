@@ -88,13 +88,13 @@ class Manoeuvre(ABC):
 
     @property
     @abstractmethod
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Name -> setting or result (SI units) of the manoeuvre, for the trial's ``meta``."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """Content of the trial's ``meta``: manoeuvre, purpose, and :attr:`asked`."""
-        return {"manoeuvre": self.kind, "purpose": self.purpose, **self.asked}
+        """Content of the trial's ``meta``: manoeuvre, purpose, and :attr:`meta_fields`."""
+        return {"manoeuvre": self.kind, "purpose": self.purpose, **self.meta_fields}
 
     def take_marks(self) -> Sequence[Mark]:
         """Return the events marked since the last call, each once."""

@@ -92,7 +92,7 @@ class SetPointRelay(Manoeuvre):
             )
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Relays, speed, and noise of the controlled signal by name, for the trial's ``meta``."""
         return {
             "dof": self._axis.dof,

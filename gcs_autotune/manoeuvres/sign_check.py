@@ -115,7 +115,7 @@ class SignCheck(Manoeuvre):
         self._ahead: list[float] = []
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings as flown and results by name, for the trial's ``meta``."""
         s, seen = self._settings, self.answer
         found = {} if seen is None else {"moved": [seen.forward.moved, seen.back.moved], "signs": list(seen.signs)}

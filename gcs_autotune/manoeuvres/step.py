@@ -163,7 +163,7 @@ class Step(Manoeuvre):
         self._now = math.nan
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings of the step, and duration [s] of each half (``lasted``), by name, for the trial's ``meta``."""
         s = self._settings
         return {

@@ -109,7 +109,7 @@ class StepPosition(_AtPosition):
         return firmware.position_mode
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Step and durations."""
         return {"size": self._size, "abeam": self._abeam, "settle": self._settle, "duration": self._duration}
 
@@ -157,7 +157,7 @@ class PushPosition(_AtPosition):
         return firmware.push_mode
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Push and durations."""
         return {"push": PUSH, "settle": self._settle, "duration": self._duration}
 
