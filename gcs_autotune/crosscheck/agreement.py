@@ -134,36 +134,40 @@ def compare(position: Series, rate: Series, total: Array, expected: Expected) ->
     first: Comparison | None = None
     strange: list[Comparison] = []
     for k, windows in enumerate(_windows(position, rate, total, most)):
-        found = _compared(windows, position, rate, total, expected, most)
-        if found is None:
+        comparison = _compared(windows, position, rate, total, expected, most)
+        if comparison is None:
             continue
         if k == 0:
-            part = _still_part(windows, position, rate, total, expected, found)
+            part = _still_part(windows, position, rate, total, expected, comparison)
             if part is not None:
                 return part
-        if found.kind == "unclear":
-            if _is_strange(windows, position, rate, expected, found):
-                strange.append(found)
+        if comparison.kind == "unclear":
+            if _is_strange(windows, position, rate, expected, comparison):
+                strange.append(comparison)
             continue
         if first is None:
-            first = found
+            first = comparison
             if first.kind in ("agrees", "shift"):
                 return first
-        elif first.kind == "unrelated" and found.kind in ("factor", "sign"):
-            first = found
-        elif found.kind == "agrees" and found.coherence > ALIKE and found.std < SPREAD * abs(found.factor):
-            return found
+        elif first.kind == "unrelated" and comparison.kind in ("factor", "sign"):
+            first = comparison
+        elif (
+            comparison.kind == "agrees"
+            and comparison.coherence > ALIKE
+            and comparison.std < SPREAD * abs(comparison.factor)
+        ):
+            return comparison
     if first is None and len(strange) >= 2:
         return replace(strange[0], kind="unrelated", factor=math.nan, std=math.nan)
     return first
 
 
-def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expected, found: Comparison) -> bool:
+def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expected, comparison: Comparison) -> bool:
     """Return whether both sides move, each well above its noise, and have little in common."""
     noise = _noises(windows, position, rate)
-    moves = found.moved > CLEAR * noise[0] and found.predicted > CLEAR * noise[1]
-    large = min(found.moved, found.predicted) > LARGE * expected.floor
-    return moves and large and len(windows) >= MANY and abs(found.coherence) < APART and found.std > SPREAD
+    moves = comparison.moved > CLEAR * noise[0] and comparison.predicted > CLEAR * noise[1]
+    large = min(comparison.moved, comparison.predicted) > LARGE * expected.floor
+    return moves and large and len(windows) >= MANY and abs(comparison.coherence) < APART and comparison.std > SPREAD
 
 
 def _still_part(

@@ -185,17 +185,17 @@ def refine_briefly(
     Optional gains of the law are included only if *near* has them.
     """
     noise, problem = _noise_of(problem, near), _with_late(problem, near)
-    found = near
+    candidate = near
     for lenient in (False, True):
-        cost = _Cost(_Aims(problem, near.wanted, duration, noise, lenient), found.settings)
-        begins = [np.sqrt(problem.as_fractions(found.settings))]
+        cost = _Cost(_Aims(problem, near.wanted, duration, noise, lenient), candidate.settings)
+        begins = [np.sqrt(problem.as_fractions(candidate.settings))]
         if everywhere and not lenient:
             begins = [min([*begins, *sobol(len(problem.gains), SCATTER)], key=cost)]
         settings = _rounded(problem, cost.settings(_descend(cost, begins[0])))
-        found = judge(problem, near.wanted, settings, duration)
-        if not found.objections:
+        candidate = judge(problem, near.wanted, settings, duration)
+        if not candidate.objections:
             break
-    return found
+    return candidate
 
 
 def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMode, duration: float) -> GainCandidate:
@@ -256,8 +256,8 @@ def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -
     return None
 
 
-def _passes(problem: DesignProblem, before: GainCandidate, found: GainCandidate) -> bool:
-    old, new = before.prediction.metrics, found.prediction.metrics
+def _passes(problem: DesignProblem, before: GainCandidate, candidate: GainCandidate) -> bool:
+    old, new = before.prediction.metrics, candidate.prediction.metrics
     return is_better(old, new, problem.law.free_overshoot).better
 
 

@@ -72,17 +72,17 @@ def noise_floor(noise_std: float, quantum: float) -> float:
     return max(NOISE_STDS * noise_std, QUANTUM * quantum)
 
 
-def combine(found: Sequence[StepMetrics]) -> StepMetrics:
+def combine(metrics: Sequence[StepMetrics]) -> StepMetrics:
     """Return the combined metrics of steps in both directions: the mean of error, travel and times, the shortest span,
     and the worst of the others.
     """
-    if not found:
+    if not metrics:
         return StepMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
-    mean = {n: float(np.mean([getattr(m, n) for m in found])) for n in ("itae", "rise", "settling", "travel")}
-    worst = {n: max(getattr(m, n) for m in found) for n in ("overshoot", "steady_error", "oscillation")}
-    unsettled = [m for m in found if math.isnan(m.settling)]
+    mean = {n: float(np.mean([getattr(m, n) for m in metrics])) for n in ("itae", "rise", "settling", "travel")}
+    worst = {n: max(getattr(m, n) for m in metrics) for n in ("overshoot", "steady_error", "oscillation")}
+    unsettled = [m for m in metrics if math.isnan(m.settling)]
     hidden = bool(unsettled) and all(m.hidden_by_noise for m in unsettled)
-    return StepMetrics(**mean, **worst, hidden_by_noise=hidden, span=min(m.span for m in found))
+    return StepMetrics(**mean, **worst, hidden_by_noise=hidden, span=min(m.span for m in metrics))
 
 
 def step_metrics(

@@ -202,30 +202,30 @@ class WithProcessNoise:
         lacks = lack_by_parts(found, brief=_is_brief(problem, now, fit), uncertain=may_be_none(now, fit.errors_of(now)))
         return replace(found, lacks=lacks)
 
-    def _sound(self, found: Score) -> Score:
-        """Return the score *found* with its error some seconds ahead, relative to the present model.
+    def _sound(self, score: Score) -> Score:
+        """Return *score* with its error some seconds ahead, relative to the present model.
 
         It is marked as rejected, with the reason, if the fit is not a model of the craft or does not reduce that error.
         """
-        if found.lacks is not None:
-            return found
-        if not stands(self.problem, found.fit):
-            return replace(found, lacks="no-model", unsound="with it no model of the craft fits")
+        if score.lacks is not None:
+            return score
+        if not stands(self.problem, score.fit):
+            return replace(score, lacks="no-model", unsound="with it no model of the craft fits")
         seen: list[tuple[float, float]] = []
-        unseen = self.unseen(found.fit)
+        unseen = self.unseen(score.fit)
         for seconds, gain in gains_ahead(self.problem, self.plain, self.folds, self.left_out, unseen, ""):
             seen.append((gain.ratio, seconds))
             if gain.ratio < 1.0:
                 break
         if not seen:
-            return found
+            return score
         ratio, seconds = min(seen)
-        before, after = (rms_ahead(self.problem, fit, seconds) for fit in (self.present, found.fit))
-        found = replace(found, ahead=after / before if 0.0 < before < math.inf else 1.0)
+        before, after = (rms_ahead(self.problem, fit, seconds) for fit in (self.present, score.fit))
+        score = replace(score, ahead=after / before if 0.0 < before < math.inf else 1.0)
         if ratio < 1.0:
-            return found
+            return score
         why = f"it does not improve prediction {seconds:g} s ahead ({ratio:.2f} times the error)"
-        return replace(found, lacks="no-gain", unsound=why)
+        return replace(score, lacks="no-gain", unsound=why)
 
     def winner(self, scores: Sequence[Score]) -> Score | None:
         """Return the accepted candidate; None if there is none."""

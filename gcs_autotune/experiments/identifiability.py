@@ -292,14 +292,14 @@ def _exact(subject: FittedModel, information: Information, scales: Scales) -> tu
         return ()
     alone = np.where(seen, information.alone, 0.0)
     basis = _sparse((null * alone[:, None] / scales.size[:, None]).T)
-    found = []
+    directions = []
     for row in basis:
         members = np.flatnonzero(np.abs(row) > 1e-4 * np.abs(row).max())
         by_value = row * scales.size / np.where(information.values != 0.0, information.values, math.inf)
         common = by_value[members[0]]
         together = bool(len(members) > 1 and common != 0.0 and np.allclose(by_value[members], common, rtol=1e-3))
-        found.append(_direction(subject, members, _changes(information, scales, row, members), True, together))
-    return tuple(found)
+        directions.append(_direction(subject, members, _changes(information, scales, row, members), True, together))
+    return tuple(directions)
 
 
 def _practical(subject: FittedModel, information: Information, scales: Scales) -> tuple[Direction, ...]:

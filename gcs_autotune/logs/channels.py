@@ -319,16 +319,16 @@ def _dated(t: Array, values: Array) -> tuple[Array, Array]:
 
 def _named(store: SampleStore, source: str) -> dict[str, Channel]:
     """Return the normalised forces of a source."""
-    found = {}
+    channels = {}
     for name in "XYZKMN":
         t, values = store.series(f"{source}.{name}")
         if len(t):
-            found[name] = Channel(name, "1", t, values)
-    return found
+            channels[name] = Channel(name, "1", t, values)
+    return channels
 
 
 def _from_rc(store: SampleStore, firmware: Firmware) -> dict[str, Channel]:
-    found = {}
+    channels = {}
     try:
         parameters = with_outputs(store.parameters, firmware, store.vehicle).values
     except PreconditionFailed:
@@ -347,8 +347,8 @@ def _from_rc(store: SampleStore, firmware: Firmware) -> dict[str, Channel]:
             trim, low, high = 1500.0, 1500.0 - STICKS, 1500.0 + STICKS
         span = np.where(pwm >= trim, high - trim, trim - low)
         sign = firmware.channel_signs[name] * (-1.0 if parameters.get(f"RC{n}_REVERSED") else 1.0)
-        found[name] = Channel(name, "1", t[usable], (sign * (pwm - trim) / span)[usable])
-    return found
+        channels[name] = Channel(name, "1", t[usable], (sign * (pwm - trim) / span)[usable])
+    return channels
 
 
 PARAMETER = "INS_GYRO_FILTER"

@@ -182,14 +182,14 @@ def _of_directory(
     known = _fitted_to(place)
     if known and known <= {t.name for t in flown}:
         whole = list({t.name: t for t in flown if t.name in known}.values())  # of one flown again the last
-    found = whole or list(_makeshift(flown))
-    if not found:
+    runs = whole or list(_makeshift(flown))
+    if not runs:
         kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in flown}))
         raise BadFile(
             f"{folder} contains no run in which an actuator is driven long enough for identification, only: {kinds}. "
             "Give one of its CSV files to try anyway"
         )
-    return found
+    return runs
 
 
 def _holds(folder: Path) -> str:

@@ -254,18 +254,18 @@ def _stretches(store: SampleStore) -> list[_LogSegment]:
     armed = store.arming or [(start, True)]
     modes = store.modes or [(start, -1)]
     cuts = sorted({min(max(t, start), end) for t, _ in (*armed, *modes)} | {end} | {t for gap in silent for t in gap})
-    found: list[_LogSegment] = []
+    segments: list[_LogSegment] = []
     for a, b in itertools.pairwise(cuts):
         is_armed = _at(armed, a)
         if not is_armed or b <= a or (a, b) in silent:
             continue
         number = _at(modes, a)
         mode = "armed" if number is None or number < 0 else _mode_name(store, number)
-        if found and found[-1].end == a and found[-1].mode == mode:
-            found[-1] = _LogSegment(found[-1].start, b, mode)
+        if segments and segments[-1].end == a and segments[-1].mode == mode:
+            segments[-1] = _LogSegment(segments[-1].start, b, mode)
         else:
-            found.append(_LogSegment(a, b, mode))
-    return found
+            segments.append(_LogSegment(a, b, mode))
+    return segments
 
 
 def _at(changes: list[tuple[float, Any]], t: float) -> Any:

@@ -113,13 +113,13 @@ def _of_table(path: Path, table: Trial, mounting: Mounting | None, rate: float) 
 
 def channels_of(solution: Navigation) -> dict[str, Channel]:
     """Return the signals, standard deviations (``std_u``) and correlation times (``memory_u`` [s]) as channels."""
-    found = {}
+    channels = {}
     for name, values in solution.values.items():
         unit = SIGNALS[name].unit
-        found[name] = Channel(name, unit, solution.t, values)
-        found[f"std_{name}"] = Channel(f"std_{name}", unit, solution.t, solution.stds[name])
-        found[f"memory_{name}"] = Channel(f"memory_{name}", "s", solution.t, solution.memories[name])
-    return found
+        channels[name] = Channel(name, unit, solution.t, values)
+        channels[f"std_{name}"] = Channel(f"std_{name}", unit, solution.t, solution.stds[name])
+        channels[f"memory_{name}"] = Channel(f"memory_{name}", "s", solution.t, solution.memories[name])
+    return channels
 
 
 def _sources(solution: Navigation) -> dict[str, Array]:

@@ -289,9 +289,9 @@ def _distance(log: ShipLog, start: float, end: float) -> Reading:
 
 
 def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_approach: bool) -> list[Doubt]:
-    found = []
+    doubts = []
     if not from_approach:
-        found.append(
+        doubts.append(
             Doubt(
                 "no-approach",
                 f"run '{log.name}' does not start on a straight course with the helm amidships",
@@ -299,7 +299,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
             )
         )
     if len(changes) > 1 and float(changes.std(ddof=1)) > UNEVEN * float(changes.mean()):
-        found.append(
+        doubts.append(
             Doubt(
                 "uneven-executes",
                 f"the helm was reversed at heading changes from {math.degrees(changes.min()):.1f} to "
@@ -310,14 +310,14 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
     dt = float(np.median(np.diff(log.t)))
     shortest = min(b.t - a.t for a, b in itertools.pairwise(executes))
     if shortest < 20.0 * dt:
-        found.append(
+        doubts.append(
             Doubt(
                 "slow-sampling",
                 f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times between two helm orders",
                 "record the heading at a higher rate",
             )
         )
-    return found
+    return doubts
 
 
 NAN = math.nan

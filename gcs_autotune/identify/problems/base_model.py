@@ -131,13 +131,13 @@ def overlooked(
 ) -> list[Doubt]:
     """Return doubts about requested or recorded motion that *form* could not include."""
     requested = requested_dofs(runs, dof)
-    found = []
+    doubts = []
     missing = [d for d in requested or () if d not in form.dofs] if dof is not None else []
     if missing:
         columns = "; ".join(
             f"{d}: {' or '.join(INPUTS[d])} and {DOFS[d].velocity} or {DOFS[d].position}" for d in missing
         )
-        found.append(
+        doubts.append(
             Doubt(
                 "not-looked-at",
                 f"{', '.join(missing)} was requested but not analysed, because the runs lack its input or its motion",
@@ -150,7 +150,7 @@ def overlooked(
     }
     left = sorted(moving - compared)
     if left and use is None and (requested is None or {"surge", "sway"} & set(requested)):
-        found.append(
+        doubts.append(
             Doubt(
                 "not-looked-at",
                 f"{' and '.join(left)} were recorded but not compared. The recorded channels do not support a model "
@@ -158,7 +158,7 @@ def overlooked(
                 "record the thrust X and the speeds u and v, or only x, y and psi together with X and N",
             )
         )
-    return found
+    return doubts
 
 
 def swung(runs: Sequence[Trial]) -> list[str] | None:

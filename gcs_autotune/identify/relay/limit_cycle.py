@@ -286,12 +286,12 @@ def cycles_of(
     halves = _half_periods(t, x, record, switchings)
     if len(halves) < 2 and len(marked) > 2:
         halves = _half_periods(t, x, record, np.asarray(marked, dtype=np.float64))
-    found = []
+    settled = []
     for group in _groups(halves):
         best = _settled(group, x_a) if declared or _is_relay(group) else None
         if best is not None:
-            found.append(replace(best, cycle=replace(best.cycle, nu_0=nu_0)))
-    return found
+            settled.append(replace(best, cycle=replace(best.cycle, nu_0=nu_0)))
+    return settled
 
 
 def _is_relay(halves: Sequence[HalfPeriod]) -> bool:

@@ -254,7 +254,7 @@ def _inputs_alone(trial: Trial) -> list[Doubt]:
 
     A rudder angle is below half a turn, and a normalised output does not exceed 1 by much.
     """
-    found: list[Doubt] = []
+    doubts: list[Doubt] = []
     for name in ("delta", *(dof.force for dof in DOFS.values())):
         if name not in trial or len(trial[name]) == 0:
             continue
@@ -268,14 +268,14 @@ def _inputs_alone(trial: Trial) -> list[Doubt]:
             cause = (
                 f"{name} of run '{trial.name}' reaches {size:.3g} without a unit. Without a unit, 1 means full output"
             )
-            found.append(
+            doubts.append(
                 Doubt(
                     "unit",
                     cause,
                     f"write {name}[count] or its unit in the header, or divide by the value at full output",
                 )
             )
-    return found
+    return doubts
 
 
 def _integral(t: Array, v: Array) -> Array:

@@ -38,15 +38,15 @@ def fit_slow_actuator(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | Non
     return best if best is not None and best.unexplained < LINEAR_ENOUGH else None
 
 
-def describe_slow_actuator(found: Fit[Model], plain: AxisFit) -> str:
-    """Return one sentence that reports the rate limit or lag in *found*.
+def describe_slow_actuator(fit: Fit[Model], plain: AxisFit) -> str:
+    """Return one sentence that reports the rate limit or lag in *fit*.
 
     plain : model of the same runs with an actuator that acts at once.
     """
-    if any(name.startswith(RATE_LIMIT) for name in found.parameters):
-        seconds = 1.0 / effect_number(found, RATE_LIMIT).value
+    if any(name.startswith(RATE_LIMIT) for name in fit.parameters):
+        seconds = 1.0 / effect_number(fit, RATE_LIMIT).value
         what = f"an actuator with a limited rate: it takes {seconds:.2g} s from neutral to full output"
     else:
-        what = f"an actuator that follows with a time constant of {effect_number(found, LAG).value:.2g} s"
-    explained = f"{found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
+        what = f"an actuator that follows with a time constant of {effect_number(fit, LAG).value:.2g} s"
+    explained = f"{fit.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     return f"the oscillations indicate {what}. With this the model explains {explained}"

@@ -65,21 +65,21 @@ def fingerprint_of(parameters: Parameters) -> dict[str, float]:
 
 
 def difference(
-    known: Mapping[str, Any], fingerprint: Mapping[str, float], found: VehicleIdentity, parameters: Parameters
+    known: Mapping[str, Any], fingerprint: Mapping[str, float], identity: VehicleIdentity, parameters: Parameters
 ) -> str:
     """Return a sentence on why the vehicle on this link is not the *known* one; empty if no difference was detected.
 
     known : identity as in a journal. fingerprint : parameters of the known vehicle, as from :func:`fingerprint_of`.
     """
-    here = found.to_dict()
+    here = identity.to_dict()
     kinds = [
         f"{key} {known[key]} there, {here[key]} here" for key in _SAME_KIND if known.get(key) not in (None, here[key])
     ]
     if kinds:
         return "; ".join(kinds)
     if known.get("uid"):
-        same = known["uid"] == found.uid
-        return "" if same else f"its board is {known['uid']} there, {found.uid or 'unknown'} here"
+        same = known["uid"] == identity.uid
+        return "" if same else f"its board is {known['uid']} there, {identity.uid or 'unknown'} here"
     held = parameters.read_existing(fingerprint, as_is=True)
     strange = [
         f"{n} {v:g} there, {held[n]:g} here"

@@ -233,16 +233,16 @@ class InterferenceMonitor:
             )
 
     def _changes(self) -> list[_Change]:
-        found = []
+        changes = []
         now, armed = self._session.custom_mode, self._session.armed
         if self.armed is not None and armed != self.armed:
             what = f"the vehicle was {'armed' if armed else 'disarmed'}"
-            found.append(_Change(what, _ARM_ORDERS, "armed", "" if armed else DISARMS, now))
+            changes.append(_Change(what, _ARM_ORDERS, "armed", "" if armed else DISARMS, now))
         if self.modes and now not in self.modes:
             expected = " or ".join(sorted(self._firmware.mode_name(mode) for mode in self.modes))
             name = self._firmware.mode_name(now)
-            found.append(_Change(f"the vehicle went from {expected} to {name}", _MODE_ORDERS, "mode", name, now))
-        return found
+            changes.append(_Change(f"the vehicle went from {expected} to {name}", _MODE_ORDERS, "mode", name, now))
+        return changes
 
     def _judge(self, change: _Change, seen: float) -> tuple[str, Intervention]:
         """Return the guard and the intervention for a *change* first *seen* at that link time [s]."""

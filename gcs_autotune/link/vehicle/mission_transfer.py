@@ -114,17 +114,17 @@ def same_mission(one: Sequence[MissionItem], other: Sequence[MissionItem]) -> bo
     return all(a.is_like(b) for a, b in zip(one[1:], other[1:], strict=True))
 
 
-def is_ours(found: Sequence[MissionItem], before: Sequence[MissionItem], ours: Sequence[MissionItem]) -> bool:
-    """Return whether *found* is *ours*, or what an interrupted upload leaves of *ours* and *before*.
+def is_ours(items: Sequence[MissionItem], before: Sequence[MissionItem], ours: Sequence[MissionItem]) -> bool:
+    """Return whether *items* is *ours*, or what an interrupted upload leaves of *ours* and *before*.
 
     ArduPilot replaces a mission item by item as they arrive.
     """
-    if same_mission(found, ours):
+    if same_mission(items, ours):
         return True
-    if len(found) <= 1:
+    if len(items) <= 1:
         return False
     return all(
-        any(k < len(known) and found[k].is_like(known[k]) for known in (ours, before)) for k in range(1, len(found))
+        any(k < len(known) and items[k].is_like(known[k]) for known in (ours, before)) for k in range(1, len(items))
     )
 
 

@@ -268,12 +268,12 @@ def load_form(path: Path) -> Form:
 
 def _shipped() -> dict[str, Form]:
     folder = resources.files("gcs_autotune.models.coupled") / "forms"
-    found = {}
+    forms = {}
     for file in sorted(folder.iterdir(), key=lambda f: f.name):
         if file.name.endswith(".toml"):
             form = form_from(parse(file.read_bytes(), "toml"), file.name)
-            found[form.name] = form
-    return found
+            forms[form.name] = form
+    return forms
 
 
 FORMS: Mapping[str, Form] = _shipped()
