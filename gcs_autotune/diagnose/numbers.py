@@ -290,7 +290,7 @@ def _number(
     return Number(name, unit, meaning, old[0], old[1], new[0], new[1], (new[0] - half, new[0] + half), wrong)
 
 
-# -- somebody else's simulator, as the plain model
+# -- an external simulator as the plain model
 
 
 def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:

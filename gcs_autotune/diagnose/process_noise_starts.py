@@ -61,7 +61,7 @@ STIRRED = 0.05
 BLUR = 4.0
 """Spacing of the samples kept, in time constants of a sensor's smoother, if errors are large just after commands.
 
-Closer samples depend on the shape of the smoother, of which the model knows only the width.
+Closer samples depend on the shape of the smoother, of which the model contains only the width.
 """
 
 WIDEST = 2.0
@@ -147,10 +147,10 @@ def plain_with_process_noise(
             interval = max(interval, float(np.clip(BLUR * plain.noise.smoothing, pace, WIDEST * pace)))
         elif plain.noise.smoothing > 0.0:
             least = min(SPACED * problem.data_summary.interval, NARROWEST * pace)
-            # Too close for its smoother a fit knows neither pace nor width: what is seen from further off tells.
+            # With samples too close for the smoother, a fit determines neither time constant nor width.
             interval = least if noisy.interval < least / FAR_OFF else max(interval, least)
         else:
-            interval = min(interval, noisy.interval)  # what was seen closer by without harm tells more
+            interval = min(interval, noisy.interval)  # closer samples that did no harm contain more
         again = _thinned(problem, form, signal, plain.theta, pace, limits, interval)
         if again is None or 1.0 / FAR_OFF < again.interval / noisy.interval < FAR_OFF:
             break
@@ -253,7 +253,7 @@ def _best_of_starts(problem: NoisyProblem, theta: Array, pace: float, say: Say) 
     for samples in PACES:
         other = samples * problem.data_summary.interval
         if all(not 0.5 < other / known < 2.0 for _, known in starts):
-            # A fit that was lost knows the gain no better than the pace.
+            # A fit that diverged gives neither gain nor time constant.
             starts.append((np.array([_gain_at(problem, other), -1.0 / other]), other))
     for k, (begun, own_pace) in enumerate(starts):
         for memory, more in NOISES:

@@ -411,8 +411,8 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
             return state
         unseen = state.base_unseen if lost.base is state.base else state.unseen(lost.base)
-        anew = replace(state, steps=()).with_model(lost.base, unseen)
-        other = add_causes(anew, judge(anew.scorer(lost.base, lost.tried), ends))
+        restarted = replace(state, steps=()).with_model(lost.base, unseen)
+        other = add_causes(restarted, judge(restarted.scorer(lost.base, lost.tried), ends))
     except OutOfTime as over:  # the search with process noise is kept: it takes long
         return state.stopped(over)
     now, before = (s.fitted.cost + bic_penalty(s.fitted, lost.base) for s in (other, state))

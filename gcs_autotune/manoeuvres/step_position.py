@@ -91,7 +91,7 @@ class StepPosition(_AtPosition):
     Parameters
     ----------
     settle, duration : time at the first position, and at each later one [s].
-    once : whether each position is sent only briefly (ArduRover, which would start its approach anew).
+    once : whether each position is sent only briefly (ArduRover, which would restart its approach).
     abeam : step to starboard relative to that ahead.
     """
 

@@ -84,7 +84,7 @@ class CommandServer:
 
 
 def serve() -> None:
-    """Run the commands that standard input asks for, until it ends."""
+    """Run the commands that standard input contains, until it ends."""
     answers = os.dup(1)
     os.dup2(2, 1)  # what an import prints is no answer
     if hasattr(os, "fork"):

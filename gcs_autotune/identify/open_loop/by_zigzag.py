@@ -144,7 +144,7 @@ def solve_zigzag(every: Sequence[IntegralRows], structure: Structure) -> tuple[A
     count = sum(len(rows.impulse) for rows in every)
     drags = FREE[structure][:3]
     free = (*drags, count > sum(drags) + 1)
-    if count <= sum(free):  # nothing left to tell how well they fit
+    if count <= sum(free):  # no degree of freedom left to judge the fit
         raise NotInformative(
             f"{count} half-period equations do not determine structure '{structure}'. Fly more half periods"
         )

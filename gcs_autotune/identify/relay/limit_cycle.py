@@ -47,8 +47,8 @@ Source: Miskovic2010, 6.7.
 NOISES = 2.0
 """How much too large the bias x_0 of one period may be for (7.12), in standard deviations of the noise. Project choice.
 
-It is read from two extremes and two switching positions, and errs by about one standard deviation. At 1.5 deg of noise
-a boat that swings 2 deg beyond its hysteresis would otherwise violate the condition in every third period.
+It is read from two extremes and two switching positions, with an error of about one standard deviation. At 1.5 deg of
+noise a boat that turns 2 deg beyond its hysteresis would otherwise violate the condition in every third period.
 """
 
 

@@ -64,8 +64,8 @@ def _measured_anew(channel: Channel) -> Channel:
     since = (
         np.arange(len(channel)) - changes[np.maximum(np.searchsorted(changes, np.arange(len(channel)), "right") - 1, 0)]
     )
-    anew = since % period == 0
-    return replace(channel, t=channel.t[anew], values=channel.values[anew])
+    measured = since % period == 0
+    return replace(channel, t=channel.t[measured], values=channel.values[measured])
 
 
 def distance_in(segment: Segment) -> Channel | None:
