@@ -105,7 +105,7 @@ def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
         kind, purpose, signal, force, in_manual, name = "swing", "benchmark", "psi", "N", True, "swing"
 
         @property
-        def asked(self) -> dict[str, float]:
+        def meta_fields(self) -> dict[str, float]:
             return {}
 
         def commands(self, now: Any) -> Any:
@@ -132,7 +132,7 @@ def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
             except OperatorStopped:
                 neutral = sent[:]
                 sequencer.go_on()
-            operator._stop = craft.session.operator.asked = False
+            operator._stop = craft.session.operator.requested = False
             observer.say("neutral " + json.dumps(neutral))
         craft.disarm()
 

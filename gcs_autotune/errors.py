@@ -165,11 +165,11 @@ class PreconditionFailed(ManoeuvreError):
 
 
 class OutputsUnassigned(PreconditionFailed):
-    """No known output drives a required force. ``told`` of ``of`` SERVOn_FUNCTION parameters are known."""
+    """No known output drives a required force. ``received`` of ``of`` SERVOn_FUNCTION parameters are known."""
 
-    def __init__(self, message: str, *, told: int = 0, of: int = 0) -> None:
+    def __init__(self, message: str, *, received: int = 0, of: int = 0) -> None:
         super().__init__(message)
-        self.told = told
+        self.received = received
         self.of = of
 
 

@@ -40,7 +40,7 @@ def _seed(text: str) -> int:
 
 
 class _Stopped(BaseException):
-    """Raised when the process was asked to end."""
+    """Raised when the process receives a request to end."""
 
 
 def _stop(number: int, frame: FrameType | None) -> None:

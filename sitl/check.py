@@ -38,8 +38,8 @@ def check_vehicle(path: Path) -> list[str]:
     try:
         load_vehicle(str(path))
     except BadVehicle as error:
-        said = str(error).removeprefix(f"{path} is not a vehicle file: ")
-        return [_located(path, text, said)]
+        message = str(error).removeprefix(f"{path} is not a vehicle file: ")
+        return [_located(path, text, message)]
     return []
 
 

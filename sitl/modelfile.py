@@ -66,7 +66,7 @@ class FlownModel:
     gains: Mapping[str, Mapping[str, float]]
     effects: tuple[HiddenEffect, ...] = ()
     coupling: Coupling | None = None
-    swing: Mapping[str, float] = field(default_factory=dict)
+    amplitude: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_model(path: Path) -> FlownModel:
@@ -99,9 +99,9 @@ def _model_from(data: ModelData) -> FlownModel:
     lacking = [name for name in (*form.free, *form.known) if name not in values]
     if lacking:
         raise BadModel(f"values lack {', '.join(lacking[:5])}")
-    swing = {channel: _swing(data, channel) for channel in form.inputs}
+    amplitude = {channel: _largest_command(data, channel) for channel in form.inputs}
     gains = {
-        channel: {force: swing[channel] * _gain(gain, values) for force, gain in pairs.items()}
+        channel: {force: amplitude[channel] * _gain(gain, values) for force, gain in pairs.items()}
         for channel, pairs in form.inputs.items()
     }
     used = {str(g).lstrip("-") for pairs in form.inputs.values() for g in pairs.values()}
@@ -111,9 +111,9 @@ def _model_from(data: ModelData) -> FlownModel:
     coupling = _coupling(left, values, form.coriolis) if "sway" in dofs else None
     if coupling is None and left:
         raise BadModel(f"the simulator cannot simulate {', '.join(left)} without sway")
-    effects = [*_built_in(values, swing), *(_effect_from(e, swing) for e in data.effects)]
+    effects = [*_built_in(values, amplitude), *(_effect_from(e, amplitude) for e in data.effects)]
     forces = {_FORCES[dof]: values.get(f"{_FORCES[dof]}_0", 0.0) for dof in dofs}
-    return FlownModel(axes, forces, gains, tuple(effects), coupling, swing)
+    return FlownModel(axes, forces, gains, tuple(effects), coupling, amplitude)
 
 
 def _of_one_axis(data: SingleDofData) -> ExtendedData:
@@ -131,10 +131,10 @@ def _of_one_axis(data: SingleDofData) -> ExtendedData:
     return ExtendedData(CoupledData(form, values), late)
 
 
-def _swing(data: ExtendedData, channel: str) -> float:
+def _largest_command(data: ExtendedData, channel: str) -> float:
     """Return the largest command of *channel* stated in the file, or 1."""
     known = [data.constants.swing.get(channel, 0.0), *(e.constants.get("swing", 0.0) for e in data.effects)]
-    return abs(next((swing for swing in known if swing), 1.0))
+    return abs(next((amplitude for amplitude in known if amplitude), 1.0))
 
 
 def _gain(gain: float | str, values: Mapping[str, float]) -> float:
@@ -171,10 +171,10 @@ def _coupling(left: dict[str, float], values: Mapping[str, float], coriolis: boo
         raise BadModel(str(error)) from error
 
 
-def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[HiddenEffect]:
+def _built_in(values: Mapping[str, float], amplitude: Mapping[str, float]) -> list[HiddenEffect]:
     """Return the delays, lags, current, sensor and compass data of the base model as effects."""
     found = []
-    for channel in (name for name in swing if name != "Y"):
+    for channel in (name for name in amplitude if name != "Y"):
         if values.get("delay", 0.0) > 0.0:
             found.append(make_effect("input-delay", channel, {"delay": values["delay"]}))
         if values.get("lag", 0.0) > 0.0:
@@ -191,22 +191,22 @@ def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[H
     return found
 
 
-def _effect_from(entry: EffectData, swing: Mapping[str, float]) -> HiddenEffect:
+def _effect_from(entry: EffectData, amplitude: Mapping[str, float]) -> HiddenEffect:
     """Return one effect of the file, with numbers in units of the input converted to fractions of full output."""
     values = dict(entry.values)
     if entry.slug in EFFECTS:
         known = {p.name: p.unit for p in EFFECTS[entry.slug].parameters}
         values.update({name: value for name, value in entry.constants.items() if name in known})
-        unit = _unit_of(entry.place, swing)
+        unit = _unit_of(entry.place, amplitude)
         values = {n: v / unit if "input unit" in known.get(n, "") else v for n, v in values.items()}
     return make_effect(entry.slug, entry.place, values)
 
 
-def _unit_of(place: str, swing: Mapping[str, float]) -> float:
+def _unit_of(place: str, amplitude: Mapping[str, float]) -> float:
     """Return full output of the input at *place*, a channel or the degree of freedom that it drives."""
-    if place in swing:
-        return swing[place]
-    for channel, full in swing.items():
+    if place in amplitude:
+        return amplitude[place]
+    for channel, full in amplitude.items():
         if {"delta": "N"}.get(channel, channel) == _FORCES.get(place):
             return full
-    return next(iter(swing.values()), 1.0)
+    return next(iter(amplitude.values()), 1.0)

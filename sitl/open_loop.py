@@ -167,14 +167,14 @@ def _setting(
     seed: int,
     initial: Mapping[str, float],
 ) -> Setting:
-    swing = {name: float(np.max(np.abs(values))) for name, values in held.items()}
+    amplitude = {name: float(np.max(np.abs(values))) for name, values in held.items()}
     return Setting(
         state=plant.state,
         water=plant.water,
         parameters=plant.parameters,
         dofs=hull.dofs,
         inputs={name: INPUTS[name] for name in held},
-        swing=swing,
+        amplitude=amplitude,
         gain={"yaw": hull.gain if "delta" in held else 1.0},
         signals=measured,
         seed=str(seed),
@@ -201,7 +201,7 @@ def _shortest(hull: Hull, setting: Setting, effects: Sequence[HiddenEffect]) -> 
     longest = math.inf
     for dof in hull.dofs:
         axis = hull.axis(dof)
-        force = sum(setting.gain.get(dof, 1.0) * setting.swing[n] for n, d in setting.inputs.items() if d == dof)
+        force = sum(setting.gain.get(dof, 1.0) * setting.amplitude[n] for n, d in setting.inputs.items() if d == dof)
         rate = axis.beta + 2.0 * axis.beta2 * _steady(axis, force)
         longest = min(longest, axis.alpha / rate / _STEPS_PER_TIME_CONSTANT if rate > 0.0 else math.inf)
     return min([longest, *(effect.quickness(setting) / _STEPS_PER_RADIAN for effect in effects)])
@@ -240,8 +240,8 @@ def _integrate(run: _Run, longest: float, knots: Array, state: tuple[float, ...]
         dt = (end - begin) / count
         for name, values in rows.items():
             inputs[name] = values[i]
-        _ask(hull, heun.asked, inputs)
-        told = dict(inputs)
+        _set_thrust(hull, heun.thrust, inputs)
+        commands = dict(inputs)
         for k in range(count):
             t = begin + k * dt
             if drives or changes:
@@ -251,32 +251,32 @@ def _integrate(run: _Run, longest: float, knots: Array, state: tuple[float, ...]
                 for change in changes:
                     change(t, heun.plant.parameters)
             if drives:
-                inputs.update(told)
+                inputs.update(commands)
                 for drive in drives:
                     drive(t, dt, inputs)
-                _ask(hull, heun.asked, inputs)
+                _set_thrust(hull, heun.thrust, inputs)
             state = step(t, dt, state)
             times.append(t + dt)
             states.append(state)
     return np.array(times), np.array(states)
 
 
-def _ask(hull: Hull, asked: Wrench, inputs: Mapping[str, float]) -> None:
+def _set_thrust(hull: Hull, wrench: Wrench, inputs: Mapping[str, float]) -> None:
     get = inputs.get
-    asked.X, asked.Y, asked.Z = get("X", 0.0), get("Y", 0.0), get("Z", 0.0)
-    asked.N = get("N", 0.0) + hull.gain * get("delta", 0.0)
+    wrench.X, wrench.Y, wrench.Z = get("X", 0.0), get("Y", 0.0), get("Z", 0.0)
+    wrench.N = get("N", 0.0) + hull.gain * get("delta", 0.0)
 
 
 class _Heun:
     """Integrates a hull by Heun's rule, second order.
 
-    ``asked``: forces of its actuators. ``pushes``: forces of effects. ``flows``: changes of the water by effects.
+    ``thrust``: forces of its actuators. ``pushes``: forces of effects. ``flows``: changes of the water by effects.
     """
 
     def __init__(self, hull: Hull) -> None:
         surge, sway, heave, yaw = (hull.axis(dof) for dof in ("surge", "sway", "heave", "yaw"))
         self.plant = PlanarHull(surge, heave, yaw, Water(bottom=hull.bottom), sway=sway)
-        self.asked = Wrench()
+        self.thrust = Wrench()
         self.pushes: list[Callable[[float, Wrench], None]] = []
         self.flows: list[Callable[[float, Water], None]] = []
         self._wrench = Wrench()
@@ -310,7 +310,7 @@ class _Heun:
     def slope(self, t: float, state: Sequence[float]) -> tuple[float, ...]:
         """Return the time derivative of *state* (Fossen2011, equations 2.40 and 6.112)."""
         _, _, _, psi, u, v, w, r = state
-        wrench = self._pushed(t, state) if self.pushes else self.asked
+        wrench = self._pushed(t, state) if self.pushes else self.thrust
         water = self.flowing(t, state) if self.flows else self.plant.water
         udot, vdot, wdot, _, _, rdot = self.plant.acceleration((u, v, w, 0.0, 0.0, r), wrench)
         c, s = math.cos(psi), math.sin(psi)
@@ -324,7 +324,7 @@ class _Heun:
 
         def step(t: float, dt: float, state: tuple[float, ...]) -> tuple[float, ...]:
             position, nu = state[at], state[at + 4]
-            before = after = getattr(self.asked, force)
+            before = after = getattr(self.thrust, force)
             first = (getattr(self._pushed(t, state), force) if self.pushes else before) - (
                 p[beta] + p[beta2] * abs(nu)
             ) * nu
@@ -340,8 +340,8 @@ class _Heun:
     def _pushed(self, t: float, state: Sequence[float]) -> Wrench:
         """Return the combined force of actuators and effects in that *state*."""
         self.take(state)
-        asked, wrench = self.asked, self._wrench
-        wrench.X, wrench.Y, wrench.Z, wrench.N = asked.X, asked.Y, asked.Z, asked.N
+        thrust, wrench = self.thrust, self._wrench
+        wrench.X, wrench.Y, wrench.Z, wrench.N = thrust.X, thrust.Y, thrust.Z, thrust.N
         for push in self.pushes:
             push(t, wrench)
         return wrench

@@ -31,7 +31,7 @@ def setting_of(plant: Plant, actuators: Actuators, *, is_boat: bool, mass: float
         parameters=plant.parameters,
         dofs=tuple(dict.fromkeys((*full, *["sway"][:sways]))),
         inputs=inputs,
-        swing=dict.fromkeys(inputs, 1.0),
+        amplitude=dict.fromkeys(inputs, 1.0),
         gain=full,
         signals=signals if is_boat else (*signals, "z", "w"),
         seed=seed,

@@ -33,7 +33,7 @@ class Foreign(HiddenEffect):
         self.channel = self.place
         self.dof = setting.inputs[self.channel]
         self.state = setting.state
-        self.full = setting.swing[self.channel]
+        self.full = setting.amplitude[self.channel]
         self.alpha = setting.parameters[f"{self.dof}.alpha"]
         self.draw = Random(f"{setting.seed}/{self.slug}")
         self.reset()

@@ -93,9 +93,14 @@ def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
         for name, heard in listened_to(args.listen, uris, say=lambda text: status.update(visible(text))):
             if told:
                 link = f"; --connect {heard.uri}" if heard.autopilots else ""
-                _print(" ", "port", f"{name}: {heard.told}{link}")
+                _print(" ", "port", f"{name}: {heard.description}{link}")
             found.append(
-                {"port": name, "uri": heard.uri, "told": heard.told, "systems": [a.system for a in heard.autopilots]}
+                {
+                    "port": name,
+                    "uri": heard.uri,
+                    "told": heard.description,
+                    "systems": [a.system for a in heard.autopilots],
+                }
             )
     return found
 

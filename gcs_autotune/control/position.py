@@ -242,7 +242,7 @@ def design_sliding(surge: OwnDesign, sway: OwnDesign, yaw: OwnDesign) -> Sliding
         axes([d.model.beta for d in three], 0.0),
         axes([d.model.beta_quadratic for d in three], 0.0),
         axes([d.model.delta for d in three], 0.0),
-        # masses in units of each axis' own input say nothing about how the axes push each other
+        # masses in units of each axis' own input do not show how the axes push each other
         couples=False,
     )
     # within the layer the switching term acts as damping of RESERVE/layer; half of the surface's own

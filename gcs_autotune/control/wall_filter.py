@@ -140,6 +140,6 @@ class WallFilter:
         gain = np.linalg.solve(H @ self._P @ H.T + R_rows, H @ self._P).T
         self._x += gain @ np.array([residuals[row] for row in rows])
         # Joseph's form: (I - K H) P alone loses its symmetry within minutes, because speed and drift of the distance
-        # are told apart only by the drag, so that their variances keep growing
+        # are distinguished only by the drag, so that their variances keep growing
         left = np.eye(7) - gain @ H
         self._P = left @ self._P @ left.T + gain @ R_rows @ gain.T

@@ -134,36 +134,40 @@ def compare(position: Series, rate: Series, total: Array, expected: Expected) ->
     first: Comparison | None = None
     strange: list[Comparison] = []
     for k, windows in enumerate(_windows(position, rate, total, most)):
-        found = _compared(windows, position, rate, total, expected, most)
-        if found is None:
+        comparison = _compared(windows, position, rate, total, expected, most)
+        if comparison is None:
             continue
         if k == 0:
-            part = _still_part(windows, position, rate, total, expected, found)
+            part = _still_part(windows, position, rate, total, expected, comparison)
             if part is not None:
                 return part
-        if found.kind == "unclear":
-            if _is_strange(windows, position, rate, expected, found):
-                strange.append(found)
+        if comparison.kind == "unclear":
+            if _is_strange(windows, position, rate, expected, comparison):
+                strange.append(comparison)
             continue
         if first is None:
-            first = found
+            first = comparison
             if first.kind in ("agrees", "shift"):
                 return first
-        elif first.kind == "unrelated" and found.kind in ("factor", "sign"):
-            first = found
-        elif found.kind == "agrees" and found.coherence > ALIKE and found.std < SPREAD * abs(found.factor):
-            return found
+        elif first.kind == "unrelated" and comparison.kind in ("factor", "sign"):
+            first = comparison
+        elif (
+            comparison.kind == "agrees"
+            and comparison.coherence > ALIKE
+            and comparison.std < SPREAD * abs(comparison.factor)
+        ):
+            return comparison
     if first is None and len(strange) >= 2:
         return replace(strange[0], kind="unrelated", factor=math.nan, std=math.nan)
     return first
 
 
-def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expected, found: Comparison) -> bool:
+def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expected, comparison: Comparison) -> bool:
     """Return whether both sides move, each well above its noise, and have little in common."""
     noise = _noises(windows, position, rate)
-    moves = found.moved > CLEAR * noise[0] and found.predicted > CLEAR * noise[1]
-    large = min(found.moved, found.predicted) > LARGE * expected.floor
-    return moves and large and len(windows) >= MANY and abs(found.coherence) < APART and found.std > SPREAD
+    moves = comparison.moved > CLEAR * noise[0] and comparison.predicted > CLEAR * noise[1]
+    large = min(comparison.moved, comparison.predicted) > LARGE * expected.floor
+    return moves and large and len(windows) >= MANY and abs(comparison.coherence) < APART and comparison.std > SPREAD
 
 
 def _still_part(
@@ -227,8 +231,8 @@ def _compared(
     windows: Windows, position: Series, rate: Series, total: Array, expected: Expected, most: float
 ) -> Comparison | None:
     x = windows.slopes(position.x)
-    least, (own, told) = 0.02 * expected.floor, _noises(windows, position, rate)
-    noise = max(own, least), max(told, least)
+    least, (of_position, of_rate) = 0.02 * expected.floor, _noises(windows, position, rate)
+    noise = max(of_position, least), max(of_rate, least)
     predicted = _predicted(windows, position, rate, total, 0.0)
     if max(_rms(x), _rms(predicted)) < expected.floor:
         return None
@@ -357,7 +361,7 @@ def _judge(
     )
     noisy = noise[0 if position_leads else 1] / max(_rms(leading), 1e-300)
     slope, std = (value / max(1.0 - noisy**2, 0.5) for value in (slope, std))
-    moved, told = _rms(x), _rms(predicted)
+    measured_rms, predicted_rms = _rms(x), _rms(predicted)
     factor, factor_std = (1.0 / slope, std / slope**2) if position_leads and slope else (slope, std)
     kind: Kind = "unclear"
     high = abs(slope)
@@ -372,10 +376,10 @@ def _judge(
         still: Kind = "still-rate" if position_leads else "still-position"
         kind, factor, factor_std = (still if quiet else "unrelated"), math.nan, math.nan
     elif abs(coherence) >= ALIKE:
-        swing = _swing(windows, leading)
+        frequency = _frequency(windows, leading)
         allowed = expected.tolerance
         if abs(shift) <= expected.shift:
-            allowed += 1.0 - 1.0 / math.hypot(1.0, swing * shift)
+            allowed += 1.0 - 1.0 / math.hypot(1.0, frequency * shift)
         away = abs(math.log(max(high, 1e-12)))
         if slope < 0.0 and -slope > SURE * std:
             kind = "sign"
@@ -392,7 +396,7 @@ def _judge(
     elif std < SPREAD and abs(slope - 1.0) < 2.0 * expected.tolerance:
         kind = "agrees"
     clear = _rms(leading) / noise[0 if position_leads else 1]
-    return Comparison(kind, factor, factor_std, shift, shift_std, coherence, moved, told, clear)
+    return Comparison(kind, factor, factor_std, shift, shift_std, coherence, measured_rms, predicted_rms, clear)
 
 
 def _is_flat(leading: Array, following: Array) -> bool:
@@ -451,7 +455,7 @@ def _lasting(left: Array, overlap: float) -> float:
     return (1.0 + rho) / (1.0 - rho)
 
 
-def _swing(windows: Windows, slopes: Array) -> float:
+def _frequency(windows: Windows, slopes: Array) -> float:
     """Return the approximate frequency [rad/s] of the motion, from the rms of its change between windows."""
     hops = np.diff(windows.middle)
     near = hops < 1.5 * float(np.median(hops))

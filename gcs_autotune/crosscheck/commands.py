@@ -59,27 +59,27 @@ def _compared(run: str, command: Channel, output: Channel) -> Contradiction | No
     if not (end - start > 20.0 * step > 0.0):
         return None
     grid = np.arange(start, end, step)
-    asked, came = _held(command, grid), _held(output, grid)
-    if np.std(asked) < LEAST or int(np.count_nonzero(np.diff(asked))) < CHANGES:
+    commanded, came = _held(command, grid), _held(output, grid)
+    if np.std(commanded) < LEAST or int(np.count_nonzero(np.diff(commanded))) < CHANGES:
         return None
     pair = f"{output.name} against {command.name}"
     columns = (output.name, command.name)
     same_unit = command.unit == output.unit
-    if np.std(came) == 0.0 or (same_unit and np.std(came) < STILL * np.std(asked)):
+    if np.std(came) == 0.0 or (same_unit and np.std(came) < STILL * np.std(commanded)):
         cause = (
             f"{output.name} does not change while {command.name} does (run '{run}'). {output.name} is more likely wrong"
         )
         cure = "check the servo, its power and linkage, SERVOn_FUNCTION and the safety switch"
         return Contradiction(pair, "still", 0.0, 0.0, output.name, columns, cause, _used(cure, command.name))
     lags = np.unique(np.round(np.linspace(0.0, min(LATEST, 0.2 * (end - start)), 60) / step)).astype(int)
-    cosines = [_correlation(asked[: len(asked) - k], came[k:]) for k in lags]
+    cosines = [_correlation(commanded[: len(commanded) - k], came[k:]) for k in lags]
     best = int(np.argmax(np.abs(cosines)))
     negative = cosines[0] < -APART and -cosines[0] > 0.9 * max(cosines)
     k = int(lags[0 if negative else best])
     rho = cosines[0 if negative else best]
-    a, b = asked[: len(asked) - k], came[k:]
+    a, b = commanded[: len(commanded) - k], came[k:]
     factor = float(np.std(b) / np.std(a)) * math.copysign(1.0, rho)
-    std = abs(factor) * math.sqrt(max(1.0 - rho**2, 0.0) / max(int(np.count_nonzero(np.diff(asked))), 1))
+    std = abs(factor) * math.sqrt(max(1.0 - rho**2, 0.0) / max(int(np.count_nonzero(np.diff(commanded))), 1))
     if rho < -FOLLOWS or (negative and rho < -FOLLOWS + 0.15):
         cause = f"{output.name} moves in the opposite direction to its command {command.name} (run '{run}')"
         cure = "check SERVOn_REVERSED, RCn_REVERSED and the sign of both columns"

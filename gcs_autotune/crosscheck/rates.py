@@ -11,7 +11,7 @@ import numpy as np
 from gcs_autotune.crosscheck.agreement import Comparison, Expected, compare
 from gcs_autotune.crosscheck.contradiction import Contradiction
 from gcs_autotune.crosscheck.windows import Series, integral, series
-from gcs_autotune.crosscheck.wording import told
+from gcs_autotune.crosscheck.wording import contradiction_from
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
@@ -115,7 +115,7 @@ def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) 
             if other is None or other.kind == "agrees":  # None: a heeled craft that turns has q without any pitching
                 continue
         suspect = _suspect(trial, pair, found, position, course)
-        yield told(trial.name, pair.position, pair.rate, pair.verb, found, suspect)
+        yield contradiction_from(trial.name, pair.position, pair.rate, pair.verb, found, suspect)
 
 
 def compared_with_rate(position: Channel, rate: Channel) -> Comparison | None:
@@ -133,12 +133,12 @@ def _compared(position: Series, rate: Channel, expected: Expected) -> Comparison
 
 
 def _suspect(
-    trial: Trial, pair: _Pair, found: Comparison, position: Series, course: Callable[[Trial], Series | None]
+    trial: Trial, pair: _Pair, comparison: Comparison, position: Series, course: Callable[[Trial], Series | None]
 ) -> str:
     """Return the column that is more likely wrong: one that does not change, or that a third one contradicts."""
-    if found.kind == "still-position":
+    if comparison.kind == "still-position":
         return pair.position
-    if found.kind == "still-rate":
+    if comparison.kind == "still-rate":
         return pair.rate
     if not SIGNALS[pair.position].wraps:
         return ""
@@ -151,8 +151,8 @@ def _suspect(
         heading_agrees = by_heading is not None and by_heading.kind == "agrees" and by_heading.coherence > 0.5
         if rate_agrees != heading_agrees:
             return pair.position if rate_agrees else pair.rate
-    if found.kind in ("factor", "sign") and _wraps(trial["psi"]):
-        return pair.rate if found.kind == "factor" and abs(found.coherence) > 0.9 else ""
+    if comparison.kind in ("factor", "sign") and _wraps(trial["psi"]):
+        return pair.rate if comparison.kind == "factor" and abs(comparison.coherence) > 0.9 else ""
     return ""
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.crosscheck.agreement import Comparison, Expected, compare
 from gcs_autotune.crosscheck.contradiction import Contradiction
 from gcs_autotune.crosscheck.windows import Series, Windows, integral, series, windows_on
-from gcs_autotune.crosscheck.wording import told, unit_of
+from gcs_autotune.crosscheck.wording import contradiction_from, unit_of
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["course_of", "heading_contradictions", "speed_contradictions"]
@@ -170,7 +170,7 @@ def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
         return
     if share < MOSTLY:
         return
-    if not abs(angle) >= LEAST_ANGLE + std or _is_told(trial, angle):
+    if not abs(angle) >= LEAST_ANGLE + std or _is_confirmed(trial, angle):
         return
     degrees = abs(math.degrees(angle))
     side = "" if degrees > 170.0 else " to starboard" if angle > 0.0 else " to port"
@@ -220,7 +220,7 @@ def _fits(track: _Track, angle: float, speed: float) -> bool:
     return abs(current) <= MOST_CURRENT and left <= (SLIP * speed) ** 2 and float(np.mean(along > 0.0)) >= MOSTLY
 
 
-def _is_told(trial: Trial, angle: float) -> bool:
+def _is_confirmed(trial: Trial, angle: float) -> bool:
     """Return whether measured speeds of the craft confirm that direction, and no throttle contradicts it."""
     if "X" in trial or "u" not in trial or not len(trial["u"]):
         return False
@@ -307,7 +307,7 @@ def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
     known = _positions(trial)
     if _stands_ahead(trial):
         never = Comparison("still-rate", math.nan, math.nan, 0.0, 0.0, 0.0, math.nan, 0.0, math.nan)
-        yield told(trial.name, "x, y", "u", "moves", never, "u")
+        yield contradiction_from(trial.name, "x, y", "u", "moves", never, "u")
         return
     if known is None and not any(n in trial for n in ("y", "psi")):
         yield from _one_way(trial)
@@ -329,7 +329,7 @@ def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
     ):
         return
     suspect = name if found.kind == "still-rate" else "x, y" if found.kind == "still-position" else ""
-    yield told(trial.name, "x, y", name, "moves", found, suspect)
+    yield contradiction_from(trial.name, "x, y", name, "moves", found, suspect)
 
 
 def _unit_by_axes(trial: Trial, x: Series, y: Series) -> Comparison | None:
@@ -362,7 +362,7 @@ def _one_way(trial: Trial) -> Iterator[Contradiction]:
     if found.kind in ("factor", "sign") and abs(found.factor - 1.0) * found.predicted < CURRENT:
         return
     suspect = "u" if found.kind == "still-rate" else "x" if found.kind == "still-position" else ""
-    yield told(trial.name, "x", "u", "changes", found, suspect)
+    yield contradiction_from(trial.name, "x", "u", "changes", found, suspect)
 
 
 def _stands_ahead(trial: Trial) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from gcs_autotune.crosscheck.agreement import Comparison
 from gcs_autotune.crosscheck.contradiction import Contradiction
 
-__all__ = ["told", "unit_of"]
+__all__ = ["contradiction_from", "unit_of"]
 
 UNITS: Mapping[str, Mapping[float, str]] = {
     "angle": {180.0 / math.pi: "degrees", 2.0 * math.pi: "revolutions", 60.0: "per minute"},
@@ -47,15 +47,17 @@ _CHECKS: Mapping[str, str] = {
 }
 
 
-def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspect: str) -> Contradiction:
-    """Return the result *found* of a comparison as a :class:`Contradiction`.
+def contradiction_from(
+    run: str, position: str, rate: str, verb: str, comparison: Comparison, suspect: str
+) -> Contradiction:
+    """Return the result of *comparison* as a :class:`Contradiction`.
 
     verb : text for the motion of the position.
     """
     does = verb if "," not in position else verb.removesuffix("s")
-    said, value, std, kind = _said(position, rate, does, found)
-    factor, unit = unit_of(position, found) if kind in ("factor", "sign") else (1.0, "")
-    cause = f"{said} (run '{run}')"
+    statement, value, std, kind = _statement(position, rate, does, comparison)
+    factor, unit = unit_of(position, comparison) if kind in ("factor", "sign") else (1.0, "")
+    cause = f"{statement} (run '{run}')"
     if unit:
         sure = f"so one of the columns is in {unit} and its header states another unit"
         perhaps = f"so perhaps one of the columns is in {unit}"
@@ -71,36 +73,36 @@ def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspe
     return Contradiction(pair, kind, value, std, suspect, columns, cause, _cure(position, rate, suspect, kind), unit)
 
 
-def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, float, float, str]:
-    when = "" if found.during is None else f" from {found.during[0]:.0f} to {found.during[1]:.0f} s"
-    if found.kind == "still-rate":
+def _statement(position: str, rate: str, does: str, comparison: Comparison) -> tuple[str, float, float, str]:
+    when = "" if comparison.during is None else f" from {comparison.during[0]:.0f} to {comparison.during[1]:.0f} s"
+    if comparison.kind == "still-rate":
         stands = "stands" if "," not in rate else "stand"
-        return f"{rate} {stands} still{when} while {position} {does}", 0.0, found.std, "still"
-    if found.kind == "still-position":
+        return f"{rate} {stands} still{when} while {position} {does}", 0.0, comparison.std, "still"
+    if comparison.kind == "still-position":
         still = "stands" if "," not in position else "stand"
         moves = "turns" if does.startswith("turn") else "moves"
-        return f"{position} {still} still{when} while {rate} {moves}", found.factor, found.std, "still"
-    if found.kind == "unrelated":
+        return f"{position} {still} still{when} while {rate} {moves}", comparison.factor, comparison.std, "still"
+    if comparison.kind == "unrelated":
         return f"{position} and {rate} change, but independently of each other", math.nan, math.nan, "unrelated"
     integrates = "integrates" if "," not in rate else "integrate"
-    if found.kind == "shift":
-        late = f"{abs(found.shift):.2g} s {'later' if found.shift > 0.0 else 'earlier'}"
-        does_not = f"{position} {does} {late} than {rate} {integrates} to (+- {max(found.shift_std, 0.01):.2g} s)"
-        return does_not, found.shift, found.shift_std, "shift"
+    if comparison.kind == "shift":
+        late = f"{abs(comparison.shift):.2g} s {'later' if comparison.shift > 0.0 else 'earlier'}"
+        does_not = f"{position} {does} {late} than {rate} {integrates} to (+- {max(comparison.shift_std, 0.01):.2g} s)"
+        return does_not, comparison.shift, comparison.shift_std, "shift"
     digits = (
-        f"{found.factor:.3g} times as much as {rate} {integrates} to (+- "
-        f"{max(found.std, 0.0005 * abs(found.factor)):.1g})"
+        f"{comparison.factor:.3g} times as much as {rate} {integrates} to (+- "
+        f"{max(comparison.std, 0.0005 * abs(comparison.factor)):.1g})"
     )
-    if found.kind == "sign":
-        return f"{position} {does} {digits}, so they have opposite signs", found.factor, found.std, "sign"
-    return f"{position} {does} {digits}", found.factor, found.std, "factor"
+    if comparison.kind == "sign":
+        return f"{position} {does} {digits}, so they have opposite signs", comparison.factor, comparison.std, "sign"
+    return f"{position} {does} {digits}", comparison.factor, comparison.std, "factor"
 
 
-def unit_of(position: str, found: Comparison) -> tuple[float, str]:
-    """Return the factor and the name of the unit that explains the result *found*, or (1, "") if there is none."""
+def unit_of(position: str, comparison: Comparison) -> tuple[float, str]:
+    """Return the factor and the name of the unit that explains *comparison*, or (1, "") if there is none."""
     kind = "length" if position[0] in _LENGTHS else "angle"
-    size = abs(found.factor)
-    own = 2.0 * found.std / size
+    size = abs(comparison.factor)
+    own = 2.0 * comparison.std / size
     known = [(abs(size / value - 1.0), f, unit) for f, unit in UNITS[kind].items() for value in (f, 1.0 / f)]
     near = [k for k in known if k[0] < (CLOSE if k[1] > MISTAKABLE else min(CLOSE, max(EXACT, own)))]
     best = next(iter([k for k in near if k[0] < SAME] or near), (0.0, 1.0, ""))

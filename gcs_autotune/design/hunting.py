@@ -48,7 +48,7 @@ def hunting_of(problem: DesignProblem, settings: Settings, step: float) -> Hunti
     return Hunting(amplitude, _period(t, error - offset), offset, travel)
 
 
-def _period(t: Array, swing: Array) -> float:
+def _period(t: Array, deviation: Array) -> float:
     """Return the mean time between upward zero crossings; infinite if there are fewer than two."""
-    up = t[1:][(swing[:-1] < 0.0) & (swing[1:] >= 0.0)]
+    up = t[1:][(deviation[:-1] < 0.0) & (deviation[1:] >= 0.0)]
     return float((up[-1] - up[0]) / (len(up) - 1)) if len(up) > 1 else math.inf

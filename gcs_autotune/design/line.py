@@ -40,7 +40,7 @@ ATTAINABLE, NEARLY_FULL = 0.9, 0.9
 """WP_SPEED relative to the speed on the slowest leg, if that leg was driven with nearly full throttle [fraction of
 full] and was slower than WP_SPEED by as much: some thrust is left for steering. Project choice."""
 FEED_FORWARD = 0.1
-"""Error of the throttle by the cruise pair [fraction of full] above which the pair is set anew. Project choice."""
+"""Error of the throttle by the cruise pair [fraction of full] above which the pair is set again. Project choice."""
 AWAY = 0.5
 """Distance of a pivoting boat from the route, relative to the radius of its turns, from which it should turn under way
 instead. Project choice."""
@@ -195,7 +195,7 @@ def _attainable(hull: HullTurn) -> float:
 
 
 def _cruise(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple[str, float, str]]:
-    """Set the cruise pair anew if its throttle is wrong at the speed of the legs."""
+    """Set the cruise pair again if its throttle is wrong at the speed of the legs."""
     if not hull.legs or not all(present.get(name, 0.0) > 0.0 for name in (*CRUISE, "WP_SPEED")):
         return
     made = float(np.mean([leg.speed for leg in hull.legs]))

@@ -238,7 +238,7 @@ class _Residuals:
 
     def __init__(self, problem: DesignProblem, wanted: ReferenceModel) -> None:
         self._problem = problem
-        self._wish = wanted
+        self._reference = wanted
         self._watched = [problem.model]
         span = 3.0 * settling_time(wanted.kind, wanted.omega_0)
         step = problem.step
@@ -254,7 +254,7 @@ class _Residuals:
 
     def watch(self, settings: Settings) -> None:
         """Include the margins of the worst samples for *settings*, in addition to those of the model."""
-        self._watched = [self._problem.model, *self._problem.hardest(settings, self._wish, HARDEST)]
+        self._watched = [self._problem.model, *self._problem.hardest(settings, self._reference, HARDEST)]
         self._last = None
 
     def __call__(self, x: Array, anchor: Array) -> Array:
@@ -262,11 +262,11 @@ class _Residuals:
 
         It is cached, because least squares next needs the slopes at the point of its last step.
         """
-        asked = x.tobytes()
-        if self._last is not None and self._last[0] == asked and self._last[1] is anchor:
+        key = x.tobytes()
+        if self._last is not None and self._last[0] == key and self._last[1] is anchor:
             return self._last[2].copy()
         found = self._residuals(x, anchor)
-        self._last = (asked, anchor, found)
+        self._last = (key, anchor, found)
         return found.copy()
 
     def _residuals(self, x: Array, anchor: Array) -> Array:
@@ -296,10 +296,10 @@ class _Residuals:
     def _shortfalls(self, settings: Settings) -> Array:
         problem, spec = self._problem, self._problem.spec
         lacks = []
-        for m in problem.margins(settings, self._wish, self._watched):
+        for m in problem.margins(settings, self._reference, self._watched):
             lacks.append(max(0.0, 1.0 - m.gain / (RESERVE * spec.gain_margin)))
             lacks.append(max(0.0, 1.0 - m.phase / (RESERVE * spec.phase_margin)))
-        lacks.append(integral_shortfall(problem, settings, self._wish))
+        lacks.append(integral_shortfall(problem, settings, self._reference))
         noise = output_noise(problem, settings) / NOISE_LIMIT
         lacks.append(min(max(0.0, RESERVE * noise - 1.0), WORST_RESIDUAL))
         return MARGIN_WEIGHT * np.array(lacks)

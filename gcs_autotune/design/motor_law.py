@@ -246,16 +246,16 @@ STEERING_GAINS: Mapping[str, tuple[float, float]] = {
 """Gain -> documented range. Two thrusters steer by the same thrust curve, so that the latter change with it."""
 
 
-def motor_changes(found: MotorFit, present: Mapping[str, float], *, skid: bool) -> list[Change]:
+def motor_changes(fit: MotorFit, present: Mapping[str, float], *, skid: bool) -> list[Change]:
     """Return the parameters to change of those *present* on the vehicle, so that the motor library follows the law
-    *found*.
+    *fit*.
 
     CRUISE_THROTTLE and MOT_THR_MAX are changed with them, so that they mean the same thrust as before, and the gains of
     the loops, so that the loop gain at cruise is that of before.
     """
     return [
         Change(name, present[name], new, low, high, why)
-        for name, new, low, high, why in _rows(found, present, skid=skid)
+        for name, new, low, high, why in _rows(fit, present, skid=skid)
         if not math.isclose(new, present[name], rel_tol=1e-3, abs_tol=1e-6)
     ]
 
@@ -263,8 +263,8 @@ def motor_changes(found: MotorFit, present: Mapping[str, float], *, skid: bool) 
 Row = tuple[str, float, float, float, str]
 
 
-def _rows(found: MotorFit, present: Mapping[str, float], *, skid: bool) -> Iterator[Row]:
-    old, new = MotorLaw.of(present, skid=skid), found.law.stored
+def _rows(fit: MotorFit, present: Mapping[str, float], *, skid: bool) -> Iterator[Row]:
+    old, new = MotorLaw.of(present, skid=skid), fit.law.stored
     motors = (
         ("MOT_THR_MIN", round(100.0 * new.floor), 0.0, 100.0 * MOST_FLOOR, "dead zone of the thrusters"),
         ("MOT_THST_EXPO", new.expo, -1.0, 1.0, "quadratic part of the thrust curve"),
@@ -280,7 +280,7 @@ def _rows(found: MotorFit, present: Mapping[str, float], *, skid: bool) -> Itera
     cruise = present.get("CRUISE_THROTTLE", 0.0) / 100.0
     if not cruise > 0.0:
         return
-    less = _slope_of(old, found.closest, cruise) / _slope_of(new, found.closest, _same_thrust(old, new, cruise))
+    less = _slope_of(old, fit.closest, cruise) / _slope_of(new, fit.closest, _same_thrust(old, new, cruise))
     if not LEAST_FACTOR <= less <= 1.0 / LEAST_FACTOR or abs(less - 1.0) < LEAST_CHANGE:
         return
     for name, (low, high) in {**SPEED_GAINS, **(STEERING_GAINS if skid else {})}.items():

@@ -25,7 +25,15 @@ from gcs_autotune.firmware import Axis
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 
-__all__ = ["NEAR_LIMIT", "at_speed", "limit_by_loop_rate", "notes_on", "on_other_speeds", "other_mode_notes", "said"]
+__all__ = [
+    "NEAR_LIMIT",
+    "at_speed",
+    "limit_by_loop_rate",
+    "notes_on",
+    "on_other_speeds",
+    "other_mode_notes",
+    "residual_motion",
+]
 
 LONG_DELAY = 0.05
 """Delay [s] above which a note explains that its location matters. Project choice."""
@@ -71,7 +79,7 @@ def notes_on(
         yield _on_the_ranges(problem, axis, shown, wider)
 
 
-def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
+def residual_motion(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
     """Yield sentences on the residual motion after a small step, with the present gains (*before*) and the new ones
     (*after*).
     """
@@ -87,7 +95,7 @@ def _left(h: Hunting, dof: str) -> str:
     def size(x: float) -> str:
         return f"{math.degrees(x):.2g} deg" if DOFS[dof].angular else f"{x:.2g} m"
 
-    if h.swings:
+    if h.is_limit_cycle:
         return f"oscillates by +-{size(h.amplitude)} with a period of {h.period:.0f} s"
     if h.amplitude > 0.0:
         return f"is still moving after {LONG:.0f} s, {size(abs(h.offset) + h.amplitude)} off target"
@@ -230,15 +238,15 @@ def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: Referenc
     steered_by_thrust = settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or settings.get(SKID, 0.0) > 0.0
     if speed is None or steered_by_thrust:
         return
-    told, thin = [], False
+    margin_words, thin = [], False
     for share in SPEEDS:
         there = replace(problem, spec=replace(problem.spec, speed=share * speed))
         margins = there.margins(settings, wanted, [at_speed(problem.model, share)])[0]
-        told.append(f"at {share * speed:.2f} m/s {_remaining(margins)}")
+        margin_words.append(f"at {share * speed:.2f} m/s {_remaining(margins)}")
         thin = thin or not margins.stable or margins.gain < ENOUGH_GAIN or margins.phase < ENOUGH_PHASE
     yield (
-        f"margins at other speeds: {'; '.join(told)}. They assume a turn rate per rudder proportional to speed and a "
-        "time constant inversely proportional to it"
+        f"margins at other speeds: {'; '.join(margin_words)}. They assume a turn rate per rudder proportional to "
+        "speed and a time constant inversely proportional to it"
         + (". Tune at those speeds before using these gains there" if thin else "")
     )
 

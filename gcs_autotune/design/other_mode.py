@@ -60,12 +60,12 @@ def turn_rate_step(
     of_time : duration in each direction, in time constants of the craft.
     """
     most = SHARE_OF_TURN * abs(model.steady_velocity(1.0 - abs(model.delta)))
-    wish, sweep, least = (
+    rate, sweep, least = (
         (TURN_RATE_AT_REST, SWEEP_AT_REST, LEAST_AT_REST) if at_rest else (TURN_RATE, SWEEP, LEAST_UNDER_WAY)
     )
-    time = model.alpha / max(model.beta + 2.0 * model.beta_quadratic * min(0.5 * wish, most), 1e-3)
+    time = model.alpha / max(model.beta + 2.0 * model.beta_quadratic * min(0.5 * rate, most), 1e-3)
     seconds = duration or min(max(of_time * time, least), MOST)
-    return min(wish, 2.0 * most, 2.0 * sweep / seconds), seconds
+    return min(rate, 2.0 * most, 2.0 * sweep / seconds), seconds
 
 
 def shortfall_of(itae: float, seconds: float) -> float:

@@ -104,11 +104,11 @@ def over_windows(proposal: Proposal, windows: Sequence[float]) -> Proposal:
     """
     if len(windows) < 2:
         return proposal
-    told = [
+    predictions = [
         p if p.halves is None else replace(p, metrics=_read(p.halves, windows, proposal.ruler))
         for p in (proposal.before, proposal.after)
     ]
-    return replace(proposal, before=told[0], after=told[1], windows=tuple(windows))
+    return replace(proposal, before=predictions[0], after=predictions[1], windows=tuple(windows))
 
 
 def ruler_of(spec: Spec) -> Ruler:

@@ -14,7 +14,7 @@ from gcs_autotune.design.actuator import PERFECT
 from gcs_autotune.design.hunting import hunting_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
-from gcs_autotune.design.notes import NEAR_LIMIT, limit_by_loop_rate, notes_on, other_mode_notes, said
+from gcs_autotune.design.notes import NEAR_LIMIT, limit_by_loop_rate, notes_on, other_mode_notes, residual_motion
 from gcs_autotune.design.other_mode import OtherMode, other_mode
 from gcs_autotune.design.plant import heavier, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict, predict_as_flown, predict_error, ruler_of
@@ -127,11 +127,14 @@ def design(
     wider = _beyond_ranges(problem, shown, other, span) if spec.is_automatic and spec.bandwidth >= 1.0 else None
     remarks = () if reduction is None else reduction.remarks
     left = () if actuator.is_perfect or law.controls_velocity else _left(problem, (before, shown))
-    told, windows = (before.prediction, shown.prediction), tuple[float, ...]()
+    predictions, windows = (before.prediction, shown.prediction), tuple[float, ...]()
     if math.isfinite(spec.settled_time):
         read = predict_as_flown(problem, (before.settings, shown.settings), span)
         old, new = read.halves
-        told = replace(told[0], metrics=read.one, halves=old), replace(told[1], metrics=read.other, halves=new)
+        predictions = (
+            replace(predictions[0], metrics=read.one, halves=old),
+            replace(predictions[1], metrics=read.other, halves=new),
+        )
         windows = read.windows
     limit = limit_by_loop_rate(problem, shown)
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
@@ -143,11 +146,11 @@ def design(
         margins=shown.margins,
         worst_margins=shown.worst_margins,
         bound=_bound(law, model, chosen.wanted, problem.region.covariance, velocity),
-        before=told[0],
-        after=told[1],
+        before=predictions[0],
+        after=predictions[1],
         notes=(
             *(r.sentence for r in remarks),
-            *(said(*left, axis.dof) if left else ()),
+            *(residual_motion(*left, axis.dof) if left else ()),
             *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_refined, wider)),
             *([limit] if limit else ()),
             *(() if beside is None else other_mode_notes(beside)),
@@ -368,9 +371,9 @@ def _span(spec: Spec, chosen: GainCandidate) -> float:
     if spec.step_duration is not None:
         return spec.step_duration
     metrics = chosen.prediction.metrics
-    wish = settling_time(chosen.wanted.kind, chosen.wanted.omega_0)
+    required = settling_time(chosen.wanted.kind, chosen.wanted.omega_0)
     settled = metrics.settling if math.isfinite(metrics.settling) else float(chosen.prediction.t[-1])
-    return max(3.0 * settled, 3.0 * wish, MIN_SPAN)
+    return max(3.0 * settled, 3.0 * required, MIN_SPAN)
 
 
 def _present_overshoot(problem: DesignProblem) -> float:

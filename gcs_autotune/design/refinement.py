@@ -104,7 +104,7 @@ CLOSER = 32
 
 Project choice.
 """
-WORTH = 0.95
+CLEARLY_LESS = 0.95
 """Relative cost below which a gain that matching leaves fixed is used.
 
 Project choice: such a gain increases the motion of the actuator.
@@ -173,7 +173,7 @@ def _fastest(problem: DesignProblem, chosen: GainCandidate, duration: float) -> 
     wider = replace(problem, gains=(*problem.gains, *problem.late))
     full = {**best.settings, **{g.parameter: g.high for g in problem.late}}
     aims = _Aims(wider, best.wanted, duration, CALM, lenient)
-    return _refined(aims, best, [best.settings, full], worth=WORTH)
+    return _refined(aims, best, [best.settings, full], ratio=CLEARLY_LESS)
 
 
 def refine_briefly(
@@ -185,17 +185,17 @@ def refine_briefly(
     Optional gains of the law are included only if *near* has them.
     """
     noise, problem = _noise_of(problem, near), _with_late(problem, near)
-    found = near
+    candidate = near
     for lenient in (False, True):
-        cost = _Cost(_Aims(problem, near.wanted, duration, noise, lenient), found.settings)
-        begins = [np.sqrt(problem.as_fractions(found.settings))]
+        cost = _Cost(_Aims(problem, near.wanted, duration, noise, lenient), candidate.settings)
+        begins = [np.sqrt(problem.as_fractions(candidate.settings))]
         if everywhere and not lenient:
             begins = [min([*begins, *sobol(len(problem.gains), SCATTER)], key=cost)]
         settings = _rounded(problem, cost.settings(_descend(cost, begins[0])))
-        found = judge(problem, near.wanted, settings, duration)
-        if not found.objections:
+        candidate = judge(problem, near.wanted, settings, duration)
+        if not candidate.objections:
             break
-    return found
+    return candidate
 
 
 def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMode, duration: float) -> GainCandidate:
@@ -256,8 +256,8 @@ def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -
     return None
 
 
-def _passes(problem: DesignProblem, before: GainCandidate, found: GainCandidate) -> bool:
-    old, new = before.prediction.metrics, found.prediction.metrics
+def _passes(problem: DesignProblem, before: GainCandidate, candidate: GainCandidate) -> bool:
+    old, new = before.prediction.metrics, candidate.prediction.metrics
     return is_better(old, new, problem.law.free_overshoot).better
 
 
@@ -266,10 +266,10 @@ def _refined(
     chosen: GainCandidate,
     starts: Sequence[Settings],
     *,
-    worth: float = NOTICEABLE,
+    ratio: float = NOTICEABLE,
     yields: bool = False,
 ) -> GainCandidate:
-    """Return the candidate with the least cost; return *chosen* unless the least cost is below *worth* of its cost.
+    """Return the candidate with the least cost; return *chosen* unless the least cost is below *ratio* of its cost.
 
     yields : whether this mode may have a slightly larger error in favour of the other mode.
     """
@@ -279,7 +279,7 @@ def _refined(
     cost = _Cost(aims, settings)
     usual = _Cost(replace(aims, noise=NOISE_LIMIT), settings)
     before = usual.of(chosen.settings)  # it was chosen under the usual limit of noise
-    best, least = chosen, worth * before
+    best, least = chosen, ratio * before
     scatter = sobol(len(problem.gains), SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
     x = min((_descend(cost, begin) for begin in begins), key=cost)
@@ -392,20 +392,20 @@ class _Cost:
             missed += 1.0 - step.rise / self._rise
         missed += max(0.0, self._held * output_noise(problem, settings) / self._noise - 1.0)
         margins = problem.margins(settings, self._wanted, self._watched)
-        wish = sum(
+        shortfall = sum(
             max(0.0, 1.0 - m.gain / (self._held * spec.gain_margin))
             + max(0.0, 1.0 - m.phase / (self._held * spec.phase_margin))
             + max(0.0, 1.0 - m.delay / (self._held * reserve))
             for m in margins
         )
         if not self._lenient:
-            return PRICE * (missed + wish)
+            return PRICE * (missed + shortfall)
         least = sum(
             max(0.0, 1.0 - m.gain / (self._held * MIN_GAIN_MARGIN))
             + max(0.0, 1.0 - m.phase / (self._held * MIN_PHASE_MARGIN))
             for m in margins
         )
-        return PRICE * (missed + least) + REGRET * wish
+        return PRICE * (missed + least) + REGRET * shortfall
 
 
 def _descend(cost: Callable[[Array], float], start: Array) -> Array:

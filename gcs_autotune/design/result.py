@@ -47,7 +47,7 @@ class Hunting(Displayed):
     travel: float
 
     @property
-    def swings(self) -> bool:
+    def is_limit_cycle(self) -> bool:
         """Whether the residual motion is a limit cycle."""
         return math.isfinite(self.period)
 

@@ -72,17 +72,17 @@ def noise_floor(noise_std: float, quantum: float) -> float:
     return max(NOISE_STDS * noise_std, QUANTUM * quantum)
 
 
-def combine(found: Sequence[StepMetrics]) -> StepMetrics:
+def combine(metrics: Sequence[StepMetrics]) -> StepMetrics:
     """Return the combined metrics of steps in both directions: the mean of error, travel and times, the shortest span,
     and the worst of the others.
     """
-    if not found:
+    if not metrics:
         return StepMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
-    mean = {n: float(np.mean([getattr(m, n) for m in found])) for n in ("itae", "rise", "settling", "travel")}
-    worst = {n: max(getattr(m, n) for m in found) for n in ("overshoot", "steady_error", "oscillation")}
-    unsettled = [m for m in found if math.isnan(m.settling)]
+    mean = {n: float(np.mean([getattr(m, n) for m in metrics])) for n in ("itae", "rise", "settling", "travel")}
+    worst = {n: max(getattr(m, n) for m in metrics) for n in ("overshoot", "steady_error", "oscillation")}
+    unsettled = [m for m in metrics if math.isnan(m.settling)]
     hidden = bool(unsettled) and all(m.hidden_by_noise for m in unsettled)
-    return StepMetrics(**mean, **worst, hidden_by_noise=hidden, span=min(m.span for m in found))
+    return StepMetrics(**mean, **worst, hidden_by_noise=hidden, span=min(m.span for m in metrics))
 
 
 def step_metrics(
@@ -123,7 +123,7 @@ def step_metrics(
     seconds = t[begin:] - t[begin]
     share = (smooth - start) / size
     last = seconds >= seconds[-1] * (1.0 - LAST_PART)
-    swing = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)
+    oscillation = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)
     band = max(SETTLED, floor)
     settling = _settling(seconds, share, band)
     hidden = math.isnan(settling) and _is_hidden(seconds, share, band, noise_std / abs(size))
@@ -132,7 +132,7 @@ def step_metrics(
         settling=settling,
         steady_error=abs(float(np.mean(1.0 - share[last]))),
         travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
-        oscillation=swing,
+        oscillation=oscillation,
         hidden_by_noise=hidden,
         span=float(seconds[-1]),
     )

@@ -108,14 +108,14 @@ def is_better(
     slower : factor by which the ITAE may rise if the actuator travels clearly less (``Style.slower``).
     """
     known = scatter or {}
-    swing = TIMES * known.get("oscillation", 0.0)
+    oscillation = TIMES * known.get("oscillation", 0.0)
     if scatter is not None:
-        swing = max(swing, SCATTER_OF_PEAKS * before.oscillation)
+        oscillation = max(oscillation, SCATTER_OF_PEAKS * before.oscillation)
     over, off = (TIMES * known.get(name, 0.0) for name in ("overshoot", "steady_error"))
     lines = [
         _itae(before, after, other, slower),
         _limit("overshoot", after.overshoot, OVERSHOOT + free_overshoot, before.overshoot, over),
-        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
+        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, oscillation),
         _limit("remaining error", after.steady_error, STEADY_ERROR, before.steady_error, off),
         _travel(before, after),
         _settles(before, after),
@@ -130,12 +130,12 @@ def is_no_worse(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, f
     old, new = before.itae, after.itae
     good = math.isfinite(new) and not new > NOT_WORSE * old
     names = ("oscillation", "overshoot", "steady_error")
-    swing, over, off = (max(TIMES * scatter.get(name, 0.0), ALIKE) for name in names)
+    oscillation, over, off = (max(TIMES * scatter.get(name, 0.0), ALIKE) for name in names)
     tail = "" if good else f", more than {NOT_WORSE - 1.0:.0%} higher"
     lines = [
         (good, f"tracking error (ITAE) {old:.3g} -> {new:.3g} s^2{tail}"),
         _limit("overshoot", after.overshoot, OVERSHOOT, before.overshoot, over),
-        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
+        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, oscillation),
         _limit("remaining error", after.steady_error, STEADY_ERROR, before.steady_error, off),
         _travel(before, after),
     ]
@@ -150,10 +150,10 @@ def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, f
     old, new = before.itae, after.itae
     known = math.isfinite(old) and math.isfinite(new) and old > 0.0
     change = f", {abs(1.0 - new / old):.0%} {'lower' if new <= old else 'HIGHER'}" if known else ""
-    swing = max(TIMES * scatter.get("oscillation", 0.0), SCATTER_OF_PEAKS * before.oscillation)
+    oscillation = max(TIMES * scatter.get("oscillation", 0.0), SCATTER_OF_PEAKS * before.oscillation)
     lines = [
         (True, f"tracking error (ITAE) {old:.3g} -> {new:.3g} s^2{change}"),
-        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, swing),
+        _limit("remaining oscillation", after.oscillation, OSCILLATION, before.oscillation, oscillation),
         _travel(before, after),
     ]
     return Verdict(tuple((good, f"{what}: {text}") for good, text in lines))

@@ -148,7 +148,7 @@ def _diagnosed(
             sure = not chosen and (horizon is None or math.isinf(horizon) or improves_prediction(state, whole))
             return build_report(state, doubts, together, others, sure=sure)
         except OutOfTime:
-            pass  # told by what was under way
+            pass  # reported by the search under way
     with limited_to(None):  # what there is costs no more fits
         return unfinished_report(state, doubts, together, others, effort)
 

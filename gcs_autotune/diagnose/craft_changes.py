@@ -90,7 +90,7 @@ class CraftComparison(Displayed):
     outside: tuple[str, ...]
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """Return a summary of the comparison in one sentence."""
         if not self.changed:
             return "no change found"
@@ -99,7 +99,7 @@ class CraftComparison(Displayed):
                 f"changed ({', '.join(self.outside) or 'all together'}). No single cause explains the change. "
                 "Tune again"
             )
-        return " and ".join(_told(change, size) for change, size in self.causes)
+        return " and ".join(_change_words(change, size) for change, size in self.causes)
 
     def to_dict(self) -> dict[str, object]:
         """Return the comparison as plain data for a JSON file."""
@@ -110,11 +110,11 @@ class CraftComparison(Displayed):
             "outside": list(self.outside),
             "ratios": {n: {"value": v, "std": s} for n, (v, s) in self.ratios.items()},
             "causes": [{"name": c.name, "effect": c.slug, "size": size} for c, size in self.causes],
-            "told": self.told,
+            "told": self.summary,
         }
 
 
-def _told(change: CraftChange, size: float) -> str:
+def _change_words(change: CraftChange, size: float) -> str:
     """Return the number that changed and its size, with causes that would have this effect."""
     if change.name == "trim":
         return (

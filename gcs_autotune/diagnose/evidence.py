@@ -25,16 +25,17 @@ __all__ = [
     "FAINT",
     "WeakCandidate",
     "chance_of",
+    "equivalent_gain",
     "hints_of",
     "weak_among",
-    "worth",
 ]
 
 FAINT, ENOUGH = 3.0, 10.0
 """Log-likelihood gain of an effect with one parameter that makes a hint (FAINT), and that supports a cause (ENOUGH).
 
-The gain of an effect with several parameters is converted, see :func:`worth`. A cause must also improve the prediction
-of held-out data. The gains correspond to odds of twenty to one (FAINT), and of twenty thousand to one (ENOUGH).
+The gain of an effect with several parameters is converted, see :func:`equivalent_gain`. A cause must also improve the
+prediction of held-out data. The gains correspond to odds of twenty to one (FAINT), and of twenty thousand to one
+(ENOUGH).
 """
 
 RARE = 0.05
@@ -60,7 +61,7 @@ def chance_of(gained: float, numbers: int, tried: int) -> float:
     return float(-math.expm1(max(tried, 1) * math.log1p(-min(one, 1.0 - 1e-12))))
 
 
-def worth(gained: float, numbers: int) -> float:
+def equivalent_gain(gained: float, numbers: int) -> float:
     """Return the log-likelihood gain that with one parameter is as improbable by chance as the gain *gained* with
     *numbers* parameters.
     """
@@ -107,7 +108,7 @@ def weak_among(search: Search) -> list[WeakCandidate]:
     for one in {key_of(a.effect): a for a in (*beside, *search.refused)}.values():
         if one.gain > 0.0 and one.lacks is not None and one.lacks != "uncertain":
             chance = chance_of(one.gained, one.numbers, search.tried)
-            found.append(WeakCandidate(one, worth(one.gained, one.numbers), chance, one.lacks))
+            found.append(WeakCandidate(one, equivalent_gain(one.gained, one.numbers), chance, one.lacks))
     ranked = _ranked(found)
     held = [w for w in ranked if any(w.one is a for a in search.refused)]
     return [*held, *(w for w in ranked if w not in held)]

@@ -262,16 +262,16 @@ def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReductio
     words : description of what was left out.
     """
     old, new = rms_of(before.rests), rms_of(after.rests)
-    found = []
+    reductions = []
     for name in old:
         if name not in new or not old[name] > 0.0 or not before.complete or not after.complete:
             continue
         pairs = [(a, b) for a, b in zip(before.rests, after.rests, strict=True) if a.signal == name]
         interval = ratio_interval([a for a, _ in pairs], [b for _, b in pairs])
-        found.append(
+        reductions.append(
             ErrorReduction(METRIC, name, SIGNALS[name][0], old[name], new[name], new[name] / old[name], interval, words)
         )
-    return tuple(found)
+    return tuple(reductions)
 
 
 def own_gain(before: HeldOut, after: HeldOut | None, words: str) -> ErrorReduction | None:

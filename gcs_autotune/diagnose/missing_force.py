@@ -34,7 +34,7 @@ WAY_ON = 0.1
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
 """Quantity that the missing force is plotted over -> its unit."""
 
-TOLD = 0.1
+REPORTED_SHARE = 0.1
 """Smallest fraction of the missing force that a quantity must predict in other runs to be reported."""
 
 
@@ -232,7 +232,7 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
         )
         if missing.waves is not None:
             lines.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
-        dependencies = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
+        dependencies = [c for c in missing.curves.values() if c.share > REPORTED_SHARE and c.varies]
         for curve in dependencies[:2]:
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
@@ -302,7 +302,7 @@ def next_of(missing: MissingForce | None) -> str | None:
     if missing is None or not missing.curves:
         return None
     best = next((c for c in missing.curves.values() if c.varies), None)
-    if best is None or best.share <= TOLD:
+    if best is None or best.share <= REPORTED_SHARE:
         return (
             "repeat the manoeuvre in calm water, or make it four times as long. A drifting force of "
             f"{missing.size:.2g} {_of(missing)} hides smaller effects"

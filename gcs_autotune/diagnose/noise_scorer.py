@@ -16,7 +16,7 @@ from gcs_autotune.diagnose.sampling_interval import prediction_horizon, rms_ahea
 from gcs_autotune.diagnose.score import (
     ALIKE,
     HALF,
-    WORTH,
+    MIN_HELD_OUT_GAIN,
     CandidateScore,
     alike_of,
     is_form_of,
@@ -31,7 +31,7 @@ from gcs_autotune.effects import EFFECTS, DataSummary, Effect, EffectInstance, c
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, Tangent
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_told", "may_be_weighed"]
+__all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_weighed", "suits_process_noise"]
 
 Attempt = tuple[EffectInstance, NoisyFit]
 
@@ -182,7 +182,9 @@ class WithProcessNoise:
         gained, needed = fit.total - self.present.total, needed_of(fit.unknowns - self.present.unknowns, tried)
         now = next(e for e in fit.effects if key_of(e) == key_of(effect))
         before = densities_of(self.left_out, self.left_out)
-        after = densities_of(self.unseen(fit), self.left_out) if gained > min(0.5 * needed, WORTH) else before
+        after = (
+            densities_of(self.unseen(fit), self.left_out) if gained > min(0.5 * needed, MIN_HELD_OUT_GAIN) else before
+        )
         parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
         held_out_gain = float(parts.sum())
         found = CandidateScore(
@@ -200,30 +202,30 @@ class WithProcessNoise:
         lacks = lack_by_parts(found, brief=_is_brief(problem, now, fit), uncertain=may_be_none(now, fit.errors_of(now)))
         return replace(found, lacks=lacks)
 
-    def _sound(self, found: Score) -> Score:
-        """Return the score *found* with its error some seconds ahead, relative to the present model.
+    def _sound(self, score: Score) -> Score:
+        """Return *score* with its error some seconds ahead, relative to the present model.
 
         It is marked as rejected, with the reason, if the fit is not a model of the craft or does not reduce that error.
         """
-        if found.lacks is not None:
-            return found
-        if not stands(self.problem, found.fit):
-            return replace(found, lacks="no-model", unsound="with it no model of the craft fits")
+        if score.lacks is not None:
+            return score
+        if not stands(self.problem, score.fit):
+            return replace(score, lacks="no-model", unsound="with it no model of the craft fits")
         seen: list[tuple[float, float]] = []
-        unseen = self.unseen(found.fit)
+        unseen = self.unseen(score.fit)
         for seconds, gain in gains_ahead(self.problem, self.plain, self.folds, self.left_out, unseen, ""):
             seen.append((gain.ratio, seconds))
             if gain.ratio < 1.0:
                 break
         if not seen:
-            return found
+            return score
         ratio, seconds = min(seen)
-        before, after = (rms_ahead(self.problem, fit, seconds) for fit in (self.present, found.fit))
-        found = replace(found, ahead=after / before if 0.0 < before < math.inf else 1.0)
+        before, after = (rms_ahead(self.problem, fit, seconds) for fit in (self.present, score.fit))
+        score = replace(score, ahead=after / before if 0.0 < before < math.inf else 1.0)
         if ratio < 1.0:
-            return found
+            return score
         why = f"it does not improve prediction {seconds:g} s ahead ({ratio:.2f} times the error)"
-        return replace(found, lacks="no-gain", unsound=why)
+        return replace(score, lacks="no-gain", unsound=why)
 
     def winner(self, scores: Sequence[Score]) -> Score | None:
         """Return the accepted candidate; None if there is none."""
@@ -263,10 +265,10 @@ def choices_of(
             found += [{name: float(t)} for t in np.concatenate(even)]
         return [s for k, s in enumerate(found) if s not in found[:k]]
 
-    return candidates(data, present, [s for s in slugs if may_be_told(s)], starts)
+    return candidates(data, present, [s for s in slugs if suits_process_noise(s)], starts)
 
 
-def may_be_told(slug: str) -> bool:
+def suits_process_noise(slug: str) -> bool:
     """Return whether a search with process noise considers an effect.
 
     It considers effects that act all the time, on commands or in the equation of motion.
@@ -336,7 +338,10 @@ def _as_likely(judged: Sequence[Score], winner: Score) -> list[Score]:
         a
         for a in judged
         if a.gained > enough
-        and (a.held_out_gain > WORTH or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained)
+        and (
+            a.held_out_gain > MIN_HELD_OUT_GAIN
+            or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained
+        )
     ]
 
 

@@ -39,7 +39,7 @@ from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.models import RIGID_BODY, SPECIAL, CoupledModel, Form, unit_of
 from gcs_autotune.sname import DOFS
 
-__all__ = ["ModelInQuestion", "if_told", "judge_numbers", "model_in_question"]
+__all__ = ["ModelInQuestion", "if_precise", "judge_numbers", "model_in_question"]
 
 Array = NDArray[np.float64]
 
@@ -290,7 +290,7 @@ def _number(
     return Number(name, unit, meaning, old[0], old[1], new[0], new[1], (new[0] - half, new[0] + half), wrong)
 
 
-# -- somebody else's simulator, as the plain model
+# -- an external simulator as the plain model
 
 
 def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
@@ -320,8 +320,8 @@ def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
         differs = abs(new.value - old.value) > SURE * math.hypot(old.std, new.std)
         explained = (bool(related_causes) and differs) or len(ways) > 1
         scale = {"delay": data.time_constant, "trim": data.amplitude.get(where, 0.0)}.get(kind, 0.0)
-        theirs_told, ours_told = (if_told(n.value, n.std, scale or abs(n.value)) for n in (old, new))
-        number = _number(f"{kind} of {where}", new.unit, PLAIN[kind], theirs_told, ours_told, wrong)
+        old_estimate, new_estimate = (if_precise(n.value, n.std, scale or abs(n.value)) for n in (old, new))
+        number = _number(f"{kind} of {where}", new.unit, PLAIN[kind], old_estimate, new_estimate, wrong)
         rows.append(replace(number, explained=explained))
     keys = [(e.slug, e.place) for e in given.model.effects]
     for effect in state.fitted.effects:
@@ -339,7 +339,7 @@ READ_OFF = frozenset({"input-delay", "input-bias", "net-buoyancy", "quadratic-dr
 """Effects of the surrogate model that gain, time constant, delay and trim already describe."""
 
 
-def if_told(value: float, std: float, scale: float) -> tuple[float, float]:
+def if_precise(value: float, std: float, scale: float) -> tuple[float, float]:
     """Return a number and its standard error; NaN if its interval is wider than *scale*."""
     return (value, std) if HALF_WIDTH * std <= scale else (math.nan, math.nan)
 

@@ -87,16 +87,18 @@ def reading_of_sign(shares: Mapping[str, float], answers: Mapping[str, str]) -> 
 
 def reading_of_order(order: float, half: float) -> str:
     """Return the interpretation of the exponent of rate in the drag force."""
-    told = f"drag force is proportional to the rate to the power {order:.2f} +- {half:.2f}: "
+    prefix = f"drag force is proportional to the rate to the power {order:.2f} +- {half:.2f}: "
     if abs(order - 2.0) <= half and abs(order - 1.0) <= half:
-        return told + "linear or quadratic drag, which these rows do not distinguish"
+        return prefix + "linear or quadratic drag, which these rows do not distinguish"
     if abs(order - 2.0) <= half:
-        return told + "quadratic drag"
+        return prefix + "quadratic drag"
     if abs(order - 1.0) <= half:
-        return told + "linear drag"
+        return prefix + "linear drag"
     if 1.0 < order < 2.0:
-        return told + "a mixture of linear and quadratic drag, so the coefficient of either alone varies with the input"
-    return told + "neither linear nor quadratic drag"
+        return (
+            prefix + "a mixture of linear and quadratic drag, so the coefficient of either alone varies with the input"
+        )
+    return prefix + "neither linear nor quadratic drag"
 
 
 def reading_of_trend(slopes: Mapping[str, float], answers: Mapping[str, str]) -> str:
@@ -115,9 +117,13 @@ def reading_of_trend(slopes: Mapping[str, float], answers: Mapping[str, str]) ->
             "non-linear thrust)"
         )
     if "drag" in off and slopes["drag"] < 0.0:
-        told = "quadratic drag falls as the input grows: there is linear drag or friction that its law does not include"
+        finding = (
+            "quadratic drag falls as the input grows: there is linear drag or friction that its law does not include"
+        )
         return (
-            told if off == ["drag"] else told + ". Inertia rises: there is a delay or lag that the fit does not include"
+            finding
+            if off == ["drag"]
+            else finding + ". Inertia rises: there is a delay or lag that the fit does not include"
         )
     if "drag" in off:
         return (

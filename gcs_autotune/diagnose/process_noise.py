@@ -21,7 +21,7 @@ from gcs_autotune.diagnose.process_noise_starts import Say, at_the_right_interva
 from gcs_autotune.diagnose.result import ErrorReduction, Value
 from gcs_autotune.diagnose.run_to_run import differing
 from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, commanded
-from gcs_autotune.diagnose.score import FAR_MORE, WORTH, CandidateScore, SearchStep, key_of, may_be_none
+from gcs_autotune.diagnose.score import FAR_MORE, MIN_HELD_OUT_GAIN, CandidateScore, SearchStep, key_of, may_be_none
 from gcs_autotune.diagnose.search import add_one_by_one, fits_of, judge
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, thinned_to
@@ -35,8 +35,8 @@ __all__ = [
     "PRESENT",
     "NoiseSearch",
     "above_the_command",
-    "asked_of",
     "form_alone",
+    "noise_equation",
     "scaled",
     "search_with_process_noise",
     "supported",
@@ -202,7 +202,7 @@ def form_alone(form: Form, dof: str) -> Form | None:
     return Form("plain", title, (dof,), free, {rigid: 1.0}, inputs, coriolis=False, per_inertia=(d.force,))
 
 
-def asked_of(problem: Problem) -> tuple[Form, str] | None:
+def noise_equation(problem: Problem) -> tuple[Form, str] | None:
     """Return the equation that a search with process noise uses, and its signal; None if there is none."""
     dof = "yaw" if "yaw" in problem.form.dofs else problem.form.dofs[0]
     form = form_alone(problem.form, dof)
@@ -227,14 +227,14 @@ def search_with_process_noise(
     problem, base : the plain model from the usual fit, as a start. slugs : effects to try. unseen : separate runs, used
     only for scoring. in_blocks : leave out blocks of every run in turn instead of whole runs.
     """
-    asked = asked_of(problem)
-    begun = None if asked is None else plain_with_process_noise(problem, base, *asked, say)
+    equation = noise_equation(problem)
+    begun = None if equation is None else plain_with_process_noise(problem, base, *equation, say)
     hint, by_interval = None, ""
-    if asked is not None and begun is not None and not momentary(*begun):
-        begun, hint, by_interval = at_the_right_interval(problem, *asked, begun, slugs, say)
-    if asked is None or begun is None:
+    if equation is not None and begun is not None and not momentary(*begun):
+        begun, hint, by_interval = at_the_right_interval(problem, *equation, begun, slugs, say)
+    if equation is None or begun is None:
         return None
-    (form, signal), (noisy, plain) = asked, begun
+    (form, signal), (noisy, plain) = equation, begun
     dof = form.dofs[0]
     held = thinned_to(unseen, signal, noisy.interval)
     calm = _over_constants(noisy, plain)
@@ -303,7 +303,7 @@ def _without_idle(search: NoiseSearch) -> NoiseSearch:
     for cause in search.accepted[:-1]:
         rest = search.fit.without(cause.effect)
         without = search.problem.fit(search.fit.theta, rest, search.fit.noise)
-        if without is not None and search.fit.total - without.total < WORTH:
+        if without is not None and search.fit.total - without.total < MIN_HELD_OUT_GAIN:
             search = replace(search, fit=without)
     return search
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.sampling_interval import Plain, judged_at
-from gcs_autotune.diagnose.score import WORTH
+from gcs_autotune.diagnose.score import MIN_HELD_OUT_GAIN
 from gcs_autotune.identify.kalman import LONGEST_WAVE, NoisyFit, NoisyProblem, ProcessNoise, thinned_to
 from gcs_autotune.identify.problems import Fitted, Limits, Problem, data_summary_of
 from gcs_autotune.models import Form
@@ -61,7 +61,7 @@ STIRRED = 0.05
 BLUR = 4.0
 """Spacing of the samples kept, in time constants of a sensor's smoother, if errors are large just after commands.
 
-Closer samples depend on the shape of the smoother, of which the model knows only the width.
+Closer samples depend on the shape of the smoother, of which the model contains only the width.
 """
 
 WIDEST = 2.0
@@ -137,8 +137,8 @@ def plain_with_process_noise(
     plain = None if noisy is None else _best_of_starts(noisy, theta, pace, say)
     if noisy is None or plain is None:
         return None
-    # A fit without weather may be lost altogether; how fast the craft is, and so how closely it is looked at, is told
-    # by one that knows of weather.
+    # A fit without process noise may diverge. The time constant, and so the sampling interval, comes from a fit with
+    # process noise.
     looks = [(noisy, plain)]
     for _ in range(LOOKS):
         pace = _pace_of(plain.theta)
@@ -147,10 +147,10 @@ def plain_with_process_noise(
             interval = max(interval, float(np.clip(BLUR * plain.noise.smoothing, pace, WIDEST * pace)))
         elif plain.noise.smoothing > 0.0:
             least = min(SPACED * problem.data_summary.interval, NARROWEST * pace)
-            # Too close for its smoother a fit knows neither pace nor width: what is seen from further off tells.
+            # With samples too close for the smoother, a fit determines neither time constant nor width.
             interval = least if noisy.interval < least / FAR_OFF else max(interval, least)
         else:
-            interval = min(interval, noisy.interval)  # what was seen closer by without harm tells more
+            interval = min(interval, noisy.interval)  # closer samples that did no harm contain more
         again = _thinned(problem, form, signal, plain.theta, pace, limits, interval)
         if again is None or 1.0 / FAR_OFF < again.interval / noisy.interval < FAR_OFF:
             break
@@ -183,7 +183,7 @@ def at_the_right_interval(
         plain = None if runs is None else _best_of_starts(runs, theta, pace, say)
         return None if runs is None or plain is None else (runs, plain)
 
-    return judged_at(begun, at, slugs, WORTH)
+    return judged_at(begun, at, slugs, MIN_HELD_OUT_GAIN)
 
 
 def _limits(form: Form) -> Limits:
@@ -253,7 +253,7 @@ def _best_of_starts(problem: NoisyProblem, theta: Array, pace: float, say: Say) 
     for samples in PACES:
         other = samples * problem.data_summary.interval
         if all(not 0.5 < other / known < 2.0 for _, known in starts):
-            # A fit that was lost knows the gain no better than the pace.
+            # A fit that diverged gives neither gain nor time constant.
             starts.append((np.array([_gain_at(problem, other), -1.0 / other]), other))
     for k, (begun, own_pace) in enumerate(starts):
         for memory, more in NOISES:
@@ -279,12 +279,12 @@ def _shaped(problem: NoisyProblem, best: NoisyFit, say: Say) -> NoisyFit:
     for k, freedom in enumerate(FREEDOMS[1:]):
         say("process noise: distribution of the innovations", k, len(FREEDOMS))
         tailed = problem.fit(best.theta, (), replace(best.noise, freedom=freedom))
-        if tailed is None or tailed.total <= best.total + WORTH or errs_after_commands(problem, best):
+        if tailed is None or tailed.total <= best.total + MIN_HELD_OUT_GAIN or errs_after_commands(problem, best):
             break
         best = tailed
     say("process noise: distribution of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
     blurred = problem.fit(best.theta, (), replace(best.noise, smoothing=problem.data_summary.interval))
-    return blurred if blurred is not None and blurred.total > best.total + WORTH else best
+    return blurred if blurred is not None and blurred.total > best.total + MIN_HELD_OUT_GAIN else best
 
 
 def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:

@@ -80,18 +80,18 @@ def build_report(
     base = state.base if state.given is None else state.given
     left = signature_of(problem, final)[0]
     gave_away = signature_of(problem, base)[0]
-    weather = state.with_noise
+    with_noise = state.with_noise
     order = [effect for effect in _found_order(state) if effect in final.effects]
-    missing = None if weather is None else missing_of(weather)
-    # Beneath weather a free run is lost, and laws fitted to it tell of that; the missing force is told by its curves.
-    rivals = nonparametric_rivals(problem, final) if weather is None else ()
+    missing = None if with_noise is None else missing_of(with_noise)
+    # With process noise a free run drifts off, and laws fitted to it show only that. Curves show the missing force.
+    rivals = nonparametric_rivals(problem, final) if with_noise is None else ()
     left = replace(left, findings=(*left.findings, *rivals))
-    if weather is not None:
-        left = replace(left, findings=(*words_of(weather, missing), *left.findings))
+    if with_noise is not None:
+        left = replace(left, findings=(*words_of(with_noise, missing), *left.findings))
     white = left.whiteness_p > WHITE and not rivals
     wrong = numbers is not None and bool(numbers.wrong)
     verdict = VERDICTS[wrong, bool(order), white and sure]
-    search: Search = state if weather is None else weather
+    search: Search = state if with_noise is None else with_noise
     gains, shares, alike = search.gains(order), search.shares(order), search.alike(order)
     own_gains = search.gains_of_each(order, gains)
     return Diagnosis(
@@ -165,16 +165,16 @@ def _without_useless(state: SearchState) -> SearchState:
 
 def _reversed(state: SearchState) -> list[Doubt]:
     """Return a doubt if commands act opposite to their names, for example with exchanged thruster labels."""
-    final, weather = state.fitted, state.with_noise
+    final, with_noise = state.fitted, state.with_noise
     form, model = final.model.base.form, final.model.base
     values = {n: model[n] for n in form.parameters}
     spread = np.sqrt(np.maximum(np.diag(final.covariance(correlation_of(final))), 0.0))
     std = dict(zip(final.free, spread[: len(final.free)].tolist(), strict=True))
-    if weather is not None:
-        # A free run of rough water knows the gain badly; the filter's has its own error.
-        gain = f"k_{DOFS[weather.dof].force}"
+    if with_noise is not None:
+        # A free run in rough water determines the gain poorly. The filter's gain has its own error.
+        gain = f"k_{DOFS[with_noise.dof].force}"
         if gain in std:
-            values[gain], std[gain] = weather.fit.gain, math.sqrt(max(weather.fit.covariance[0, 0], 0.0))
+            values[gain], std[gain] = with_noise.fit.gain, math.sqrt(max(with_noise.fit.covariance[0, 0], 0.0))
     doubt = reversed_input(form, values, std)
     return [] if doubt is None else [doubt]
 

@@ -186,15 +186,15 @@ def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: f
     The spring's state at the start of each segment does not depend on commands and is fitted too. Return None if the
     motion diverges.
     """
-    swings = [_swings(s.passage, channel, omega, zeta) for s in problem.segments]
-    own = [AT, SPEED, *(f"{word} at the start of segment {i}" for i in range(len(swings)) for word in (AT, SPEED))]
+    responses = [_spring_responses(s.passage, channel, omega, zeta) for s in problem.segments]
+    own = [AT, SPEED, *(f"{word} at the start of segment {i}" for i in range(len(responses)) for word in (AT, SPEED))]
     pushed = [force for force, _ in plain.form.inputs[channel]]
     gains = {word: tuple((force, f"{force} by the {word}") for force in pushed) for word in own}
     names = tuple(name for pairs in gains.values() for _, name in pairs)
     form = replace(plain.form, inputs={**plain.form.inputs, **gains}, free=(*plain.form.free, *names))
     segments = []
-    for i, (segment, (passage, forced, free)) in enumerate(zip(problem.segments, swings, strict=True)):
-        begun = [x if i == k // 2 else np.zeros_like(x) for k, x in enumerate(list(free) * len(swings))]
+    for i, (segment, (passage, forced, free)) in enumerate(zip(problem.segments, responses, strict=True)):
+        begun = [x if i == k // 2 else np.zeros_like(x) for k, x in enumerate(list(free) * len(responses))]
         commands = {**passage.commands, **dict(zip(own, [*forced, *begun], strict=True))}
         segments.append(segment.driven(passage.t_in, commands))
     other = Problem(form, segments, problem.data_summary, problem.limits, (*problem.free, *names))
@@ -203,7 +203,9 @@ def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: f
     return other.fit(start, plain.effects, plain.initial, trials=TRIALS, learn=False, shift=plain.shift)
 
 
-def _swings(passage: Passage, channel: str, omega: float, zeta: float) -> tuple[Passage, list[Array], list[Array]]:
+def _spring_responses(
+    passage: Passage, channel: str, omega: float, zeta: float
+) -> tuple[Passage, list[Array], list[Array]]:
     """Return a passage with enough samples, and the spring's forced and free response (position and speed)."""
     passage = _finer(dense(passage), 0.5 / omega)
     command = passage.commands[channel]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.diagnose.score import WORTH
+from gcs_autotune.diagnose.score import MIN_HELD_OUT_GAIN
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, ProcessNoise, RunLikelihoods, RunOffset
 
@@ -49,29 +49,29 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     if not fit.noise.day_thrust:
         apart = replace(fit.noise, day_force=FORCE_AT_FIRST * full, day_thrust=THRUST_AT_FIRST)
         other = problem.fit(fit.theta, fit.effects, apart)
-    common, alternative = _says(problem, none), None if other is None else _says(problem, other)
+    common, alternative = _likelihoods_at(problem, none), None if other is None else _likelihoods_at(problem, other)
     if common is None or alternative is None or other is None:
         return none
     least = OF_THE_DRIFT * other.noise.size
-    best, sizes = common[1] + common[0].gain(none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
+    best, sizes = common[1] + common[0].gain(none.noise.day_force, 0.0) + MIN_HELD_OUT_GAIN, (0.0, 0.0)
     for force, thrust in ((True, False), (False, True), (True, True)):
         found = alternative[0].spread(least, full, force=force, thrust=thrust)
-        likelier = alternative[1] + alternative[0].gain(*found) - WORTH * (force and thrust)
+        likelier = alternative[1] + alternative[0].gain(*found) - MIN_HELD_OUT_GAIN * (force and thrust)
         if likelier > best:
             best, sizes = likelier, found
     if not any(sizes):
         return none
     end = problem.fit(other.theta, fit.effects, replace(other.noise, day_force=sizes[0], day_thrust=sizes[1]))
-    return end if end is not None and end.total > none.total + WORTH else none
+    return end if end is not None and end.total > none.total + MIN_HELD_OUT_GAIN else none
 
 
-def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[RunLikelihoods, float] | None:
+def _likelihoods_at(problem: NoisyProblem, fit: NoisyFit) -> tuple[RunLikelihoods, float] | None:
     """Return the likelihood of each run's offsets at *fit*, and the log-likelihood without them."""
-    says = problem.says(fit)
+    run_likelihoods = problem.run_likelihoods(fit)
     bare = problem.fit(
         fit.theta, fit.effects, replace(fit.noise, day_force=0.0, day_thrust=0.0), only_log_likelihood=True
     )
-    return None if says is None or bare is None else (says, bare.total)
+    return None if run_likelihoods is None or bare is None else (run_likelihoods, bare.total)
 
 
 # -- for the report
@@ -92,8 +92,8 @@ SIDES: Mapping[str, tuple[str, str]] = {
 
 def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:
     """Return the offsets of each run, with forces multiplied by *inertia*; empty if the runs do not differ."""
-    says = problem.says(fit) if fit.noise.differs else None
-    offsets = () if says is None else says.offsets(fit.noise.day_force, fit.noise.day_thrust)
+    run_likelihoods = problem.run_likelihoods(fit) if fit.noise.differs else None
+    offsets = () if run_likelihoods is None else run_likelihoods.offsets(fit.noise.day_force, fit.noise.day_thrust)
     return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in offsets)
 
 

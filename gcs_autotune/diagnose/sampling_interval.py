@@ -261,10 +261,10 @@ def judged_at(
         return begun, None, ""
     far = wider[int(np.argmin(steady)) // 2]
     words = (
-        f"sampled every {problem.interval:.2g} s, the plain model has {_told(plain)}. Sampled every "
+        f"sampled every {problem.interval:.2g} s, the plain model has {_damping_words(plain)}. Sampled every "
         f"{far[0].interval:.2g} s, it has "
     )
-    return begun, None, words + _told(far[1])
+    return begun, None, words + _damping_words(far[1])
 
 
 def _pairs(fit: NoisyFit) -> list[tuple[float, float]]:
@@ -272,17 +272,17 @@ def _pairs(fit: NoisyFit) -> list[tuple[float, float]]:
     return [(float(fit.theta[k]), float(std[k])) for k in range(2)]
 
 
-def _told(fit: NoisyFit) -> str:
+def _damping_words(fit: NoisyFit) -> str:
     return f"a damping of {abs(fit.damping):.2g} 1/s"
 
 
 def _moved(first: Look, chosen: Look, seconds: float) -> str:
     term = effect_words(chosen.best.effects[0].slug) if chosen.best.effects else "no added term"
     return (
-        f"with samples {first.problem.interval:.2g} s apart, the plain model has {_told(first.plain)} and the best "
-        f"model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {chosen.problem.interval:.2g} s or "
-        f"more apart, the best model ({term}) has {_told(chosen.best)} and its error is {chosen.error:.2g}. The longer "
-        "interval is used"
+        f"with samples {first.problem.interval:.2g} s apart, the plain model has {_damping_words(first.plain)} and the "
+        f"best model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {chosen.problem.interval:.2g} s "
+        f"or more apart, the best model ({term}) has {_damping_words(chosen.best)} and its error is "
+        f"{chosen.error:.2g}. The longer interval is used"
     )
 
 

@@ -23,7 +23,7 @@ __all__ = [
     "HALF",
     "LUCK",
     "MATERIAL",
-    "WORTH",
+    "MIN_HELD_OUT_GAIN",
     "CandidateScore",
     "FitT",
     "SearchStep",
@@ -71,7 +71,7 @@ It corresponds to odds of twenty to one.
 """
 
 
-WORTH = 3.0
+MIN_HELD_OUT_GAIN = 3.0
 """Held-out log-likelihood that a cause must gain: odds of twenty to one."""
 
 AMPLE = 10.0
@@ -130,7 +130,7 @@ class CandidateScore(Generic[FitT]):
         Such a gain is accepted whatever its scatter over blocks, because a single gust cannot cause it.
         """
         even = len(self.parts) > 2 and bool(np.all(self.parts > 0.0))
-        return even and self.held_out_gain > AMPLE and self.held_out_gain - float(self.parts.max()) > WORTH
+        return even and self.held_out_gain > AMPLE and self.held_out_gain - float(self.parts.max()) > MIN_HELD_OUT_GAIN
 
     @property
     def holds(self) -> bool:
@@ -141,9 +141,13 @@ class CandidateScore(Generic[FitT]):
             return False
         losing = int(np.sum(self.parts <= 0.0))
         if losing == 0:
-            return self.held_out_gain > WORTH
+            return self.held_out_gain > MIN_HELD_OUT_GAIN
         most = float(self.parts.max())
-        return losing == 1 and len(self.parts) > 2 and min(self.held_out_gain - most, 0.5 * self.held_out_gain) > WORTH
+        return (
+            losing == 1
+            and len(self.parts) > 2
+            and min(self.held_out_gain - most, 0.5 * self.held_out_gain) > MIN_HELD_OUT_GAIN
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

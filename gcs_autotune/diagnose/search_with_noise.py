@@ -16,7 +16,7 @@ from gcs_autotune.diagnose.process_noise import (
     PRESENT,
     NoiseSearch,
     above_the_command,
-    asked_of,
+    noise_equation,
     scaled,
     search_with_process_noise,
     supported,
@@ -144,7 +144,9 @@ def _no_base(search: NoiseSearch, above: float) -> Doubt:
 def no_model_with_noise(state: SearchState) -> bool:
     """Return whether a search with process noise was made and found no model of the craft."""
     return (
-        state.noise_search is not None and state.noise_search[1] is None and asked_of(state.noise_search[0]) is not None
+        state.noise_search is not None
+        and state.noise_search[1] is None
+        and noise_equation(state.noise_search[0]) is not None
     )
 
 
@@ -153,8 +155,8 @@ def _without_names(state: SearchState) -> SearchState:
 
     Causes that couple degrees of freedom are kept.
     """
-    asked = asked_of(state.problem)
-    if asked is not None and _couples(state.causes, asked[0].dofs[0]):
+    equation = noise_equation(state.problem)
+    if equation is not None and _couples(state.causes, equation[0].dofs[0]):
         return state
     names = ", ".join(map(effect_at, state.causes))
     doubt = Doubt(

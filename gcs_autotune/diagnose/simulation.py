@@ -217,9 +217,9 @@ def _without(problem: Problem, fitted: Fitted, own: tuple[str, str]) -> Fitted |
     fit = problem.fit(fitted.theta, rest, fitted.initial, shift=fitted.shift)
     if fit is None:
         return None
-    worth = (fit.cost - fitted.cost) / correlation_of(fitted)
+    gain = (fit.cost - fitted.cost) / correlation_of(fitted)
     moved = max(math.sqrt(max(fit.levels[n] ** 2 - s**2, 0.0)) / problem.motion[n] for n, s in fitted.levels.items())
-    return None if worth > SURE and moved > SHED else fit
+    return None if gain > SURE and moved > SHED else fit
 
 
 def _missed(problem: Problem, fitted: Fitted) -> dict[str, float]:

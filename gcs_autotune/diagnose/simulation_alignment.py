@@ -57,7 +57,7 @@ WIDEST, GRID, PIECES = 0.12, 97, 6
 SURE = 5.0
 """Standard errors from which a clock or a sign counts as wrong; three signals of several runs are tested."""
 
-WORTH = 25.0
+MIN_GAIN = 25.0
 """Twice the log-likelihood that a corrected clock rate must also gain."""
 
 SINGULAR = 1e-12
@@ -457,7 +457,7 @@ def _rate_of(simulations: Sequence[Trial], runs: Sequence[Trial]) -> tuple[float
 
     Return None if the ratio does not differ significantly from 1.
     """
-    pairs = _pairs(simulations, runs, _told_best(simulations, runs))
+    pairs = _pairs(simulations, runs, _best_signals(simulations, runs))
     if not pairs:
         return None
     filters = [_whitening(p, 1.0) for p in pairs]
@@ -473,12 +473,12 @@ def _rate_of(simulations: Sequence[Trial], runs: Sequence[Trial]) -> tuple[float
         best = min((best - width, best, best + width), key=cost)
     gained = min(before, cost(1.0)) - cost(best)
     rest, std = _slope(pairs, best, filters)
-    if gained < WORTH or abs(best - 1.0) < max(SURE * std, LEAST_RATE) or abs(rest) > SURE * std:
+    if gained < MIN_GAIN or abs(best - 1.0) < max(SURE * std, LEAST_RATE) or abs(rest) > SURE * std:
         return None
     return best, std
 
 
-def _told_best(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[str]:
+def _best_signals(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[str]:
     """Return one signal for each degree of freedom that both have: its velocity, otherwise its position."""
     both = {n for s, r in zip(simulations, runs, strict=True) for n in MOTIONS if n in s and n in r}
     speed = {dof.position: dof.velocity for dof in DOFS.values()}

@@ -169,7 +169,7 @@ MOST_PIECES = 60
 SHORT_LIST, KEPT = 8, 3
 """SHORT_LIST: number of candidates fitted roughly in pieces. KEPT: number of them fitted over whole runs."""
 
-TOLD = 3.0
+DETERMINED = 3.0
 """Distance from zero, in standard errors, above which the pieces determine a parameter."""
 
 
@@ -208,20 +208,20 @@ def _over_whole_runs(problem: Problem, fit: Fitted, present: Fitted) -> Fitted |
     started with the values of *present* for these.
     """
     start = problem.first_states(problem.segments)
-    for theta in (fit.theta, _where_told(fit, present)):
+    for theta in (fit.theta, _where_determined(fit, present)):
         first = problem.states(theta, fit.effects, start, fit.shift)
         if first is not None:
             return problem.fit(first.theta, first.effects, first.initial, trials=ROUGH, shift=first.shift)
     return None
 
 
-def _where_told(fit: Fitted, present: Fitted) -> Array:
+def _where_determined(fit: Fitted, present: Fitted) -> Array:
     """Return the base parameters of *fit* that it determines, and those of *present* for the rest."""
     theta = present.theta.copy()
     std = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
     for k, name in enumerate(fit.free):
         at = fit.form.parameters.index(name)
-        if TOLD * std[k] < abs(fit.theta[at]):
+        if DETERMINED * std[k] < abs(fit.theta[at]):
             theta[at] = fit.theta[at]
     return theta
 

@@ -129,7 +129,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
             state, ahead = _look_ahead(state, step, stage, 2 if adrift else FARTHEST)
             if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fit)):
                 taken = ahead
-        except OutOfTime as over:  # what was asked about the water is kept: it is long
+        except OutOfTime as over:  # the search with process noise is kept: it takes long
             state = state.stopped(over)
     accepted = taken[-1].accepted
     if accepted is None:
@@ -258,7 +258,7 @@ def backward_elimination(state: SearchState) -> SearchState:
     last = None if newest is None else (newest.effect.slug, newest.effect.place)
     for key in sorted(((e.slug, e.place) for e in state.causes), key=lambda k: k == last):
         if key != last or state.fitted is not won:
-            state = _asked_again(state, *key)
+            state = _recheck(state, *key)
     return state
 
 
@@ -288,7 +288,7 @@ def _without_plainer_law(state: SearchState) -> SearchState:
     return state.with_model(alone)
 
 
-def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
+def _recheck(state: SearchState, slug: str, place: str) -> SearchState:
     """Remove a cause that is no longer needed, or replace it by a likelier one."""
     kept = state.fitted
     rest = tuple(e for e in kept.effects if (e.slug, e.place) != (slug, place))
@@ -411,9 +411,9 @@ def start_at_segments(state: SearchState) -> SearchState | None:
         if all(any(fit is old for _, old in lost.ends) for _, fit in ends):
             return state
         unseen = state.base_unseen if lost.base is state.base else state.unseen(lost.base)
-        anew = replace(state, steps=()).with_model(lost.base, unseen)
-        other = add_causes(anew, judge(anew.scorer(lost.base, lost.tried), ends))
-    except OutOfTime as over:  # what was asked about the water is kept: it is long
+        restarted = replace(state, steps=()).with_model(lost.base, unseen)
+        other = add_causes(restarted, judge(restarted.scorer(lost.base, lost.tried), ends))
+    except OutOfTime as over:  # the search with process noise is kept: it takes long
         return state.stopped(over)
     now, before = (s.fitted.cost + bic_penalty(s.fitted, lost.base) for s in (other, state))
     return other if now < before else replace(state, cut=other.cut)

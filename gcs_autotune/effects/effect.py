@@ -358,7 +358,7 @@ class Effect:
         """
         return {}
 
-    # -- what is told of it
+    # -- documentation
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
         """Return plot data of the effect, or None if there is nothing to plot."""

@@ -357,24 +357,24 @@ class ExtendedModel(Displayed):
         UnknownName
             An effect is not in the table.
         """
-        told: CoupledData | ExtendedData = conformed(data, CoupledData | ExtendedData, "model")  # type: ignore[arg-type]
-        return cls.of_data(told)
+        contents: CoupledData | ExtendedData = conformed(data, CoupledData | ExtendedData, "model")  # type: ignore[arg-type]
+        return cls.of_data(contents)
 
     @classmethod
-    def of_data(cls, told: CoupledData | ExtendedData) -> ExtendedModel:
-        """Return the model described by the contents *told* of a model file.
+    def of_data(cls, contents: CoupledData | ExtendedData) -> ExtendedModel:
+        """Return the model described by the *contents* of a model file.
 
         Exceptions are those of :meth:`from_dict`.
         """
-        if isinstance(told, CoupledData):
-            return cls(CoupledModel.of_data(told))
-        base = CoupledModel.of_data(told.base)
+        if isinstance(contents, CoupledData):
+            return cls(CoupledModel.of_data(contents))
+        base = CoupledModel.of_data(contents.base)
         effects = tuple(
-            _as_now(EffectInstance(e.slug, e.place, dict(e.values), dict(e.constants))) for e in told.effects
+            _as_now(EffectInstance(e.slug, e.place, dict(e.values), dict(e.constants))) for e in contents.effects
         )
         for effect in effects:
             _check_effect(effect)
-        return cls(base, in_order(effects), dict(told.constants.swing), dict(told.constants.units))
+        return cls(base, in_order(effects), dict(contents.constants.swing), dict(contents.constants.units))
 
     def predict(self, passage: Passage, initial: Mapping[str, float]) -> dict[str, Array] | None:
         """Return name of the signal -> values (n,) at its stamps, or None if the motion diverges.

@@ -205,7 +205,7 @@ def _earlier(t: Array, y: Array, at: Array, coasting: bool) -> Array:
     out = np.empty(len(at))
     h0, h1 = t[1] - t[0], t[2] - t[0]
     slope = ((y[1] - y[0]) * h1 / h0 - (y[2] - y[0]) * h0 / h1) / (h1 - h0) if coasting else 0.0
-    swing = y.max() - y.min()
+    span = y.max() - y.min()
     i = 0
     for k in range(len(at)):
         x = at[k]
@@ -216,7 +216,7 @@ def _earlier(t: Array, y: Array, at: Array, coasting: bool) -> Array:
             i += 1
         # Third differences this small are rounding, not kinks.
         h = t[i + 1] - t[i]
-        floor = (1e-7 * swing / (h * h * h)) ** 2 + 1e-100
+        floor = (1e-7 * span / (h * h * h)) ** 2 + 1e-100
         total, weights = 0.0, 0.0
         for first in range(max(i - 2, 0), min(i, n - 4) + 1):
             value, third = _cubic(t, y, first, x)

@@ -284,7 +284,7 @@ def _driven(t: Array, push: Array, omega: float, zeta: float) -> Array:
     for i in range(1, len(t)):
         dt = t[i] - t[i - 1]
         f00, f01, f10, f11 = _transition(omega, zeta, dt)
-        # A held push: it swings about where the push would hold it.
+        # A held push: it oscillates about where the push would hold it.
         x0, x1 = out[i - 1, 0] - push[i - 1], out[i - 1, 1]
         out[i, 0] = push[i - 1] + f00 * x0 + f01 * x1
         out[i, 1] = f10 * x0 + f11 * x1

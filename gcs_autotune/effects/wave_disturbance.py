@@ -418,9 +418,9 @@ class WaveDisturbance(Effect):
     force beside the band is supported.
 
     The mean of the second-order force is not part of this effect. On one heading it enters the equation of motion as
-    the constant force ``X_0`` does, whatever the speed. So no run tells it from ``input-bias``, and on several headings
-    it looks like ``wind-load``. In a long-crested sea, the square of the envelope has an exponential distribution. The
-    mean is then as large as ``drift``, which a constant force of another origin is only by chance.
+    the constant force ``X_0`` does, whatever the speed. So no run distinguishes it from ``input-bias``, and on
+    several headings it looks like ``wind-load``. In a long-crested sea, the square of the envelope has an exponential
+    distribution. The mean is then as large as ``drift``, which a constant force of another origin is only by chance.
 
     The force follows from the motion with the base model's inertia and drag (``DataSummary.base``). Without these,
     ``amplitude`` is not calculated.

@@ -114,12 +114,12 @@ def amplitudes_of(traces: Sequence[Trace]) -> dict[str, float]:
 
 
 def cross_validated(
-    fitter: Fitter, folds: Sequence[Fold], swings: Mapping[str, float]
+    fitter: Fitter, folds: Sequence[Fold], amplitudes: Mapping[str, float]
 ) -> tuple[list[float], dict[str, float]]:
-    """Return the error of each fold relative to *swings*, and the rms error per signal over all folds.
+    """Return the error of each fold relative to *amplitudes*, and the rms error per signal over all folds.
 
     fitter : function that fits a model to runs.
-    swings : name of the signal -> amplitude (:func:`amplitudes_of`).
+    amplitudes : name of the signal -> amplitude (:func:`amplitudes_of`).
 
     The error of a fold is infinite if its training data cannot be fitted or the fit diverges on the held-out data.
     Folds without information are skipped.
@@ -134,7 +134,7 @@ def cross_validated(
             errors.append(math.inf)
             continue
         traces += list(found)
-        shares = [rms / max(swings[n], 1e-300) for n, rms in rms_per_signal(found).items() if n in swings]
+        shares = [rms / max(amplitudes[n], 1e-300) for n, rms in rms_per_signal(found).items() if n in amplitudes]
         errors.append(float(np.mean(shares)))
     return errors, rms_per_signal(traces)
 

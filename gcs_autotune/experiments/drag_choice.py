@@ -76,7 +76,7 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     traces = validate(fit.model, runs).traces
-    swings = amplitudes_of(traces)
+    amplitudes = amplitudes_of(traces)
     signal = traces[0].signal
     folds = folds_of(runs, (*(d for d in ("delta", fit.model.axis.force)),))
     bic = {c.structure: c.bic for c in fit.candidates}
@@ -86,7 +86,7 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
         def refit(train: Sequence[Trial], structure: Structure = structure) -> AxisFit:
             return fit_axis(train, dof=fit.dof, structure=structure, delay=fit.model.delay)
 
-        per_fold, rms = cross_validated(refit, folds, swings)
+        per_fold, rms = cross_validated(refit, folds, amplitudes)
         broken = any(math.isinf(e) for e in per_fold)
         left_out = math.inf if broken or not rms else rms[signal]
         table.append(ScoredDrag(structure, bic.get(structure, math.nan), left_out, tuple(per_fold)))
@@ -94,11 +94,11 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
 
 
 def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[str, ...]:
-    said = []
+    reasons = []
     if fit.decision is not None:
         d = fit.decision
         verdict = "undecided" if d.verdict == "undecided" else f"indicates {DAMPING[d.verdict]}"
-        said.append(
+        reasons.append(
             f"two experiments (Miskovic2010, 7.2): the linear damping differs by {d.sigma_beta:.1f} %, the quadratic "
             f"by {d.sigma_beta_quadratic:.1f} % (margin {d.margin:.1f} %): {verdict}"
         )
@@ -106,14 +106,14 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
     own = next(row for row in table if row.structure == fit.structure)
     what = f"held-out data ({signal_meaning(signal, fit.dof).split(',')[0]})"
     if not math.isfinite(best.left_out):
-        said.append(f"{what}: no structure can predict it")
+        reasons.append(f"{what}: no structure can predict it")
     elif best.left_out < (1.0 - ALIKE) * own.left_out:
-        said.append(f"{what}: {DAMPING[best.structure]} predicts better than {DAMPING[own.structure]}")
+        reasons.append(f"{what}: {DAMPING[best.structure]} predicts better than {DAMPING[own.structure]}")
     else:
-        said.append(f"{what}: {DAMPING[own.structure]} predicts best")
+        reasons.append(f"{what}: {DAMPING[own.structure]} predicts best")
     known = [row for row in table if np.isfinite(row.bic)]
     if known:
-        said.append(
+        reasons.append(
             f"Bayesian information criterion (BIC): best with {DAMPING[min(known, key=lambda row: row.bic).structure]}"
         )
-    return tuple(said)
+    return tuple(reasons)

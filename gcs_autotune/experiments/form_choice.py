@@ -45,7 +45,7 @@ __all__ = [
     "droppable",
     "eliminate",
     "needed",
-    "said",
+    "term_verdict",
 ]
 
 SURE = 3.0
@@ -166,7 +166,7 @@ def best(table: Sequence[ScoredForm]) -> ScoredForm:
     return least
 
 
-def said(term: str, richer: ScoredForm, simpler: ScoredForm, wanted: bool) -> str:
+def term_verdict(term: str, richer: ScoredForm, simpler: ScoredForm, wanted: bool) -> str:
     """Return a sentence why *term*, which *simpler* lacks, is needed or not."""
     verdict = "is needed" if wanted else "is not supported by the data"
     return f"{term} {verdict}: {_numbers(richer, simpler)}"
@@ -178,9 +178,9 @@ def compared(chosen: ScoredForm, other: ScoredForm) -> str:
         return f"'{other.form.name}' {other.complaints[0]}"
     richer, simpler = (chosen, other) if chosen.parameters >= other.parameters else (other, chosen)
     extra = [n for n in richer.form.free if n not in simpler.form.free]
-    told = f"{', '.join(extra)} ({'needed' if richer is chosen else 'not needed'}): " if extra else ""
+    terms = f"{', '.join(extra)} ({'needed' if richer is chosen else 'not needed'}): " if extra else ""
     bad = f"; '{other.form.name}': {', '.join(other.complaints)}" if other.complaints else ""
-    return f"'{chosen.form.name}' instead of '{other.form.name}': {told}{_numbers(richer, simpler)}{bad}"
+    return f"'{chosen.form.name}' instead of '{other.form.name}': {terms}{_numbers(richer, simpler)}{bad}"
 
 
 def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
@@ -188,14 +188,14 @@ def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
     if simpler.fit is None:
         return f"without it, {simpler.complaints[0]}"
     both = [n for n in richer.left_out_rms if n in simpler.left_out_rms]
-    said = ""
+    held_out = ""
     if both:
         name = max(both, key=lambda n: abs(math.log(max(simpler.left_out_rms[n], 1e-300) / richer.left_out_rms[n])))
         unit = SIGNALS[name][0]
         scale, unit = (180.0 / math.pi, unit.replace("rad", "deg")) if "rad" in unit else (1.0, unit)
         one, other = (scale * row.left_out_rms[name] for row in (simpler, richer))
-        said = f"held-out error of {name} {one:.3g} {unit} without it, {other:.3g} with it; "
-    return f"{said}BIC {simpler.bic - richer.bic:+.1f} without it"
+        held_out = f"held-out error of {name} {one:.3g} {unit} without it, {other:.3g} with it; "
+    return f"{held_out}BIC {simpler.bic - richer.bic:+.1f} without it"
 
 
 PATIENCE = 2
@@ -218,7 +218,7 @@ class _Judge:
     options: Mapping[str, Any]
     folds: tuple[Fold, ...]
     correlation: float = 0.0
-    swings: dict[str, float] = field(default_factory=dict)
+    amplitudes: dict[str, float] = field(default_factory=dict)
 
     def fit(self, form: Form, trials: Sequence[Trial]) -> Fit[Model]:
         method = lookup(METHODS, self.method, "identification method")
@@ -249,12 +249,12 @@ class _Judge:
                 form, None, len(form.free), math.nan, -math.inf, math.inf, math.inf, math.inf, (), nothing, nothing, bad
             )
         if not self.correlation:
-            self.correlation, self.swings = correlation_of(traces), amplitudes_of(traces)
+            self.correlation, self.amplitudes = correlation_of(traces), amplitudes_of(traces)
         spent = sum(p.status in ("fitted", "at_bound") for p in fit.parameters.values())
         samples = sum(len(t.t) for t in traces)
         tempered = -2.0 * log_likelihood_of(traces) / self.correlation
         per_fold, left_out_rms = cross_validated(
-            lambda runs: self.fit(_started(form, fit), runs), self.folds, self.swings
+            lambda runs: self.fit(_started(form, fit), runs), self.folds, self.amplitudes
         )
         return ScoredForm(
             form=form,
@@ -335,7 +335,7 @@ def eliminate(
         simpler = judge.score(_started(now.form, now.fit, name).without(weakest))
         table.append(simpler)
         wanted = needed(now, simpler)
-        reasons.append(said(weakest, now, simpler, wanted))
+        reasons.append(term_verdict(weakest, now, simpler, wanted))
         if wanted:
             kept.add(weakest)
             if len(kept) >= PATIENCE:

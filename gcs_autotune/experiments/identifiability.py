@@ -292,14 +292,14 @@ def _exact(subject: FittedModel, information: Information, scales: Scales) -> tu
         return ()
     alone = np.where(seen, information.alone, 0.0)
     basis = _sparse((null * alone[:, None] / scales.size[:, None]).T)
-    found = []
+    directions = []
     for row in basis:
         members = np.flatnonzero(np.abs(row) > 1e-4 * np.abs(row).max())
         by_value = row * scales.size / np.where(information.values != 0.0, information.values, math.inf)
         common = by_value[members[0]]
         together = bool(len(members) > 1 and common != 0.0 and np.allclose(by_value[members], common, rtol=1e-3))
-        found.append(_direction(subject, members, _changes(information, scales, row, members), True, together))
-    return tuple(found)
+        directions.append(_direction(subject, members, _changes(information, scales, row, members), True, together))
+    return tuple(directions)
 
 
 def _practical(subject: FittedModel, information: Information, scales: Scales) -> tuple[Direction, ...]:
@@ -361,15 +361,15 @@ def _sparse(basis: Array) -> Array:
 
 
 def _unseen(
-    subject: FittedModel, information: Information, scales: Scales, std: Array, told: set[str]
+    subject: FittedModel, information: Information, scales: Scales, std: Array, reported: set[str]
 ) -> tuple[Unseen, ...]:
-    """Return the parameters whose standard error exceeds their value, except those already *told*."""
+    """Return the parameters whose standard error exceeds their value, except those already *reported*."""
     found = []
     for i, (name, own) in enumerate(zip(subject.names, subject.free, strict=True)):
         if own.endswith("_0") and std[i] <= scales.felt[i]:
             continue  # a constant force of about zero is an answer
         value = float(information.values[i])
-        if std[i] > abs(value) and name not in told:
+        if std[i] > abs(value) and name not in reported:
             slight = bool(std[i] <= scales.felt[i])
             found.append(Unseen(name, own, value, float(std[i]), subject.units[i], slight))
     return tuple(found)

@@ -119,14 +119,14 @@ class RankedManoeuvre(Displayed):
         """Return one sentence on *plan*: the manoeuvre, the standard errors it reduces most, and the space it needs."""
         before, after = self.now.relative, plan.std / self.now.scales.size
         order = [i for i in np.argsort(-before) if self.names[i] not in self.hopeless][:3]
-        told = [f"{self.names[i]} from {percent(float(before[i]))} to {percent(float(after[i]))}" for i in order]
+        reductions = [f"{self.names[i]} from {percent(float(before[i]))} to {percent(float(after[i]))}" for i in order]
         reach = plan.reach
         room = [f"{math.degrees(reach.turned):.0f} deg of turning"] if reach.turned > 0.0 else []
         room += [f"{reach.room:.0f} m of space"] if reach.room > 0.0 else []
         room += [f"{reach.deep:.1f} m of depth"] if reach.deep > 0.0 else []
         needs = f"; space needed: {' and '.join(room)}" if room else ""
         flags = f"; beyond the runs so far: {', '.join(plan.flags)}" if plan.flags else ""
-        return f"{plan.candidate.title} for {self.seconds:.0f} s: std of {', '.join(told)}{needs}{flags}"
+        return f"{plan.candidate.title} for {self.seconds:.0f} s: std of {', '.join(reductions)}{needs}{flags}"
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -230,8 +230,8 @@ def relative_errors(fit: Fit[Model], names: Iterable[str]) -> Mapping[str, float
     found = {}
     for name in names:
         p = fit.parameters.get(name)
-        told = p is not None and p.status == "fitted" and p.value != 0.0 and math.isfinite(p.std)
-        found[name] = p.std / abs(p.value) if told and p is not None else math.inf
+        is_known = p is not None and p.status == "fitted" and p.value != 0.0 and math.isfinite(p.std)
+        found[name] = p.std / abs(p.value) if is_known and p is not None else math.inf
     return found
 
 
@@ -296,8 +296,8 @@ def _gain_of(
     expected, ideal = dict(present), now.information.std
     for i, name in enumerate(now.names):
         if name in wanted and math.isfinite(plan.std[i]) and subject.values[i] != 0.0:
-            told = math.isfinite(ideal[i]) and math.isfinite(present[name])
-            excess = max(present[name] * abs(subject.values[i]) / ideal[i], 1.0) if told else 1.0
+            is_finite = math.isfinite(ideal[i]) and math.isfinite(present[name])
+            excess = max(present[name] * abs(subject.values[i]) / ideal[i], 1.0) if is_finite else 1.0
             expected[name] = min(present[name], excess * plan.std[i] / abs(float(subject.values[i])))
     seconds = plan.flight.reach.seconds + overhead
     rate = 60.0 * (shortfall(present, wanted) - shortfall(expected, wanted)) / seconds

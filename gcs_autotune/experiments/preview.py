@@ -69,21 +69,21 @@ class ManoeuvringRoom:
         """Return descriptions of the quantities that exceed *seen* by more than *factor*, including turning and
         depth.
         """
-        said = []
+        exceeded = []
         for name, value in self.largest.items():
             unit = SIGNALS[name][0]
             scale, shown = (180.0 / math.pi, "deg/s") if "rad" in unit else (1.0, unit)
             known = seen.largest.get(name, 0.0)
             if value > factor * known + 1e-9:
-                said.append(f"{SIGNALS[name][1]} {value * scale:.3g} {shown} (seen {known * scale:.3g})")
+                exceeded.append(f"{SIGNALS[name][1]} {value * scale:.3g} {shown} (seen {known * scale:.3g})")
         for what, mine, known, scale, unit in (
             ("tilt", self.tilt, seen.tilt, 180.0 / math.pi, "deg"),
             ("room", self.room, seen.room, 1.0, "m"),
             ("depth range", self.deep, seen.deep, 1.0, "m"),
         ):
             if mine > factor * known + 1e-9:
-                said.append(f"{what} {mine * scale:.3g} {unit} (seen {known * scale:.3g})")
-        return tuple(said)
+                exceeded.append(f"{what} {mine * scale:.3g} {unit} (seen {known * scale:.3g})")
+        return tuple(exceeded)
 
 
 def room_of(form: Form, t: Array, X: Array) -> ManoeuvringRoom:

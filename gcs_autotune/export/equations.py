@@ -214,9 +214,9 @@ def _full(
     file: ModelFile, inputs: tuple[str, ...], units: Mapping[str, str], given: Mapping[str, float]
 ) -> dict[str, float]:
     """Return the known values of the inputs at full output."""
-    told = {c: float(v) for c, v in file.model.amplitude.items() if c in inputs}
+    known = {c: float(v) for c, v in file.model.amplitude.items() if c in inputs}
     shares = {c: 1.0 for c in inputs if units[c] == "1"}
-    return {**told, **shares, **{c: v for c, v in given.items() if c in inputs}}
+    return {**known, **shares, **{c: v for c, v in given.items() if c in inputs}}
 
 
 def _parameters(file: ModelFile) -> tuple[tuple[str, float, str, float], ...]:

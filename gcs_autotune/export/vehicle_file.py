@@ -69,9 +69,9 @@ def _see(equations: MotionEquations) -> None:
         )
     unknown = [c for c in equations.inputs if c not in equations.full]
     if unknown:
-        told = ",".join(f"{c}=..." for c in unknown)
+        scales = ",".join(f"{c}=..." for c in unknown)
         raise UsageError(
-            f"the full output of {', '.join(unknown)} is unknown. Supply it with --full-scale {told} [N, N m]"
+            f"the full output of {', '.join(unknown)} is unknown. Supply it with --full-scale {scales} [N, N m]"
         )
     if any(row in equations.rows for row in (3, 4)):
         raise UsageError("roll and pitch, which the simulator does not model")

@@ -37,10 +37,10 @@ class Outputs:
     assumed: Mapping[str, float] = field(default_factory=dict)
 
 
-def with_outputs(values: Mapping[str, float], firmware: Firmware, said: str = "") -> Outputs:
+def with_outputs(values: Mapping[str, float], firmware: Firmware, banner: str = "") -> Outputs:
     """Return *values* with the equivalent SERVOn parameters, for firmware versions without these.
 
-    said : the firmware's version text, e.g. ``APM:Rover v3.1``; used if no parameter shows the version.
+    banner : the firmware's version text, e.g. ``APM:Rover v3.1``; used if no parameter shows the version.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def with_outputs(values: Mapping[str, float], firmware: Firmware, said: str = ""
         RCMAP_* has an implausible value.
     """
     old = firmware.fixed_outputs
-    if old is None or not _is_old(values, old, said):
+    if old is None or not _is_old(values, old, banner):
         return Outputs(values)
     channels = {
         force: int(checked(place, values[place])) if (place := firmware.rc_map[force]) in values else n
@@ -71,9 +71,9 @@ def with_outputs(values: Mapping[str, float], firmware: Firmware, said: str = ""
     return Outputs(found, Names(spelled), assumed)
 
 
-def _is_old(values: Mapping[str, float], old: FixedOutputs, said: str) -> bool:
+def _is_old(values: Mapping[str, float], old: FixedOutputs, banner: str) -> bool:
     if not values or any(name.startswith("SERVO") for name in values):
         return False
-    version = _VERSION.search(said)
+    version = _VERSION.search(banner)
     is_early = version is not None and (int(version[1]), int(version[2])) <= old.last
     return is_early or any(re.fullmatch(old.marks, name) for name in values)

@@ -134,11 +134,11 @@ def read_servo_map(parameters: ParameterSource, firmware: Firmware) -> ServoMap:
         return _by_frame(parameters, firmware, functions, by_function)
     if firmware.skid_functions and all(number in by_function for number in firmware.skid_functions):
         return replace(_wired(parameters, firmware.skid_functions, by_function), skid=True)
-    return _by_function(parameters, firmware, by_function, told=len(functions))
+    return _by_function(parameters, firmware, by_function, received=len(functions))
 
 
 def _by_function(
-    parameters: ParameterSource, firmware: Firmware, by_function: Mapping[int, int], *, told: int
+    parameters: ParameterSource, firmware: Firmware, by_function: Mapping[int, int], *, received: int
 ) -> ServoMap:
     missing = [f"{force} ({number})" for number, force in firmware.servo_functions.items() if number not in by_function]
     if missing:
@@ -152,7 +152,7 @@ def _by_function(
         raise OutputsUnassigned(
             f"no output of this vehicle is assigned to {', '.join(missing)}. Set SERVOn_FUNCTION. "
             "A boat that steers by two thrusters uses the functions 73 and 74.",
-            told=told,
+            received=received,
             of=_OUTPUTS,
         )
     return _wired(parameters, {n: {force: 1.0} for n, force in firmware.servo_functions.items()}, by_function)

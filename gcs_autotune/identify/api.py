@@ -319,8 +319,8 @@ def _contradictions_named(runs: Sequence[Trial]) -> Iterator[None]:
         contrary = [d for run in runs for d in noted(run) if d.slug == CONTRADICTION]
         if not contrary:
             raise
-        said = "; ".join(f"{d.cause}: {d.cure}" for d in contrary)
-        raise NotInformative(f"{said}. Nothing could be identified: {error}") from error
+        causes = "; ".join(f"{d.cause}: {d.cure}" for d in contrary)
+        raise NotInformative(f"{causes}. Nothing could be identified: {error}") from error
 
 
 ModelT = TypeVar("ModelT", bound=Model)
@@ -335,10 +335,10 @@ def _with_doubts(fit: Fit[ModelT], doubts: Sequence[Doubt]) -> Fit[ModelT]:
 
 def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[Doubt]:
     """Return a doubt for each requirement of the runs or arguments that *method* does not support."""
-    found = []
+    doubts = []
     dating = max(s.dating for s in segments)
     if dating > 0.0 and "stamps" not in method.bears:
-        found.append(
+        doubts.append(
             Doubt(
                 "stamps-taken-as-exact",
                 f"all input time stamps may be off by up to {1000.0 * dating:.0f} ms. Method {method.name} cannot "
@@ -347,14 +347,14 @@ def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[D
             )
         )
     if loss == "soft_l1" and "robust" not in method.bears:
-        found.append(
+        doubts.append(
             Doubt(
                 "outliers-not-weighed",
                 f"{method.name} is sensitive to outliers, because robust weighting is applied only after smoothing",
                 "use output-error, or repair the sensor",
             )
         )
-    return found
+    return doubts
 
 
 def _all(runs: Trial | Sequence[Trial], use: Sequence[str] | None) -> tuple[Trial, ...]:

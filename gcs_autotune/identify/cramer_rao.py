@@ -134,15 +134,15 @@ def _with_states_fitted(
     """Return the solution at *model*, with only the initial states and the shift of stamps fitted."""
     problem = Problem(ExplicitForm.of(segments[0].dof), segments, None, bounds_of(segments).limits, ())
     theta, rounds = np.array(Explicit.of(model)), NOISE_ROUNDS if len(noise) > 1 else 1
-    found = solve(problem, theta, first_states(segments), levels=noise, quanta=quanta, rounds=rounds, effort=None)
-    if found is None:
+    solution = solve(problem, theta, first_states(segments), levels=noise, quanta=quanta, rounds=rounds, effort=None)
+    if solution is None:
         raise NotInformative(
             "the model diverges on these inputs because its drag is destabilising. No bound on its error exists"
         )
-    return found
+    return solution
 
 
-def _noise_model(sigma: float, quantum: float, found: Solution, name: str) -> NoiseModel:
+def _noise_model(sigma: float, quantum: float, solution: Solution, name: str) -> NoiseModel:
     if quantum <= 0.0:
         return Gaussian(sigma)
-    return Rounded(sigma, quantum, max(float(np.ptp(r.measured)) for r in found.rests if r.signal == name))
+    return Rounded(sigma, quantum, max(float(np.ptp(r.measured)) for r in solution.rests if r.signal == name))

@@ -480,8 +480,8 @@ def _effect_not_needed(test: EffectTest) -> Iterator[Facts]:
         numbers = max(len(entry.parameters), 1)
         if chi_square.exceeded_by_chance(max(pays, 0.0) / test.correlation, numbers) > SIGNIFICANCE:
             known = ((n, v, test.parameters[own.label_of(n)].std) for n, v in own.values.items())
-            said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
-            yield {"effect": effect_at(own), "said": said, "separated_by": entry.separated_by}
+            values = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
+            yield {"effect": effect_at(own), "values": values, "separated_by": entry.separated_by}
 
 
 # -- the table
@@ -749,7 +749,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "effect-not-needed",
         EffectTest,
         _effect_not_needed,
-        "the model fits these runs as well without {effect}: {said}",
+        "the model fits these runs as well without {effect}: {values}",
         "omit it. To test for it, fly: {separated_by}",
     ),
 )

@@ -92,8 +92,8 @@ class ModelFile(Displayed):
             )
             for name, s in zip(names, std, strict=True)
         }
-        told = ", ".join(f"{name} [{unit}]" for name, unit in inputs.items())
-        title = f"Model file '{self.name}': {base.form.title}{f'; inputs {told}' if told else ''}"
+        listed = ", ".join(f"{name} [{unit}]" for name, unit in inputs.items())
+        title = f"Model file '{self.name}': {base.form.title}{f'; inputs {listed}' if listed else ''}"
         return Display(title, tuple(t for t in parameter_tables(parameters, covariance) if t.rows))
 
 
@@ -173,10 +173,10 @@ def _model_in(data: Any, path: Path) -> tuple[Mapping[str, Any], Mapping[str, An
 
 def _built(data: Mapping[str, Any], path: Path) -> tuple[ExtendedModel, SingleDof | None]:
     try:
-        told = model_data(data)
-        if not isinstance(told, SingleDofData):
-            return ExtendedModel.of_data(told), None
-        axis = SingleDof.of_data(told)
+        contents = model_data(data)
+        if not isinstance(contents, SingleDofData):
+            return ExtendedModel.of_data(contents), None
+        axis = SingleDof.of_data(contents)
         model = as_extended(axis)
         CoupledModel.from_dict(model.base.to_dict())  # the same checks
     except (BadFile, Refused) as error:

@@ -47,7 +47,7 @@ _ERRORS = {
 class _Reply:
     sequence: int
     is_ack: bool
-    asked: int
+    request: int
     offset: int
     data: bytes
 
@@ -79,10 +79,10 @@ class _Exchange:
 
     def _on_reply(self, message: Message) -> None:
         raw = bytes(message.payload)
-        sequence, _, opcode, size, asked, _, _, offset = _HEAD.unpack_from(raw)
+        sequence, _, opcode, size, request, _, _, offset = _HEAD.unpack_from(raw)
         if opcode in (_ACK, _NACK) and size <= _PIECE:
             data = raw[_HEAD.size : _HEAD.size + size]
-            self.replies.append(_Reply(sequence, opcode == _ACK, asked, offset, data))
+            self.replies.append(_Reply(sequence, opcode == _ACK, request, offset, data))
 
     def has(self, count: int) -> bool | None:
         """Return True if at least *count* replies have arrived, else None."""
@@ -99,9 +99,9 @@ class _Exchange:
         for attempt in range(_TRIES):
             self.replies.clear()
             self.ask(opcode, data=data, is_repeated=attempt > 0)
-            found = self._session.wait_for(lambda: next((r for r in self.replies if r.asked == opcode), None), _REPLY)
-            if found is not None:
-                return found
+            reply = self._session.wait_for(lambda: next((r for r in self.replies if r.request == opcode), None), _REPLY)
+            if reply is not None:
+                return reply
         raise NoReply(f"{self._session.vehicle} does not answer MAVLink FTP")
 
 
@@ -158,9 +158,9 @@ def write_remote_file(session: Session, path: str, data: bytes, timeout: float =
             raise BadFile(f"{session.vehicle} cannot create the file {path}{_why(created)}")
         _write(session, exchange, Deadline.after(session.liveness, timeout), path, data)
         exchange.answer(_TERMINATE)
-        told = exchange.answer(_CHECKSUM, path.encode("ascii"))
-        if not told.is_ack or told.data[:4] != struct.pack("<I", _checksum(data)):
-            raise BadFile(f"{path} was not stored correctly on {session.vehicle}{_why(told)}. Check its SD card")
+        reply = exchange.answer(_CHECKSUM, path.encode("ascii"))
+        if not reply.is_ack or reply.data[:4] != struct.pack("<I", _checksum(data)):
+            raise BadFile(f"{path} was not stored correctly on {session.vehicle}{_why(reply)}. Check its SD card")
     finally:
         exchange.close()
 
@@ -181,9 +181,9 @@ def _write(session: Session, exchange: _Exchange, deadline: Deadline, path: str,
             exchange.ask(_WRITE, offset=offset, data=data[offset : offset + _PIECE])
         session.wait_for(partial(exchange.has, len(sent)), _REPLY)
         for reply in exchange.replies:
-            if reply.asked == _WRITE and not reply.is_ack:
+            if reply.request == _WRITE and not reply.is_ack:
                 raise BadFile(f"{session.vehicle} cannot write {path}{_why(reply)}")
-            if reply.asked == _WRITE and reply.offset in left:
+            if reply.request == _WRITE and reply.offset in left:
                 left.remove(reply.offset)
 
 
@@ -222,7 +222,7 @@ def _read(session: Session, exchange: _Exchange, deadline: Deadline, path: str) 
             exchange.ask(_READ, offset=offset, size=_PIECE)
         session.wait_for(partial(exchange.has, len(wanted)), _REPLY)
         for reply in exchange.replies:
-            if reply.asked != _READ:
+            if reply.request != _READ:
                 continue
             if not reply.is_ack and reply.data[:1] != bytes([_END_OF_FILE]):
                 raise BadFile(f"{path} of {session.vehicle} cannot be read{_why(reply)}")

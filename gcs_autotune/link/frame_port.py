@@ -101,8 +101,8 @@ class FramePort:
     @property
     def trouble(self) -> str:
         """Problems of the connection and its messages, as text in brackets; empty if there are none."""
-        said = "; ".join(filter(None, (self._transport.trouble, self.refusals)))
-        return f" ({said})" if said else ""
+        problems = "; ".join(filter(None, (self._transport.trouble, self.refusals)))
+        return f" ({problems})" if problems else ""
 
     def send(self, message: Message, component: int | None = None) -> None:
         """Send and log one message. *component*, if supplied, replaces our component id."""

@@ -3,7 +3,7 @@
 Silence counts only while we listen. The first sender found is used; another sender with the vehicle's ids is reported
 and ignored, because any sender can use these ids. Senders differ in their origin (address and port on UDP) and in their
 sequence numbers. After a restart or a radio reconnect the vehicle may use another port. If the sender in use has fallen
-silent, another sender with the same ids is asked for its board id, and is used if the board ids match.
+silent, another sender with the same ids gets a request for its board id, and is used if the board ids match.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ class HeldSender:
         self.loss = Loss()
         self._voices: dict[int, _Voice] = {}
         self._last: _Voice | None = None
-        self._two_told = False
+        self._two_noted = False
 
     def is_held(self, frame: Frame) -> bool:
         """Return whether *frame*, sent with the vehicle's ids, comes from the accepted sender."""
@@ -179,8 +179,8 @@ class HeldSender:
         self._last = self._voices[(sequence + 1) % 256] = voice
         if len(self._voices) > _VOICES:
             del self._voices[next(iter(self._voices))]
-        if voice.turns > _TURNS and not self._two_told:
-            self._two_told = True
+        if voice.turns > _TURNS and not self._two_noted:
+            self._two_noted = True
             self._notes.append(
                 "two senders use the vehicle's system id on this connection (their sequence numbers "
                 "interleave): another program with the vehicle's id, or a router that joins two links to it. "

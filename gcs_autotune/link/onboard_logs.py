@@ -40,10 +40,10 @@ def list_logs(session: Session) -> tuple[OnboardLog, ...]:
         The vehicle does not answer.
     """
     entries: dict[int, OnboardLog] = {}
-    told: list[int] = []
+    counts: list[int] = []
 
     def hear(message: Message) -> None:
-        told.append(int(message.num_logs))
+        counts.append(int(message.num_logs))
         if message.num_logs:
             entries[int(message.id)] = OnboardLog(int(message.id), int(message.size), float(message.time_utc))
 
@@ -51,18 +51,18 @@ def list_logs(session: Session) -> tuple[OnboardLog, ...]:
     try:
         for _ in range(_TRIES):
             _ask_list(session)
-            while session.wait_for(_more(entries, told), _QUIET):
-                if told and len(entries) >= told[-1]:
+            while session.wait_for(_more(entries, counts), _QUIET):
+                if counts and len(entries) >= counts[-1]:
                     return tuple(entries[n] for n in sorted(entries))
     finally:
         stop()
-    listed = f"listed only {len(entries)} of its {told[-1]} logs" if told else "did not list its logs"
+    listed = f"listed only {len(entries)} of its {counts[-1]} logs" if counts else "did not list its logs"
     raise NoReply(f"{session.vehicle} {listed}. Disarm the vehicle: it sends logs only when disarmed")
 
 
-def _more(entries: dict[int, OnboardLog], told: list[int]) -> Callable[[], bool | None]:
-    seen = len(told)
-    return lambda: True if len(told) > seen else None
+def _more(entries: dict[int, OnboardLog], counts: list[int]) -> Callable[[], bool | None]:
+    before = len(counts)
+    return lambda: True if len(counts) > before else None
 
 
 def _ids(session: Session) -> tuple[int, int]:

@@ -55,7 +55,7 @@ class Overheard:
     trouble: str = ""
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """Sentence for the user that states what was received on the link."""
         if self.trouble:
             return self.trouble

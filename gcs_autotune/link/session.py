@@ -67,7 +67,7 @@ _ASKINGS = 3
 """Rounds of contradicting heartbeats before an error; a single one may be due to a change under way. Project choice."""
 _SILENT = 1.2
 """Time [s] in which a vehicle sends at least one heartbeat. Project choice."""
-_ASKED_AGAIN = 0.5
+_REPEAT = 0.5
 """Seconds after which a missing heartbeat is requested again."""
 _ROUNDING = 1e-6
 """Tolerance [s] for rounding errors in sums of decimal fractions."""
@@ -122,18 +122,18 @@ class PeriodicTasks:
 
 
 class OperatorStop:
-    """The operator's stop request. ``asked``: whether it was made. *interrupt* is called to detect it."""
+    """The operator's stop request. ``requested``: whether it was made. *interrupt* is called to detect it."""
 
     def __init__(self, interrupt: Callable[[], bool]) -> None:
         self._interrupt = interrupt
         self._shields = 0
-        self.asked = False
+        self.requested = False
 
     def check(self) -> None:
         """Raise ``OperatorStopped`` if a stop is requested and not shielded."""
         if self._interrupt():
-            self.asked = True
-        if self.asked and not self._shields:
+            self.requested = True
+        if self.requested and not self._shields:
             raise OperatorStopped("stopped by the operator")
 
     @contextmanager
@@ -369,7 +369,7 @@ class Session:
         before, deadline = self.heartbeats, Deadline.after(self.clock, timeout)
         while self.heartbeats == before and not deadline.expired:
             self.request_message(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
-            self.wait_for(lambda: True if self.heartbeats > before else None, min(_ASKED_AGAIN, deadline.remaining))
+            self.wait_for(lambda: True if self.heartbeats > before else None, min(_REPEAT, deadline.remaining))
         return self.heartbeats > before
 
     def await_heartbeat(self) -> None:
@@ -385,21 +385,21 @@ class Session:
         TelemetryFault
             The heartbeats still contradict each other.
         """
-        told: set[tuple[bool, int]] = set()
+        reported: set[tuple[bool, int]] = set()
         for _ in range(_ASKINGS):
-            told = self._asked_state()
-            if len(told) == 1:
+            reported = self._reported_states()
+            if len(reported) == 1:
                 return
-        states = " and ".join(f"{'armed' if armed else 'disarmed'} in mode {mode}" for armed, mode in sorted(told))
+        states = " and ".join(f"{'armed' if armed else 'disarmed'} in mode {mode}" for armed, mode in sorted(reported))
         raise TelemetryFault(
             f"the heartbeats of {self.vehicle} contradict each other ({states}): another sender uses its system id. "
             "Disconnect it, or use a signed link, and check the vehicle itself"
         )
 
-    def _asked_state(self) -> set[tuple[bool, int]]:
+    def _reported_states(self) -> set[tuple[bool, int]]:
         """Request HEARTBEAT, listen for a while, and return every pair (armed, custom mode) received."""
-        told: list[tuple[bool, int]] = []
-        stop = self.listen("HEARTBEAT", lambda m: told.append((_is_armed(m), int(m.custom_mode))))
+        reported: list[tuple[bool, int]] = []
+        stop = self.listen("HEARTBEAT", lambda m: reported.append((_is_armed(m), int(m.custom_mode))))
         try:
             self.request_message(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
             begun = self.liveness.listened
@@ -409,12 +409,12 @@ class Session:
                     "range"
                 )
             self.wait_for(
-                lambda: True if len(told) > 1 and self.liveness.listened - begun > _HEARTBEAT_PERIOD else None,
+                lambda: True if len(reported) > 1 and self.liveness.listened - begun > _HEARTBEAT_PERIOD else None,
                 _THREE_HEARTBEATS,
             )
         finally:
             stop()
-        return set(told)
+        return set(reported)
 
     def outlast(self, patience: float) -> bool:
         """Wait for the vehicle to return after ``LinkLost`` in a clean-up, up to *patience* [s] and once per

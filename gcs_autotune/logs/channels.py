@@ -157,11 +157,11 @@ def _is_upwards(t: Array, w: Array, tz: Array, z: Array) -> bool:
     """
     sunk = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(t))])
     ends = np.arange(max(t[0], tz[0]), min(t[-1], tz[-1]), 1.0)
-    told, seen = np.diff(np.interp(ends, t, sunk)), np.diff(np.interp(ends, tz, z))
-    power = float(told @ told)
-    if float(seen @ seen) <= len(seen) * STILL**2 or power == 0.0:
+    integrated, measured = np.diff(np.interp(ends, t, sunk)), np.diff(np.interp(ends, tz, z))
+    power = float(integrated @ integrated)
+    if float(measured @ measured) <= len(measured) * STILL**2 or power == 0.0:
         return False
-    return float(told @ seen) < -0.5 * math.sqrt(power * float(seen @ seen))
+    return float(integrated @ measured) < -0.5 * math.sqrt(power * float(measured @ measured))
 
 
 def _has(store: SampleStore, source: str) -> bool:
@@ -216,8 +216,8 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
     except UsageError:
         raise
     except AutotuneError as error:
-        is_told = store.firmware is None or store.numbered("servo")
-        why, cure = (str(error), _cure(store)) if is_told else NO_OUTPUTS
+        has_outputs = store.firmware is None or store.numbered("servo")
+        why, cure = (str(error), _cure(store)) if has_outputs else NO_OUTPUTS
     sources = [
         ("outputs of a script", _named(store, "aboard")),
         ("the pilot's sticks", _named(store, "stick")),
@@ -249,10 +249,10 @@ def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
     try:
         return read_servo_map(RecordedParameters(outputs.values), store.firmware), outputs
     except OutputsUnassigned as error:
-        if error.told == error.of:
+        if error.received == error.of:
             raise
         raise PreconditionFailed(
-            f"the log contains {len(store.parameters)} parameters, but only {error.told} of {error.of} "
+            f"the log contains {len(store.parameters)} parameters, but only {error.received} of {error.of} "
             "SERVOn_FUNCTION, so the functions of its outputs are unknown"
         ) from error
     except PreconditionFailed as error:
@@ -324,16 +324,16 @@ def _dated(t: Array, values: Array) -> tuple[Array, Array]:
 
 def _named(store: SampleStore, source: str) -> dict[str, Channel]:
     """Return the normalised forces of a source."""
-    found = {}
+    channels = {}
     for name in "XYZKMN":
         t, values = store.series(f"{source}.{name}")
         if len(t):
-            found[name] = Channel(name, "1", t, values)
-    return found
+            channels[name] = Channel(name, "1", t, values)
+    return channels
 
 
 def _from_rc(store: SampleStore, firmware: Firmware) -> dict[str, Channel]:
-    found = {}
+    channels = {}
     try:
         parameters = with_outputs(store.parameters, firmware, store.vehicle).values
     except PreconditionFailed:
@@ -352,8 +352,8 @@ def _from_rc(store: SampleStore, firmware: Firmware) -> dict[str, Channel]:
             trim, low, high = 1500.0, 1500.0 - STICKS, 1500.0 + STICKS
         span = np.where(pwm >= trim, high - trim, trim - low)
         sign = firmware.channel_signs[name] * (-1.0 if parameters.get(f"RC{n}_REVERSED") else 1.0)
-        found[name] = Channel(name, "1", t[usable], (sign * (pwm - trim) / span)[usable])
-    return found
+        channels[name] = Channel(name, "1", t[usable], (sign * (pwm - trim) / span)[usable])
+    return channels
 
 
 PARAMETER = "INS_GYRO_FILTER"

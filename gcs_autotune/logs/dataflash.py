@@ -278,8 +278,8 @@ def _stamps(block: AnyBlock) -> Array | None:
         column = "T" if "T" in block.names else ""
     if not column:
         return np.zeros(len(block.order)) if is_gps_time or block.kind in EVENTS else None
-    told = block.column(column)
-    return told * factor if told.dtype == np.float64 and told.ndim == 1 else None
+    stamps = block.column(column)
+    return stamps * factor if stamps.dtype == np.float64 and stamps.ndim == 1 else None
 
 
 class _Decoder:
@@ -331,7 +331,7 @@ class _Decoder:
                 if kind in EVENTS:
                     _events(store, kind, stamps[kind][mine], columns)
                 else:
-                    self._told(store, kind, stamps[kind][mine], columns)
+                    self._signals(store, kind, stamps[kind][mine], columns)
             except Missing:
                 continue
 
@@ -358,8 +358,8 @@ class _Decoder:
 
     def _believable(self, blocks: list[AnyBlock]) -> dict[str, Array]:
         """Return stamps [s] by kind, with NaN for a stamp that does not fit between its neighbours in the file."""
-        told = {b.kind: _stamps(b) for b in blocks}
-        kinds = {kind: t for kind, t in told.items() if t is not None}
+        stamps = {b.kind: _stamps(b) for b in blocks}
+        kinds = {kind: t for kind, t in stamps.items() if t is not None}
         if not kinds:
             return {}
         order = np.concatenate([b.order for b in blocks if b.kind in kinds])
@@ -380,7 +380,7 @@ class _Decoder:
         ends = np.cumsum([len(s) for s in kinds.values()])
         return dict(zip(kinds, np.split(t, ends[:-1]), strict=True))
 
-    def _told(self, store: SampleStore, kind: str, stamps: Array, columns: Mapping[str, Any]) -> None:
+    def _signals(self, store: SampleStore, kind: str, stamps: Array, columns: Mapping[str, Any]) -> None:
         values = signals_of(kind, columns)
         if kind in self.unstamped:
             store.dated_by_arrival.update(source.partition(".")[0] for source in values)

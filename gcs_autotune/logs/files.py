@@ -177,19 +177,19 @@ def _of_directory(
     trials = [load_trial(file, columns) for file in files]
     if not any("manoeuvre" in t.meta for t in trials):
         return trials
-    told = [_with_history(t, file) for t, file in zip(trials, files, strict=True) if t.purpose]
-    whole = [t for t in told if t.purpose == "identification" and t.ending != "aborted"]
+    flown = [_with_history(t, file) for t, file in zip(trials, files, strict=True) if t.purpose]
+    whole = [t for t in flown if t.purpose == "identification" and t.ending != "aborted"]
     known = _fitted_to(place)
-    if known and known <= {t.name for t in told}:
-        whole = list({t.name: t for t in told if t.name in known}.values())  # of one flown again the last
-    found = whole or list(_makeshift(told))
-    if not found:
-        kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in told}))
+    if known and known <= {t.name for t in flown}:
+        whole = list({t.name: t for t in flown if t.name in known}.values())  # of one flown again the last
+    runs = whole or list(_makeshift(flown))
+    if not runs:
+        kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in flown}))
         raise BadFile(
             f"{folder} contains no run in which an actuator is driven long enough for identification, only: {kinds}. "
             "Give one of its CSV files to try anyway"
         )
-    return found
+    return runs
 
 
 def _holds(folder: Path) -> str:
@@ -231,8 +231,8 @@ def _makeshift(flown: Sequence[Trial]) -> Iterator[Trial]:
 
 def _flown_dof(trial: Trial) -> Dof | None:
     """Return the degree of freedom that a manoeuvre excites, from its metadata file."""
-    told, signal = trial.meta.get("dof"), trial.meta.get("signal")
-    return next((d for d in DOFS.values() if d.name == told or signal in (d.position, d.velocity)), None)
+    name, signal = trial.meta.get("dof"), trial.meta.get("signal")
+    return next((d for d in DOFS.values() if d.name == name or signal in (d.position, d.velocity)), None)
 
 
 def _is_driven(trial: Trial) -> bool:

@@ -96,8 +96,8 @@ class _Lines:
 def _recording(
     path: Path, form: str, lines: _Lines, heard: Iterator[Heard], system: int | None, notes: Sequence[Note]
 ) -> Recording:
-    told = decode_messages(path, heard, system)
-    damaged = lines.bad + told.misfits
+    decoded = decode_messages(path, heard, system)
+    damaged = lines.bad + decoded.misfits
     if damaged > lines.read / 2:
         raise BadFile(
             f"{path}: {damaged} of {lines.read} lines cannot be read as {form}. Convert the log again, or use the .tlog"
@@ -107,13 +107,13 @@ def _recording(
         notes = (*notes, ("damaged-log", f"{damaged} lines of the log could not be read and were skipped", cure))
     meta = {
         "source": path.name,
-        "messages": told.messages,
+        "messages": decoded.messages,
         "damaged": damaged,
         "damaged_bytes": lines.bad_bytes,
         "truncated": False,
-        "system": told.vehicle[0],
+        "system": decoded.vehicle[0],
     }
-    return Recording(form, told.stores, meta, [*told.notes, *notes], told.census)
+    return Recording(form, decoded.stores, meta, [*decoded.notes, *notes], decoded.census)
 
 
 def _planner(lines: _Lines) -> Iterator[Heard]:

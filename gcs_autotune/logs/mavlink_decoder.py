@@ -309,7 +309,7 @@ class _Decoder:
         if h.name == "HEARTBEAT":
             _beat(store, t, h.message, self.vehicle[0])
         elif h.name == "STATUSTEXT":
-            _said(store, t, _text(h.message.text))
+            _take_status_text(store, t, _text(h.message.text))
         elif h.name in SIGNALS:
             values = SIGNALS[h.name](h.message)
             store.take(t, values)
@@ -357,7 +357,7 @@ def _beat(store: SampleStore, t: float, m: Any, system: int) -> None:
         store.modes.append((t, int(m.custom_mode)))
 
 
-def _said(store: SampleStore, t: float, text: str) -> None:
+def _take_status_text(store: SampleStore, t: float, text: str) -> None:
     """Process a status text. It reports arming up to a second before the next HEARTBEAT."""
     store.texts.append((t, text))
     armed = ARMING_TEXTS.get(text.lower())

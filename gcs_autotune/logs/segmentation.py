@@ -92,22 +92,22 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
         return None
     cause, effect = run[names[0]], run[answers[0]]
     low, high = np.percentile(cause.values, [2.0, 98.0])
-    swings = _swings(cause.values, float(low), float(high))
+    reversals = _reversals(cause.values, float(low), float(high))
     ratio = _to_noise(effect, is_angle=effect.unit == "rad")
     step, beat = _interval(cause), _interval(effect)
     reasons = [
         (high - low < SMALL_INPUT, "nothing", "the input hardly changes"),
         (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
-        (swings < FEW_CHANGES, "weak", f"the input reverses only {counted(swings, 'time')}"),
+        (reversals < FEW_CHANGES, "weak", f"the input reverses only {counted(reversals, 'time')}"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is too slow for a small craft"),
     ]
     verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
     return DofExcitation(
-        dof.name, cause.name, float(high - low), swings, effect.name, ratio, step, beat, verdict, why
+        dof.name, cause.name, float(high - low), reversals, effect.name, ratio, step, beat, verdict, why
     )  # fmt: skip
 
 
-def _swings(values: Array, low: float, high: float) -> int:
+def _reversals(values: Array, low: float, high: float) -> int:
     third = (high - low) / 3.0
     if third <= 0.0:
         return 0
@@ -254,18 +254,18 @@ def _stretches(store: SampleStore) -> list[_LogSegment]:
     armed = store.arming or [(start, True)]
     modes = store.modes or [(start, -1)]
     cuts = sorted({min(max(t, start), end) for t, _ in (*armed, *modes)} | {end} | {t for gap in silent for t in gap})
-    found: list[_LogSegment] = []
+    segments: list[_LogSegment] = []
     for a, b in itertools.pairwise(cuts):
         is_armed = _at(armed, a)
         if not is_armed or b <= a or (a, b) in silent:
             continue
         number = _at(modes, a)
         mode = "armed" if number is None or number < 0 else _mode_name(store, number)
-        if found and found[-1].end == a and found[-1].mode == mode:
-            found[-1] = _LogSegment(found[-1].start, b, mode)
+        if segments and segments[-1].end == a and segments[-1].mode == mode:
+            segments[-1] = _LogSegment(segments[-1].start, b, mode)
         else:
-            found.append(_LogSegment(a, b, mode))
-    return found
+            segments.append(_LogSegment(a, b, mode))
+    return segments
 
 
 def _at(changes: list[tuple[float, Any]], t: float) -> Any:

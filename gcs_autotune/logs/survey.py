@@ -123,10 +123,12 @@ def fresh_folder(folder: Path) -> Path:
     return folder
 
 
-def write_runs(folder: Path, label: str, runs: Sequence[Trial], log: Recording, told: Mapping[str, Any]) -> list[Path]:
+def write_runs(
+    folder: Path, label: str, runs: Sequence[Trial], log: Recording, report: Mapping[str, Any]
+) -> list[Path]:
     """Write *runs* (``LABEL-03-MANUAL.csv``, with marks and metadata as ``.json``) and return their paths.
 
-    It also writes the survey (*told*) as ``LABEL.log.json`` and the vehicle's parameters, if the log contains any, as
+    It also writes the survey (*report*) as ``LABEL.log.json`` and the vehicle's parameters, if the log contains any, as
     ``LABEL.param``.
 
     Raises
@@ -141,7 +143,7 @@ def write_runs(folder: Path, label: str, runs: Sequence[Trial], log: Recording, 
             path = folder / f"{stem}-{int(run.meta['stretch']):02d}-{_plain(str(run.meta['mode']))}.csv"
             save_trial(run, path)
             paths.append(path)
-        (folder / f"{stem}.log.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        (folder / f"{stem}.log.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise BadFile(f"{folder} cannot be written: {error.strerror}. Check the disk") from error
     for store in log.stores[-1:]:

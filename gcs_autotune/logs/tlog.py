@@ -28,8 +28,8 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
         The log contains no vehicle of that *system*.
     """
     log = mavlink.read_tlog(path)
-    told = decode_messages(path, _heard(log), system)
-    notes = list(told.notes)
+    decoded = decode_messages(path, _heard(log), system)
+    notes = list(decoded.notes)
     if log.damaged:
         notes.append(
             (
@@ -44,9 +44,9 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
         "damaged": log.damaged,
         "damaged_bytes": log.damaged_bytes,
         "truncated": log.truncated,
-        "system": told.vehicle[0],
+        "system": decoded.vehicle[0],
     }
-    return Recording("telemetry log", told.stores, meta, notes, told.census)
+    return Recording("telemetry log", decoded.stores, meta, notes, decoded.census)
 
 
 def _heard(log: mavlink.TlogReader) -> Iterator[Heard]:

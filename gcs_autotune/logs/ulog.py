@@ -82,13 +82,13 @@ def record_ulog(path: Path, system: int | None = None) -> Recording:
         with path.open("rb") as stream, contextlib.redirect_stdout(io.StringIO()):  # pyulog prints what it doubts
             log = ULog(stream, [*SIGNALS, "vehicle_status"])
         topics = [(str(d.name), d.data) for d in log.data_list if d.multi_id == 0 and "timestamp" in d.data]
-        said = {key: visible(str(log.msg_info_dict.get(key, ""))) for key in ("sys_name", "ver_sw_release", "ver_sw")}
+        info = {key: visible(str(log.msg_info_dict.get(key, ""))) for key in ("sys_name", "ver_sw_release", "ver_sw")}
         parameters = {str(k): float(v) for k, v in log.initial_parameters.items()}
         damaged = bool(log.file_corruption)
     except Exception as error:  # noqa: BLE001 - what reads a damaged file may raise anything
         why = visible(str(error).partition("\n")[0][:80]) or type(error).__name__
         raise BadFile(f"{path} is a PX4 ULog that cannot be read ({why}): {INSTEAD}") from None
-    store = SampleStore(path.stem, "vehicle (ULog)", f"PX4 {said['ver_sw'][:12]}".strip())
+    store = SampleStore(path.stem, "vehicle (ULog)", f"PX4 {info['ver_sw'][:12]}".strip())
     store.parameters = {k: v for k, v in parameters.items() if math.isfinite(v)}
     census = Census()
     for topic, columns in topics:

@@ -180,7 +180,7 @@ class UnderWay(Manoeuvre):
         self._rates: list[tuple[float, float]] = []
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings of the steering and results of the approach by name, for the trial's ``meta``."""
         s = self._steering
         return {

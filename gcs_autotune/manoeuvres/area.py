@@ -229,8 +229,8 @@ def _folds_back(one: tuple[Point, Point], two: tuple[Point, Point], *, first: bo
 
 
 def _of_file(path: Path) -> Area:
-    told: _GeoJson = conformed(load_json(path, "GeoJSON"), _GeoJson, path)  # type: ignore[arg-type]
-    rings = next(iter(_polygons(told)), None)
+    contents: _GeoJson = conformed(load_json(path, "GeoJSON"), _GeoJson, path)  # type: ignore[arg-type]
+    rings = next(iter(_polygons(contents)), None)
     if not rings:
         raise BadFile(f"{path} contains no polygon. Draw the area as a GeoJSON Polygon")
     try:

@@ -41,7 +41,7 @@ class ComeBack(Manoeuvre):
         self._x, self._y, self._throttle = x, y, throttle
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Destination [m] and throttle by name, for the trial's ``meta``."""
         return {"x": self._x, "y": self._y, "throttle": self._throttle}
 
@@ -80,7 +80,7 @@ class CalmCheck(Manoeuvre):
         super().__init__(signal="phi")
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Criterion for calm water by name, for the trial's ``meta``."""
         return {"calm": CALM}
 
@@ -126,7 +126,7 @@ class ComeToRest(Manoeuvre):
         self._holds = [HoldController(gains) for gains in HELD_DURING["x"]]
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Criterion for a craft at rest by name, for the trial's ``meta``."""
         return {"still": list(STILL)}
 
@@ -138,7 +138,7 @@ class ComeToRest(Manoeuvre):
             seen.append((now.t, now.r, now.w))
             while seen[0][0] < now.t - STILL_FOR:
                 seen.popleft()
-            # not at every reading: held by a hand whose thrusters have a dead band, it swings about rest for ever
+            # not at every reading: held by a hand whose thrusters have a dead band, it oscillates about rest for ever
             rms = np.sqrt(np.mean(np.square(np.array(seen)[:, 1:]), axis=0))
             if now.t - start >= STILL_FOR and not np.any(rms > STILL):
                 self._end("completed", "at rest")

@@ -45,7 +45,7 @@ class Dive(Manoeuvre):
         self._settings = settings
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Depth [m] of the dive by name, for the trial's ``meta``."""
         return {"depth": self._settings.depth}
 

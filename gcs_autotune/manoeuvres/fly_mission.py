@@ -93,7 +93,7 @@ class FlyMission(Manoeuvre):
         self._outputs: list[float] = []
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """The waypoints [m]."""
         return {"waypoints_x": [x for x, _ in self._waypoints], "waypoints_y": [y for _, y in self._waypoints]}
 

@@ -55,7 +55,7 @@ class FollowLine(Manoeuvre):
         return isinstance(self._law, DirectLine)
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """The law, offset, length and speed, and the line once it is known."""
         line = self._line
         place = {} if line is None else {"line_x": line.x, "line_y": line.y, "line_gamma": line.gamma}

@@ -42,7 +42,7 @@ class FreeDecay(Manoeuvre):
         self._duration, self._rest = duration, math.nan
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Force, its degree of freedom and the angle at rest [rad] by name, for the trial's ``meta``."""
         return {"dof": _DOF[self.force], "force": self.force, "signal": self.signal,
                 "rest": self._rest, "duration": self._duration}  # fmt: skip
@@ -110,7 +110,7 @@ class Release(Manoeuvre):
         self._holds = [HoldController(gains) for gains in HELD_DURING[self.signal]]
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Force, degree of freedom, tilt and angle at rest [rad] by name, for the trial's ``meta``. ``from_t``: time
         [s] at which the record begins, :data:`KEPT` before the release.
         """

@@ -41,7 +41,7 @@ class FaceWall(Manoeuvre):
         self._heading = self.target = heading
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Heading."""
         return {"signal": "psi", "heading": self._heading}
 
@@ -88,7 +88,7 @@ class KeepDistance(Manoeuvre):
         self._seen: tuple[float, float] = (math.nan, math.nan)
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Step, durations and rangefinders."""
         return {"signal": "d", "size": self._step, "duration": self._duration, "apart": self._apart}
 

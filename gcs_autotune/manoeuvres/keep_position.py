@@ -47,7 +47,7 @@ class KeepPosition(Manoeuvre):
         self._duration, self._settle = duration, settle
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Step, turn and durations."""
         return {"size": self._step, "turn": self._turn, "duration": self._duration}
 

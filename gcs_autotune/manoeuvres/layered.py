@@ -93,7 +93,7 @@ class Layered(Manoeuvre):
         return self
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """The path, once it is planned."""
         path = self._path
         if path is None:
@@ -212,9 +212,9 @@ class FollowWall(KeepDistance):
         return self
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Distance, length and speed."""
-        return {**super().asked, "distance": self._wanted, "length": self._length, "speed": self._rate}
+        return {**super().meta_fields, "distance": self._wanted, "length": self._length, "speed": self._rate}
 
     def _phases(self, base: float) -> Sequence[tuple[str, float, float]]:
         """Return name, time [s] and distance from *base* [m] of each phase."""

@@ -88,13 +88,13 @@ class Manoeuvre(ABC):
 
     @property
     @abstractmethod
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Name -> setting or result (SI units) of the manoeuvre, for the trial's ``meta``."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """Content of the trial's ``meta``: manoeuvre, purpose, and :attr:`asked`."""
-        return {"manoeuvre": self.kind, "purpose": self.purpose, **self.asked}
+        """Content of the trial's ``meta``: manoeuvre, purpose, and :attr:`meta_fields`."""
+        return {"manoeuvre": self.kind, "purpose": self.purpose, **self.meta_fields}
 
     def take_marks(self) -> Sequence[Mark]:
         """Return the events marked since the last call, each once."""
@@ -163,13 +163,13 @@ def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:
         until = orders[k + 1].t if k + 1 < len(orders) else trial.end
         if until - order.t < _LASTED:
             continue
-        for force, asked in order.detail.items():
-            if force not in forces or force not in trial or not isinstance(asked, float) or abs(asked) < _NOTED:
+        for force, commanded in order.detail.items():
+            if force not in forces or force not in trial or not isinstance(commanded, float) or abs(commanded) < _NOTED:
                 continue
             held = trial[force].between(order.t + 0.5 * (until - order.t), until).values
-            if len(held) and float(np.ptp(np.quantile(held, _MOST))) > _STEADY * abs(asked):
+            if len(held) and float(np.ptp(np.quantile(held, _MOST))) > _STEADY * abs(commanded):
                 continue
-            came = float(np.median(held)) / asked if len(held) else 1.0
-            if came < _LIMITED and abs(asked) > found.get(force, (0.0, 0.0))[0]:
-                found[force] = (abs(asked), abs(came * asked))
+            came = float(np.median(held)) / commanded if len(held) else 1.0
+            if came < _LIMITED and abs(commanded) > found.get(force, (0.0, 0.0))[0]:
+                found[force] = (abs(commanded), abs(came * commanded))
     return found

@@ -80,7 +80,7 @@ class OpenLoopProgramme(Manoeuvre):
         return frozenset({hold.signal for hold in self._holds} | course)
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Force, its degree of freedom and the duration [s] by name, for the trial's ``meta``."""
         return {"dof": DOF_OF[self.force], "force": self.force, "duration": self._duration}
 

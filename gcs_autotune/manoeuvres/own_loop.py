@@ -43,9 +43,9 @@ class UnderOwnLoop(Manoeuvre):
         return {**self._manoeuvre.settings, "controller": self._controller}
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Those of the manoeuvre."""
-        return self._manoeuvre.asked
+        return self._manoeuvre.meta_fields
 
     def commands(self, now: Observation) -> Commands:
         """Yield the output that the loop gives for each command of the manoeuvre."""
@@ -83,7 +83,7 @@ class KeepSetPoint(Manoeuvre):
         self._seconds, self._speed = seconds, speed
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Signal, duration [s] and speed [m/s]."""
         return {"signal": self.signal, "duration": self._seconds, "speed": self._speed}
 

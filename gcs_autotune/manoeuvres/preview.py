@@ -123,15 +123,15 @@ class Preview:
             return self.refusal
         return self.outcome.reason if self.outcome.ending == "aborted" else ""
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Return one sentence with time, space and turning of the manoeuvre."""
         way = f", {self.room:.0f} m of free water" if self.room >= 1.0 else ""
         turned, fastest = math.degrees(self.turned), math.degrees(float(np.max(np.abs(self.trial["r"].values))))
         at = f" at up to {fastest:.0f} deg/s" if fastest >= 1.0 else ""
         deep = f", {self.deep:.1f} m of depth" if self.deep >= 0.1 else ""
-        swings = self._swings()
+        cycle = self._cycle_words()
         return (
-            f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning{at}{swings} "
+            f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning{at}{cycle} "
             f"(predicted from {self.craft.source})"
         )
 
@@ -156,7 +156,7 @@ class Preview:
         except NotInformative:
             return None
 
-    def _swings(self) -> str:
+    def _cycle_words(self) -> str:
         """Return the predicted limit cycle in words; empty without one."""
         cycle, force = self.cycle(), str(self.trial.meta.get("force", ""))
         if cycle is None:

@@ -108,7 +108,7 @@ class Relay(Manoeuvre):
         self._last_t = self._last_tick = self._tick_time = math.nan
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings as flown, by name, for the trial's ``meta``. ``from_t``: time [s] at which the relay itself began.
         ``enough``: whether the caller's criterion ended the relay, so that a small number of periods is no fault.
         """

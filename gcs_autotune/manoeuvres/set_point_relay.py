@@ -80,19 +80,19 @@ class SetPointRelay(Manoeuvre):
         for C, x_a in relays:
             if not 0.0 < x_a < C:
                 raise UsageError(
-                    f"with a relay of {self._told(C)} the {axis.name} may never cross {self._told(x_a)}. "
+                    f"with a relay of {self._size_text(C)} the {axis.name} may never cross {self._size_text(x_a)}. "
                     "Use a --hysteresis below --set-point"
                 )
         most = max(C for C, _ in relays)
         self._middle = speed - most  # faster than its cruise an autopilot need not let itself be commanded
         if axis.controls_velocity and 0.0 < speed <= 2.0 * most:
             raise UsageError(
-                f"a relay of {self._told(most)} about {self._middle:g} m/s reaches zero speed. "
+                f"a relay of {self._size_text(most)} about {self._middle:g} m/s reaches zero speed. "
                 "Use a smaller --set-point, or more --speed"
             )
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Relays, speed, and noise of the controlled signal by name, for the trial's ``meta``."""
         return {
             "dof": self._axis.dof,
@@ -133,14 +133,14 @@ class SetPointRelay(Manoeuvre):
         if self._switchings < LEAST_SWITCHINGS:
             return None
         which = "the last relay" if self._flown == len(self._relays) else f"relay {self._flown}"
-        told = f"out of space, not settled after {self._switchings} reversals of {which}: {where}"
-        return Outcome("stopped", f"{told}. The record so far is used")
+        stopped = f"out of space, not settled after {self._switchings} reversals of {which}: {where}"
+        return Outcome("stopped", f"{stopped}. The record so far is used")
 
     @property
     def _about(self) -> str:
         return "course" if SIGNALS[self.signal].wraps else self._axis.name
 
-    def _told(self, size: float) -> str:
+    def _size_text(self, size: float) -> str:
         return f"{math.degrees(size):g} deg" if self._axis.angular else f"{size:g} {SIGNALS[self.signal].unit}"
 
     def _wanted(self, change: float) -> Command:
@@ -162,7 +162,8 @@ class SetPointRelay(Manoeuvre):
         if amplitude > LASTS * 0.5 * (max(first) - min(first)) and amplitude > NOISES * self._approach.noise_std:
             self._mark(now.t, "oscillation", {"amplitude": amplitude, "period": period})
             self._end(
-                "completed", f"the loop oscillates without a relay, amplitude {self._told(float(f'{amplitude:.3g}'))}"
+                "completed",
+                f"the loop oscillates without a relay, amplitude {self._size_text(float(f'{amplitude:.3g}'))}",
             )
         self._swollen = False
         return now
@@ -194,8 +195,8 @@ class SetPointRelay(Manoeuvre):
             if now.t - switched > PATIENCE:
                 self._end(
                     "aborted",
-                    f"the loop does not follow: with {self._told(C)} commanded to one side, the {self._axis.name} did "
-                    f"not cross {self._told(x_a)} within {PATIENCE:.0f} s",
+                    f"the loop does not follow: with {self._size_text(C)} commanded to one side, the {self._axis.name} "
+                    f"did not cross {self._size_text(x_a)} within {PATIENCE:.0f} s",
                 )
                 return now
             now = yield command

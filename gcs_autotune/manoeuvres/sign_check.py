@@ -106,7 +106,7 @@ class SignCheck(Manoeuvre):
         self._share, self._eased_at = 1.0, -math.inf
         self._reversals = 0
         self._command = 0.0
-        self._began_at, self._swings = math.nan, False
+        self._began_at, self._oscillates = math.nan, False
         self._along, self._last_t = 0.0, math.nan
         self._rest: list[Tick] = []
         self._forward: list[Tick] = []
@@ -115,7 +115,7 @@ class SignCheck(Manoeuvre):
         self._ahead: list[float] = []
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings as flown and results by name, for the trial's ``meta``."""
         s, seen = self._settings, self.answer
         found = {} if seen is None else {"moved": [seen.forward.moved, seen.back.moved], "signs": list(seen.signs)}
@@ -219,10 +219,10 @@ class SignCheck(Manoeuvre):
         No controller holds the bow there, and pulses add to the deviation. Steady drift to one side does not count.
         """
         s, seen = self._settings, [x for _, x, _ in self._rest]
-        if self.answer is None:  # afterwards it swings by what was done to it, too
-            swing = max(max(seen) - max(seen[0], seen[-1]), min(seen[0], seen[-1]) - min(seen))
-            self._swings = s.signal == "psi" and swing > s.reach
-        return -1.0 if self._swings and x - self._began_at > s.reach else 1.0
+        if self.answer is None:  # afterwards pulses also turn it
+            excess = max(max(seen) - max(seen[0], seen[-1]), min(seen[0], seen[-1]) - min(seen))
+            self._oscillates = s.signal == "psi" and excess > s.reach
+        return -1.0 if self._oscillates and x - self._began_at > s.reach else 1.0
 
     def _nothing_to_steer_by(self) -> bool:
         s, idle = self._settings, self._rest[-1][2]

@@ -118,13 +118,13 @@ def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
             f"the vehicle does not report its {force} output, so it is unknown whether {who} follows. Check that "
             "SERVO_OUTPUT_RAW is sent, and that a SERVOn_FUNCTION drives this axis"
         )
-    asked = f"commanded {stretch.command:+.2f} of full {force} output, but the outputs show {stretch.output:+.2f}"
+    mismatch = f"commanded {stretch.command:+.2f} of full {force} output, but the outputs show {stretch.output:+.2f}"
     if stretch.obeyed <= -_NOTHING:
-        return f"{asked}, the opposite direction. Check RCn_REVERSED and the function of {who}"
+        return f"{mismatch}, the opposite direction. Check RCn_REVERSED and the function of {who}"
     if stretch.obeyed < _NOTHING:
-        return f"{asked}: {who} did not change. Check SERVOn_FUNCTION, and that no other transmitter is in command"
+        return f"{mismatch}: {who} did not change. Check SERVOn_FUNCTION, and that no other transmitter is in command"
     cap = ", and MOT_THR_MAX" if force == "X" else ""
-    return f"{asked}: {who} is limited on that side. Check SERVOn_MIN, TRIM and MAX and RCn_MIN, TRIM and MAX{cap}"
+    return f"{mismatch}: {who} is limited on that side. Check SERVOn_MIN, TRIM and MAX and RCn_MIN, TRIM and MAX{cap}"
 
 
 def at_its_stop(idle: float, force: str, outlets: Sequence[Outlet]) -> str:

@@ -40,9 +40,9 @@ class DirectSpiral(UnderWay):
         self._levels = levels
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings of the steering and number of levels by name, for the trial's ``meta``."""
-        return {**super().asked, "levels": self._levels}
+        return {**super().meta_fields, "levels": self._levels}
 
     def commands(self, now: Observation) -> Commands:
         """Yield the commands of the approach, then the helms in turn."""
@@ -71,9 +71,9 @@ class BechSpiral(UnderWay):
         self._levels = levels
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings of the steering and number of levels by name, for the trial's ``meta``."""
-        return {**super().asked, "levels": self._levels}
+        return {**super().meta_fields, "levels": self._levels}
 
     def commands(self, now: Observation) -> Commands:
         """Yield the commands of the approach, of the first turn, and of the controller at each rate."""

@@ -129,7 +129,7 @@ def _later(held: Array) -> Array:
     return held[len(held) // 3 :]
 
 
-def _swing_in(x: Array) -> float:
+def _oscillation_in(x: Array) -> float:
     """Return the standard deviation of *x* (n,) about its mean if it crosses the mean often enough; else 0."""
     off = x - x.mean()
     std = float(off.std())
@@ -144,7 +144,7 @@ class Step(Manoeuvre):
 
     def __init__(self, settings: StepSettings, name: str = "step") -> None:
         super().__init__(name, signal=settings.signal, force=SIGNAL_FORCES[settings.signal])
-        from gcs_autotune.sensor import quantum  # a second to import, which nobody waits for in flight
+        from gcs_autotune.sensor import quantum  # takes a second to import, too long in flight
 
         self._settings = settings
         self.drifts = next((d.position for d in DOFS.values() if d.velocity == settings.signal), "")
@@ -163,7 +163,7 @@ class Step(Manoeuvre):
         self._now = math.nan
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings of the step, and duration [s] of each half (``lasted``), by name, for the trial's ``meta``."""
         s = self._settings
         return {
@@ -274,15 +274,15 @@ class Step(Manoeuvre):
         s, late = self._settings, _later(np.array(self._held))
         if elapsed < LEAST_OSCILLATING or not math.isfinite(s.enough) or abs(late.mean()) > s.steady_band * abs(s.size):
             return False
-        return 0.0 < SETTLED_NOISES * _swing_in(late) <= MAX_OSCILLATION * abs(s.size)
+        return 0.0 < SETTLED_NOISES * _oscillation_in(late) <= MAX_OSCILLATION * abs(s.size)
 
     def _band_about(self, held: Array) -> float:
         """Return the distance [SI] from the target that counts as settled, from the noise of the *held* signal (n,)
         before the step."""
         noise, size = SETTLED_NOISES * _noise_in(held), abs(self._settings.size)
-        swing = SETTLED_NOISES * _swing_in(_later(held))
-        swing = swing if swing <= MAX_OSCILLATION * size else 0.0
-        return max(SETTLED_BAND * size, noise, swing, ONE_QUANTUM * self._quantum(held))
+        oscillation = SETTLED_NOISES * _oscillation_in(_later(held))
+        oscillation = oscillation if oscillation <= MAX_OSCILLATION * size else 0.0
+        return max(SETTLED_BAND * size, noise, oscillation, ONE_QUANTUM * self._quantum(held))
 
     def _next(self, t: float) -> None:
         if self._step == 2:

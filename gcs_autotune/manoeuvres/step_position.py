@@ -29,9 +29,9 @@ DIVERGED, LEAST_ROOM = 2.5, 2.0
 Project choice."""
 SATURATED = 0.9
 """Largest output that counts as saturated, as :data:`gcs_autotune.workflow.hold.RANGE`."""
-TOLD = 5
-"""Number of observations for which a boat is sent a new position. Project choice: each message starts ArduRover anew,
-and several are lost less often than one."""
+REPEATS = 5
+"""Number of observations for which a boat is sent a new position. Project choice: each message restarts ArduRover's
+approach, and several are lost less often than one."""
 
 ADRIFT = "the reported position drifts (GPS or DVL lost)"
 """Other cause of a distance from the target: an autopilot without GPS or DVL goes on reporting for seconds."""
@@ -91,7 +91,7 @@ class StepPosition(_AtPosition):
     Parameters
     ----------
     settle, duration : time at the first position, and at each later one [s].
-    once : whether each position is sent only briefly (ArduRover, which would start its approach anew).
+    once : whether each position is sent only briefly (ArduRover, which would restart its approach).
     abeam : step to starboard relative to that ahead.
     """
 
@@ -109,7 +109,7 @@ class StepPosition(_AtPosition):
         return firmware.position_mode
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Step and durations."""
         return {"size": self._size, "abeam": self._abeam, "settle": self._settle, "duration": self._duration}
 
@@ -120,19 +120,19 @@ class StepPosition(_AtPosition):
         base = PositionTarget(now.x, now.y, now.z if math.isfinite(now.z) else 0.0, now.psi)
         there = PositionTarget(now.x + away[0], now.y + away[1], base.z, base.psi)
         legs = iter((("hold", self._settle, base), ("step", self._duration, there), ("back", self._duration, base)))
-        target, until, told = base, now.t, 0
+        target, until, sent = base, now.t, 0
         while True:
             if now.t >= until:
                 until, content = self._phase_of(now, until, legs)
                 if content is not None:
-                    target, told = content, 0
+                    target, sent = content, 0
                     self._mark(now.t, "target", {"x": target.x, "y": target.y, "phase": self.phase})
             self._check(now, target.x, target.y)
-            told += 1
-            now = yield self._command(target, told)
+            sent += 1
+            now = yield self._command(target, sent)
 
-    def _command(self, target: PositionTarget, told: int) -> Command:
-        waits = self._once and (self.phase == "hold" or told > TOLD)  # in the mode's own way of staying
+    def _command(self, target: PositionTarget, sent: int) -> Command:
+        waits = self._once and (self.phase == "hold" or sent > REPEATS)  # in the mode's own way of staying
         return Actuate() if waits else target
 
 
@@ -157,7 +157,7 @@ class PushPosition(_AtPosition):
         return firmware.push_mode
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Push and durations."""
         return {"push": PUSH, "settle": self._settle, "duration": self._duration}
 

@@ -38,9 +38,9 @@ class Stopping(UnderWay):
         self._astern = astern
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Throttle and thrust astern [fraction of full] by name, for the trial's ``meta``."""
-        return {**super().asked, "dof": "surge", "astern": self._astern}
+        return {**super().meta_fields, "dof": "surge", "astern": self._astern}
 
     def commands(self, now: Observation) -> Commands:
         """Yield the commands of the approach, then zero thrust or thrust astern."""

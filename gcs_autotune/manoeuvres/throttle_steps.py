@@ -114,7 +114,7 @@ class ThrottleSteps(Manoeuvre):
         self._from = math.nan
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings as flown, by name, for the trial's ``meta``; ``from_t`` [s] is shortly before the first step."""
         s = self._settings
         return {

@@ -87,7 +87,7 @@ class ThrustCheck(Manoeuvre):
         self._psi = self._drift = 0.0
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings as flown and results by name, for the trial's ``meta``."""
         s, seen = self._settings, self.answer
         return {

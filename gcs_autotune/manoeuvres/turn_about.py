@@ -39,7 +39,7 @@ class TurnAbout(Manoeuvre):
         self._settings = settings
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Throttle, steering and angle [rad] by name, for the trial's ``meta``."""
         s = self._settings
         return {"throttle": s.throttle, "output": s.output, "angle": s.angle}

@@ -38,9 +38,9 @@ class CircleAndPullOut(UnderWay):
         self._turn = turn
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Settings of the steering and change of heading [rad] by name, for the trial's ``meta``."""
-        return {**super().asked, "turn": self._turn}
+        return {**super().meta_fields, "turn": self._turn}
 
     def commands(self, now: Observation) -> Commands:
         """Yield the commands of the approach, the turn and the pull-out."""

@@ -50,9 +50,9 @@ class ZigZag(UnderWay):
         self._settings = settings
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         """Angles [rad] and sizes as flown by name, for the trial's ``meta``."""
-        return {**super().asked, "heading": self._settings.heading, "executes": self._settings.executes}
+        return {**super().meta_fields, "heading": self._settings.heading, "executes": self._settings.executes}
 
     def commands(self, now: Observation) -> Commands:
         """Yield the commands of the approach, then the rudder to one side and the other in turn."""

@@ -86,9 +86,9 @@ def _checked(message: Message, extras: Collection[int]) -> tuple[int, bytes] | N
     if len(raw) < _HEADER + _CHECKSUM or raw[0] != 0xFD:
         return None
     end = _HEADER + raw[1]
-    told = int.from_bytes(raw[end : end + _CHECKSUM], "little")
+    checksum = int.from_bytes(raw[end : end + _CHECKSUM], "little")
     payload = raw[_HEADER:end].ljust(3, b"\0")  # zeros at its end are not sent
     for extra in extras:
-        if mavlink.x25crc(raw[1:end] + bytes([extra])).crc == told:
+        if mavlink.x25crc(raw[1:end] + bytes([extra])).crc == checksum:
             return extra, payload
     return None

@@ -111,7 +111,14 @@ class SingleDof(Displayed):
         return cls.of_data(conformed(data, SingleDofData, "model"))
 
     @classmethod
-    def of_data(cls, told: SingleDofData) -> SingleDof:
+    def of_data(cls, contents: SingleDofData) -> SingleDof:
         """Return the model that a file contains."""
-        numbers = (told.alpha, told.beta, told.beta_quadratic, told.delta, told.delay, told.restoring)
-        return cls(told.dof, told.input_unit, *numbers)
+        numbers = (
+            contents.alpha,
+            contents.beta,
+            contents.beta_quadratic,
+            contents.delta,
+            contents.delay,
+            contents.restoring,
+        )
+        return cls(contents.dof, contents.input_unit, *numbers)

@@ -355,10 +355,10 @@ def _inject(x: Array, error: Array) -> None:
 
 
 @called
-def _correct(error: Array, P: Array, y: float, H: Array, variance: float, told: Array, W: Array) -> None:
+def _correct(error: Array, P: Array, y: float, H: Array, variance: float, update: Array, W: Array) -> None:
     """Add the estimate by one number to *error*, update the covariance, and write innovation, variance and gain into
-    *told*."""
-    PH, K = W[12], told[NODE : NODE + SIZE]
+    *update*."""
+    PH, K = W[12], update[NODE : NODE + SIZE]
     S = variance
     for i in range(SIZE):
         total = 0.0
@@ -366,10 +366,10 @@ def _correct(error: Array, P: Array, y: float, H: Array, variance: float, told: 
             total += P[i, j] * H[j]
         PH[i] = total
         S += H[i] * total
-    told[0], told[1], told[2] = y, S, 1.0
+    update[0], update[1], update[2] = y, S, 1.0
     for i in range(SIZE):
         K[i] = PH[i] / S
-        told[NODE + SIZE + i] = H[i]
+        update[NODE + SIZE + i] = H[i]
     for i in range(SIZE):
         for j in range(i + 1):
             P[i, j] -= K[i] * PH[j]
@@ -381,14 +381,14 @@ def _correct(error: Array, P: Array, y: float, H: Array, variance: float, told: 
 @entry
 def forward(
     imu: Array, at: Index, rows: Array, numbers: Array, noise: Array, x: Array, P: Array, every: int, held: float,
-    steps: Array, told: Array, nodes: Array, spreads: Array, W: Array, R: Array,
+    steps: Array, updates: Array, nodes: Array, spreads: Array, W: Array, R: Array,
 ) -> int:  # fmt: skip
     """Run the filter over all samples of the inertial sensor.
 
     imu (s, 7) : time, turn rates, specific forces. at (r,) : step of each measurement, ascending. rows (r, COLUMNS).
     numbers (2,) : gravity and declination. noise : as in :func:`_spread`. x (X_SIZE,), P (SIZE, SIZE) : first state,
     then the last. every : steps between kept states. held [s] : time at the start during which the estimated error is
-    kept beside the state, which stays the trajectory for linearisation. steps (s, STEP), told (r, NODE + 2 SIZE),
+    kept beside the state, which stays the trajectory for linearisation. steps (s, STEP), updates (r, NODE + 2 SIZE),
     nodes (k, X_SIZE), spreads (k, SIZE, SIZE) : results. W (15, SIZE), R (3, 3) : work space. Return the number of
     states kept.
     """
@@ -405,7 +405,7 @@ def forward(
                 error[i] = W[12, i]
         is_held = imu[k, 0] - imu[0, 0] < held
         while m < len(at) and at[m] == k:
-            H = told[m, NODE + SIZE :]
+            H = updates[m, NODE + SIZE :]
             y = _compare(x, imu[k], rows[m], numbers[0], numbers[1], H, W, R)
             for i in range(SIZE):
                 y -= H[i] * error[i]
@@ -420,11 +420,11 @@ def forward(
             for i in range(SIZE):
                 for j in range(SIZE):
                     S += H[i] * P[i, j] * H[j]
-            told[m, 5] = variance
-            told[m, 0], told[m, 1], told[m, 2] = y, S, 0.0
+            updates[m, 5] = variance
+            updates[m, 0], updates[m, 1], updates[m, 2] = y, S, 0.0
             if y * y <= GATE * S or skipped[kind] >= PATIENCE:
                 skipped[kind] = 0.0
-                _correct(error, P, y, H, variance, told[m], W)
+                _correct(error, P, y, H, variance, updates[m], W)
                 if not is_held:
                     _inject(x, error)
                     error[:] = 0.0
@@ -442,7 +442,7 @@ def forward(
 
 @entry
 def backward(
-    at: Index, rows: Array, noise: Array, every: int, steps: Array, told: Array, nodes: Array, spreads: Array,
+    at: Index, rows: Array, noise: Array, every: int, steps: Array, updates: Array, nodes: Array, spreads: Array,
     shifts: Array, levels: Array, lagged: Array, L: Array, W: Array,
 ) -> None:  # fmt: skip
     """Smooth the kept states backwards.
@@ -451,7 +451,7 @@ def backward(
     sum of squared smoothed noise and number of steps, of gyro and of accelerometer. lagged (k, MOVING) : covariance of
     the smoothed error of each moving state with that in the kept state before, 0 for the first. L (2 SIZE + MOVING,
     SIZE) : work space.
-    Column 3 of *told* becomes the expected squared error of each measurement. For the recursion see Bierman1977.
+    Column 3 of *updates* becomes the expected squared error of each measurement. For the recursion see Bierman1977.
     """
     A, T, G = L[:SIZE], L[SIZE : 2 * SIZE], L[2 * SIZE :]
     l, c = W[0], W[1]  # noqa: E741
@@ -496,9 +496,9 @@ def backward(
                     P[i, j] -= T[i, j]
             node -= 1
         while m >= 0 and at[m] == k:
-            if told[m, 2] > 0.0:
-                K, H = told[m, NODE : NODE + SIZE], told[m, NODE + SIZE :]
-                y, S, R = told[m, 0], told[m, 1], told[m, 5]
+            if updates[m, 2] > 0.0:
+                K, H = updates[m, NODE : NODE + SIZE], updates[m, NODE + SIZE :]
+                y, S, R = updates[m, 0], updates[m, 1], updates[m, 5]
                 by, double = 0.0, 0.0
                 for i in range(SIZE):
                     by += K[i] * l[i]
@@ -508,8 +508,8 @@ def backward(
                     c[i] = total
                     double += K[i] * total
                 u, D = y / S + by, 1.0 / S + double
-                told[m, 3] = (R * u) ** 2 + R - R * R * D
-                told[m, 4] = 1.0
+                updates[m, 3] = (R * u) ** 2 + R - R * R * D
+                updates[m, 4] = 1.0
                 for i in range(SIZE):
                     l[i] -= H[i] * u
                 for s in range(MOVING):

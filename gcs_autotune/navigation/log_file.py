@@ -115,15 +115,15 @@ def channels_of(solution: Navigation) -> dict[str, Channel]:
     """Return the signals as channels, with standard deviations (``std_u``), correlation times (``memory_u`` [s]) and
     common errors (``common1_u`` ...).
     """
-    found = {}
+    channels = {}
     for name, values in solution.values.items():
         unit = SIGNALS[name].unit
-        found[name] = Channel(name, unit, solution.t, values)
-        found[f"std_{name}"] = Channel(f"std_{name}", unit, solution.t, solution.stds[name])
-        found[f"memory_{name}"] = Channel(f"memory_{name}", "s", solution.t, solution.memories[name])
+        channels[name] = Channel(name, unit, solution.t, values)
+        channels[f"std_{name}"] = Channel(f"std_{name}", unit, solution.t, solution.stds[name])
+        channels[f"memory_{name}"] = Channel(f"memory_{name}", "s", solution.t, solution.memories[name])
         for number, column in enumerate(solution.common[name].T, start=1):
-            found[f"common{number}_{name}"] = Channel(f"common{number}_{name}", unit, solution.t, column)
-    return found
+            channels[f"common{number}_{name}"] = Channel(f"common{number}_{name}", unit, solution.t, column)
+    return channels
 
 
 def _sources(solution: Navigation) -> dict[str, Array]:

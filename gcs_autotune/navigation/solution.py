@@ -235,7 +235,7 @@ class _Stretch:
             if count > 2 and moved < SETTLED[0] and changed < SETTLED[1]:
                 converged = True
                 break
-        return self._told(result, count, converged=converged)
+        return self._navigation(result, count, converged=converged)
 
     def _rows(self) -> _Rows:
         t = self.imu[:, 0]
@@ -335,10 +335,10 @@ class _Stretch:
             moved = max(moved, abs(delay - self.delays[device]))
             self.delays[device] = delay
         for place, name in enumerate(self.series):
-            mine = (result.rows.series == place) & (result.told[:, 4] > 0.0)
+            mine = (result.rows.series == place) & (result.updates[:, 4] > 0.0)
             if name == PAUSE or not np.any(mine):
                 continue
-            sigma = math.sqrt(max(float(np.mean(result.told[mine, 3])), 0.0))
+            sigma = math.sqrt(max(float(np.mean(result.updates[mine, 3])), 0.0))
             sigma = max(sigma, FLOOR * SENSORS[name].sigma)
             changed = max(changed, abs(sigma / self.sigma[name] - 1.0))
             self.sigma[name] = sigma
@@ -347,7 +347,7 @@ class _Stretch:
         self.imu_noise = found
         return moved, changed
 
-    def _told(self, result: _Pass, passes: int, *, converged: bool) -> Navigation:
+    def _navigation(self, result: _Pass, passes: int, *, converged: bool) -> Navigation:
         x, P = result.x, result.P
         if not np.all(np.isfinite(x)):
             raise NotInformative(
@@ -371,7 +371,7 @@ class _Stretch:
         }
         noise = {}
         for place, name in enumerate(self.series):
-            mine = result.told[result.rows.series == place]
+            mine = result.updates[result.rows.series == place]
             used = mine[mine[:, 2] > 0.0]
             nis = float(np.mean(used[:, 0] ** 2 / used[:, 1])) if len(used) else math.nan
             noise[name] = SensorNoise(len(used), len(mine) - len(used), self.sigma[name], nis)
@@ -460,16 +460,16 @@ class _Pass:
             pull[2] = -_turned_by(x[:4], stretch.start[:4]) / P[2, 2]
             x, held = stretch.start.copy(), HELD
         noise = np.array([*stretch.imu_noise, *DRIFTS])
-        steps, self.told = np.zeros((s, kernel.STEP)), np.zeros((r, kernel.NODE + 2 * n))
+        steps, self.updates = np.zeros((s, kernel.STEP)), np.zeros((r, kernel.NODE + 2 * n))
         self.x, self.P = np.zeros((k, kernel.X_SIZE)), np.zeros((k, n, n))
         shifts, self.levels, lagged = np.zeros((k, n)), np.zeros(4), np.zeros((k, kernel.MOVING))
         work, rotation = np.zeros((15, n)), np.zeros((3, 3))
         kernel.forward(
-            imu, rows.at, rows.numbers, stretch.numbers, noise, x, P, every, held, steps, self.told, self.x, self.P,
+            imu, rows.at, rows.numbers, stretch.numbers, noise, x, P, every, held, steps, self.updates, self.x, self.P,
             work, rotation,
         )  # fmt: skip
         kernel.backward(
-            rows.at, rows.numbers, noise, every, steps, self.told, self.x, self.P, shifts, self.levels,
+            rows.at, rows.numbers, noise, every, steps, self.updates, self.x, self.P, shifts, self.levels,
             lagged, np.zeros((2 * n + kernel.MOVING, n)), work,
         )  # fmt: skip
         spread = np.sqrt(np.maximum(np.einsum("kii->ki", self.P)[:, : kernel.MOVING], 1e-300))

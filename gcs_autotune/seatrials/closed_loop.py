@@ -95,7 +95,7 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     whole = explained[-1]
     if whole < FOLLOWED:
         notes.append(_not_linear(explained))
-    omega_n, zeta, overshoot = _told(loop).tolist()
+    omega_n, zeta, overshoot = _characteristics(loop).tolist()
     if force in run:
         full = float(np.mean(np.abs(np.concatenate([p[force].values for p in parts])) >= SATURATED))
         if full > OFTEN:
@@ -106,7 +106,7 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     if slowest > record:
         notes.append(_slower_than_the_relays(slowest, record))
         step, omega_n, zeta, overshoot = (), NAN, NAN, NAN
-    if omega_std >= omega_n or zeta_std >= zeta:  # figures that nobody knows are left out
+    if omega_std >= omega_n or zeta_std >= zeta:  # figures of unknown size are left out
         omega_n = omega_std = zeta = NAN
     cycles = [cycle for part in parts for cycle in loop_cycles(part)]
     figures = known(
@@ -165,11 +165,11 @@ def _not_linear(explained: Sequence[float]) -> Doubt:
     """
     larger, *_, smaller, whole = explained  # some fly more than two
     cause = f"a linear loop explains only {100.0 * whole:.0f} % of this motion"
-    told = f"({100.0 * larger:.0f} % of the larger relay's, {100.0 * smaller:.0f} % of the smaller one's)"
+    shares = f"({100.0 * larger:.0f} % of the larger relay's, {100.0 * smaller:.0f} % of the smaller one's)"
     if larger < smaller - DISTINCT:
-        return Doubt("not-linear", f"{cause} {told}, which indicates saturation", "use a smaller --set-point")
+        return Doubt("not-linear", f"{cause} {shares}, which indicates saturation", "use a smaller --set-point")
     if smaller < larger - DISTINCT:
-        cause = f"{cause} {told}, which indicates a dead zone, waves or noise"
+        cause = f"{cause} {shares}, which indicates a dead zone, waves or noise"
         return Doubt("not-linear", cause, "use a larger --set-point and --second-set-point")
     return Doubt(
         "not-linear",
@@ -214,7 +214,7 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     ref = np.concatenate([*(part[commanded].values for part in parts), [value for _, value in held]])
     at = np.concatenate([*(part[commanded].t for part in parts), [when for when, _ in held]])
     ref, at = ref[np.argsort(at, kind="stable")], np.sort(at)
-    t = np.arange(at[0], at[-1], STEP)  # after the last switch nobody holds that command any more
+    t = np.arange(at[0], at[-1], STEP)  # after the last switch that command is no longer held
     middle = 0.5 * float(parts[0][commanded].values.max() + parts[0][commanded].values.min())
     seen = run[signal]
     answer = np.interp(t, seen.t, seen.values) - middle
@@ -230,8 +230,8 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
         edges = np.append(np.maximum.accumulate(at + theta[4] + theta[5] * jumps), math.inf)
         edges[-1] = max(run.end, edges[-2]) + MOST_DELAY
         area = np.concatenate([[0.0], np.cumsum((ref - middle) * np.diff(edges))])
-        asked = np.diff(np.interp(np.append(t, t[-1] + STEP), edges, area)) / STEP
-        return _left_of(np.exp(theta[:3]), theta[3], asked, answer)
+        command = np.diff(np.interp(np.append(t, t[-1] + STEP), edges, area)) / STEP
+        return _left_of(np.exp(theta[:3]), theta[3], command, answer)
 
     def slopes(theta: Array) -> Array:
         """Return the derivatives of :func:`left` as difference quotients.
@@ -271,25 +271,25 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
         inside = (t >= part.start) & (t <= part.end)
         missed, moved = float(np.var(best.fun[inside])), float(np.var(answer[inside]))
         explained.append(1.0 - math.sqrt(max(missed - noise, 0.0) / max(moved - noise, 1e-12)))
-    told = np.flatnonzero(best.active_mask == 0)
-    return loop, explained, _errors(best.x, np.asarray(best.jac, dtype=np.float64), best.fun, told)
+    estimated = np.flatnonzero(best.active_mask == 0)
+    return loop, explained, _errors(best.x, np.asarray(best.jac, dtype=np.float64), best.fun, estimated)
 
 
-def _errors(theta: Array, J: Array, left: Array, told: NDArray[np.intp]) -> Array:
-    """Return the standard errors of :func:`_told`; the residuals may be correlated.
+def _errors(theta: Array, J: Array, left: Array, estimated: NDArray[np.intp]) -> Array:
+    """Return the standard errors of :func:`_characteristics`; the residuals may be correlated.
 
-    told : indices of the identified numbers; one at its bound (a pole too fast to be visible) counts as known.
+    estimated : indices of the identified numbers; one at its bound (a pole too fast to be visible) counts as known.
     """
     again = float(np.corrcoef(left[1:], left[:-1])[0, 1])
     variance = float(np.var(left)) * (1.0 + again) / max(1.0 - again, 1e-3)
     covariance = np.zeros((len(theta), len(theta)))
-    covariance[np.ix_(told, told)] = variance * np.linalg.pinv(J[:, told].T @ J[:, told])
-    here = _told(_of(theta))
+    covariance[np.ix_(estimated, estimated)] = variance * np.linalg.pinv(J[:, estimated].T @ J[:, estimated])
+    here = _characteristics(_of(theta))
     slopes = np.zeros((len(here), len(theta)))
     for i in range(4):  # the delays move none of them
         moved = theta.copy()
         moved[i] += NUDGE
-        slopes[:, i] = (_told(_of(moved)) - here) / NUDGE
+        slopes[:, i] = (_characteristics(_of(moved)) - here) / NUDGE
     return np.asarray(np.sqrt(np.diag(slopes @ covariance @ slopes.T)))
 
 
@@ -310,7 +310,7 @@ SETTLED = 0.05
 """Deviation from the end value, relative to the step, within which a signal counts as settled. Project choice."""
 
 
-def _told(loop: TransferFunction) -> Array:
+def _characteristics(loop: TransferFunction) -> Array:
     """Return natural frequency, damping ratio and overshoot of a *loop*."""
     return np.array([*oscillation_of(loop), _overshoot(loop)])
 
@@ -322,8 +322,8 @@ def _of(theta: Array) -> TransferFunction:
     return TransferFunction((1.0, float(theta[3])), (1.0, a_1, a_2, a_3), delay=float(theta[4] + theta[5]))
 
 
-def _left_of(a: Array, b_1: float, asked: Array, answer: Array) -> Array:
-    """Return the residual of the loop: response *answer* (n,) to commands *asked* (n,), each held for a step.
+def _left_of(a: Array, b_1: float, command: Array, answer: Array) -> Array:
+    """Return the residual of the loop: response *answer* (n,) to commands *command* (n,), each held for a step.
 
     The initial state is fitted, because earlier commands and the state of a slow integral are unknown.
     """
@@ -333,14 +333,14 @@ def _left_of(a: Array, b_1: float, asked: Array, answer: Array) -> Array:
     stepped = expm(A * STEP)
     signal = scipy_signal()
     if not np.all(np.isfinite(stepped)):
-        return np.full(len(asked), LOST)
+        return np.full(len(command), LOST)
     C = np.array([[1.0, b_1, 0.0]])
     top, bottom = signal.ss2tf(stepped[:3, :3], stepped[:3, 3:], C, np.zeros((1, 1)))
-    kick = np.zeros(len(asked))
+    kick = np.zeros(len(command))
     kick[0] = 1.0
     first = np.array([(C @ np.linalg.matrix_power(stepped[:3, :3], k))[0] for k in range(3)])
-    swings = [signal.lfilter(np.convolve(bottom, column)[:3], bottom, kick) for column in first.T]
-    both = np.column_stack([signal.lfilter(top[0], bottom, asked), *swings])
+    free_responses = [signal.lfilter(np.convolve(bottom, column)[:3], bottom, kick) for column in first.T]
+    both = np.column_stack([signal.lfilter(top[0], bottom, command), *free_responses])
     flown, *free = np.clip(np.nan_to_num(both, nan=LOST), -LOST, LOST).T
     begins = np.column_stack(free) / np.linalg.norm(free, axis=1)
     left = flown - answer

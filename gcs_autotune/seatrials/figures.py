@@ -64,11 +64,11 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
 
 def _figures(run: Trial, ship: Particulars | None, manoeuvre: str | None) -> tuple[Sheet, ...]:
     particulars = ship or Particulars()
-    told = run.meta.get("manoeuvre")
-    asked = manoeuvre or next((name for name in MANOEUVRES if same_name(name, told)), None)
-    if asked is not None:
-        sheet = lookup(MANOEUVRES, asked, "ship manoeuvre")(run, particulars)
-        return (sheet, *(() if manoeuvre or asked not in ENDS_IN else _all_of(ENDS_IN[asked], run, particulars)[0]))
+    recorded = run.meta.get("manoeuvre")
+    chosen = manoeuvre or next((name for name in MANOEUVRES if same_name(name, recorded)), None)
+    if chosen is not None:
+        sheet = lookup(MANOEUVRES, chosen, "ship manoeuvre")(run, particulars)
+        return (sheet, *(() if manoeuvre or chosen not in ENDS_IN else _all_of(ENDS_IN[chosen], run, particulars)[0]))
     ship_log(run)  # its errors are about the run, not about one manoeuvre or another
     found, missing = _all_of(("zig-zag", "spiral", "turning-circle", "pull-out"), run, particulars)
     if not found:

@@ -119,9 +119,9 @@ def _order(run: Trial, X: Channel, end: float) -> float:
 
     A fast craft stops before thrust astern reaches its level. The mark in the record is then used.
     """
-    told = [m.t for m in run.marks if m.kind == "execute" and isinstance(m.detail.get("X"), float)]
-    if told and X.held_at(math.nextafter(told[-1], -math.inf)) > 0.0:
-        return told[-1]
+    marked = [m.t for m in run.marks if m.kind == "execute" and isinstance(m.detail.get("X"), float)]
+    if marked and X.held_at(math.nextafter(marked[-1], -math.inf)) > 0.0:
+        return marked[-1]
     holds = find_holds(X.t, X.values, end)
     for before, after in reversed(list(itertools.pairwise(holds))):
         if before.level > 0.0 and after.level <= NO_THRUST * before.level:

@@ -363,9 +363,9 @@ more in total while they steer.
 
 
 def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt]:
-    found = []
+    doubts = []
     if loss.value < -GAINED and loss.value < -GAINED_STDS * loss.std:
-        found.append(
+        doubts.append(
             Doubt(
                 "approach-not-steady",
                 f"the craft is {-loss.value:.0%} faster in the steady turn than in its approach: the approach was "
@@ -374,7 +374,7 @@ def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt
             )
         )
     if current is None:
-        found.append(
+        doubts.append(
             Doubt(
                 "current-unknown",
                 f"the turn of {math.degrees(turned):.0f} deg is too short to estimate a current. No current is assumed",
@@ -382,11 +382,11 @@ def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt
             )
         )
     if turned < 1.5 * math.pi + math.pi:
-        found.append(
+        doubts.append(
             Doubt(
                 "turn-short",
                 f"the heading changed by only {math.degrees(turned):.0f} deg, so the steady turn is uncertain",
                 "hold the helm for at least 540 degrees",
             )
         )
-    return found
+    return doubts

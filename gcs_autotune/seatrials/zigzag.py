@@ -225,7 +225,7 @@ def _extreme(log: ShipLog, executes: tuple[Execute, ...], e: Execute, sense: flo
     top = int(np.argmax(side * psi))
     if top >= len(t) - 2:
         return None
-    # the width over which the heading stays near its extreme: a tenth of the swing
+    # the width over which the heading stays near its extreme: a tenth of the oscillation
     near = side * (psi[top] - psi) < 0.1 * float(np.ptp(psi)) + 2.0 * log.step
     left = top - int(np.argmax(~near[top::-1])) + 1 if (~near[: top + 1]).any() else 0
     right = top + int(np.argmax(~near[top:])) if (~near[top:]).any() else len(t)
@@ -289,9 +289,9 @@ def _distance(log: ShipLog, start: float, end: float) -> Reading:
 
 
 def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_approach: bool) -> list[Doubt]:
-    found = []
+    doubts = []
     if not from_approach:
-        found.append(
+        doubts.append(
             Doubt(
                 "no-approach",
                 f"run '{log.name}' does not start on a straight course with the helm amidships",
@@ -299,7 +299,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
             )
         )
     if len(changes) > 1 and float(changes.std(ddof=1)) > UNEVEN * float(changes.mean()):
-        found.append(
+        doubts.append(
             Doubt(
                 "uneven-executes",
                 f"the helm was reversed at heading changes from {math.degrees(changes.min()):.1f} to "
@@ -310,14 +310,14 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
     dt = float(np.median(np.diff(log.t)))
     shortest = min(b.t - a.t for a, b in itertools.pairwise(executes))
     if shortest < 20.0 * dt:
-        found.append(
+        doubts.append(
             Doubt(
                 "slow-sampling",
                 f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times between two helm orders",
                 "record the heading at a higher rate",
             )
         )
-    return found
+    return doubts
 
 
 NAN = math.nan
@@ -407,10 +407,10 @@ def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
 
     A helmsman reverses the rudder late, so that the heading at the executes exceeds the ordered one.
     """
-    asked, share = run.meta.get("heading"), run.meta.get("steering")
-    if isinstance(asked, float) and isinstance(share, float):
+    ordered, share = run.meta.get("heading"), run.meta.get("steering")
+    if isinstance(ordered, float) and isinstance(share, float):
         helm = abs(share) * float(run.meta.get("full_rudder", 1.0)) if unit in ("rad", "1") else z.helm
-        return f"{helm_text(helm, unit)}/{math.degrees(asked):.0f}{_sign(unit)}"
+        return f"{helm_text(helm, unit)}/{math.degrees(ordered):.0f}{_sign(unit)}"
     helm = _ordered(z.helm, HELM_NEAR) if unit == "rad" else z.helm
     return f"{helm_text(helm, unit)}/{math.degrees(_ordered(z.heading.value, HEADING_NEAR)):.0f}{_sign(unit)}"
 

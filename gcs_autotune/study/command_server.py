@@ -84,30 +84,30 @@ class CommandServer:
 
 
 def serve() -> None:
-    """Run the commands that standard input asks for, until it ends."""
+    """Run the commands that standard input contains, until it ends."""
     answers = os.dup(1)
     os.dup2(2, 1)  # what an import prints is no answer
     if hasattr(os, "fork"):
         for module in _IMPORTED:
             importlib.import_module(module)
-    while asked := _asked():
-        out, err, *line = json.loads(asked)
+    while request := _next_request():
+        out, err, *line = json.loads(request)
         if hasattr(os, "fork"):
             child = os.fork()
             if child == 0:
                 _become(out, err, line)
             code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         else:
-            with Path(out).open("wb") as told, Path(err).open("wb") as warned:
+            with Path(out).open("wb") as output, Path(err).open("wb") as errors:
                 command = [sys.executable, "-m", "gcs_autotune", *line]
                 code = subprocess.run(
-                    command, stdin=subprocess.DEVNULL, stdout=told, stderr=warned, check=False
+                    command, stdin=subprocess.DEVNULL, stdout=output, stderr=errors, check=False
                 ).returncode
         with contextlib.suppress(BrokenPipeError):  # the worker was killed meanwhile: standard input has ended, too
             os.write(answers, b"%d\n" % code)
 
 
-def _asked() -> bytes:
+def _next_request() -> bytes:
     """Return the next line of standard input. Unbuffered: a forked command reads from it too."""
     line = b""
     while not line.endswith(b"\n"):

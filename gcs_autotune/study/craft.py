@@ -62,8 +62,8 @@ def link_of(given: Mapping[str, Any], folder: Path, home: Path) -> str:
         path = folder / "vehicle.toml"
         path.write_text(_file_of(like, vehicle), encoding="utf-8")
         name = str(path)
-    told = "&".join(f"effect={text.replace('&', '%26')}" for text in _effects(given))
-    return f"sitl:{name}{'?' if told else ''}{told}"
+    query = "&".join(f"effect={text.replace('&', '%26')}" for text in _effects(given))
+    return f"sitl:{name}{'?' if query else ''}{query}"
 
 
 def _effects(given: Mapping[str, Any]) -> list[str]:

@@ -175,7 +175,7 @@ def _successes(plan: Plan, job: Job, frame: Any) -> tuple[str, Any]:
     spec, done = plan.report.success, (frame["status"] == DONE).to_numpy()
     if not spec and job.success not in frame:
         compared = _compared(plan, job, frame)
-        right = [true == told for true, told in compared]
+        right = [true == reported for true, reported in compared]
         return ("reported as simulated", done & np.array(right)) if compared else ("", None)
     goal = spec if isinstance(spec, Goal) else Goal(spec or job.success, least=0.5)
     _verify_result(plan, frame, "success", goal.of)
@@ -250,8 +250,8 @@ def _compared(plan: Plan, job: Job, frame: Any) -> list[tuple[str, str]]:
         _verify_result(plan, frame, "answer", answer)
     answers = frame[answer] if answer in frame else [None] * len(frame)
     return [
-        (_label(true), _label(told) if status == DONE else status)
-        for true, told, status in zip(frame[truth], answers, frame["status"], strict=True)
+        (_label(true), _label(reported) if status == DONE else status)
+        for true, reported, status in zip(frame[truth], answers, frame["status"], strict=True)
     ]
 
 

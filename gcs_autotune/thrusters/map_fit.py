@@ -44,11 +44,11 @@ def map_doubts(
     fitted : (n,) forces of the map for the pulls.
     noise : standard deviation of one pull [N].
     """
-    found: list[Doubt] = []
+    doubts: list[Doubt] = []
     error = pulls.force - fitted
     if not (structure.ahead and structure.astern):
         side, other = ("ahead", "astern") if structure.ahead else ("astern", "ahead")
-        found.append(
+        doubts.append(
             Doubt(
                 "one-sided",
                 f"the test contains only pulls {side}, so the map has no force {other}",
@@ -58,7 +58,7 @@ def map_doubts(
     low, high = thruster.dead_zone
     edge_error = max(parameters["x_f"].std, parameters["x_b"].std)
     if structure.dead != "none" and 4.0 * edge_error > high - low:
-        found.append(
+        doubts.append(
             Doubt(
                 "dead-zone-unsure",
                 f"the dead zone {low:.4g} to {high:.4g} {thruster.unit} is uncertain by {1.96 * edge_error:.2g}",
@@ -67,7 +67,7 @@ def map_doubts(
         )
     chance = _lack_of_fit(pulls, error, structure.count)
     if chance < SURE:
-        found.append(
+        doubts.append(
             Doubt(
                 "lack-of-fit",
                 f"repeated pulls agree with each other better than with the map (probability by chance {chance:.1g})",
@@ -76,7 +76,7 @@ def map_doubts(
         )
     chance = _uneven(fitted, error) if noise > resolution(pulls.force) else 1.0
     if chance < SURE:
-        found.append(
+        doubts.append(
             Doubt(
                 "scatter-grows",
                 "strong pulls scatter differently from weak ones, but the standard errors assume equal scatter",
@@ -86,10 +86,10 @@ def map_doubts(
     outlying = np.flatnonzero(np.abs(error) > 5.0 * max(1.4826 * float(np.median(np.abs(error))), 1e-3 * noise))
     if noise > 0.0 and len(error) >= 10 and 0 < len(outlying) <= 0.1 * len(error):
         commands = ", ".join(f"{pulls.command[i]:.4g}" for i in outlying[:5])
-        found.append(
+        doubts.append(
             Doubt("outlying-pulls", f"pulls at commands {commands} are far from the map", "repeat or omit these pulls")
         )
-    return tuple(found)
+    return tuple(doubts)
 
 
 def _lack_of_fit(pulls: PullTest, error: Array, parameters: int) -> float:

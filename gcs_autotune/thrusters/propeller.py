@@ -249,12 +249,12 @@ def _check(test: OpenWaterTest, *, advance: bool = True) -> None:
 
 
 def _doubts(test: OpenWaterTest, parameters: Mapping[str, Parameter]) -> tuple[Doubt, ...]:
-    found = []
+    doubts = []
     if np.all(test.n >= 0.0) or np.all(test.n <= 0.0):
-        found.append(Doubt("one-sided", "the propeller turned in only one direction", "measure astern too"))
+        doubts.append(Doubt("one-sided", "the propeller turned in only one direction", "measure astern too"))
     wrong = [n for n in ("alpha_1", "beta_1", "C_T", "C_n") if n in parameters and parameters[n].value <= 0.0]
     if wrong:
-        found.append(
+        doubts.append(
             Doubt("wrong-sign", f"{', '.join(wrong)} is not positive", "check the signs of n, thrust and torque")
         )
-    return tuple(found)
+    return tuple(doubts)

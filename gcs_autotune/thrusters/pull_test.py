@@ -176,9 +176,9 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
         used = (level >= 0) & (t <= ends[-1] + offset)
         if t[used].size < MIN_PULLS or np.ptp(t[used]) < ends[-1] - starts[0] - slack or np.ptp(F[used]) == 0.0:
             return math.inf
-        told = shapes[level[used]]
-        left = F[used] - told @ np.linalg.lstsq(told, F[used], rcond=None)[0]
-        return float(np.var(left) / np.var(F[used]))
+        regressors = shapes[level[used]]
+        residual = F[used] - regressors @ np.linalg.lstsq(regressors, F[used], rcond=None)[0]
+        return float(np.var(residual) / np.var(F[used]))
 
     offsets = np.arange(t[0] - starts[0] - slack, t[-1] - ends[-1] + slack + GRID, GRID)
     best = float(min(offsets, key=unexplained))
@@ -247,8 +247,8 @@ def _column(
 ) -> tuple[str, str, Array]:
     name = wanted if wanted is not None else next((k for k in known if k in columns), None)
     if name is None or name not in columns:
-        asked = f"'{wanted}'" if wanted is not None else " or ".join(known)
+        required = f"'{wanted}'" if wanted is not None else " or ".join(known)
         raise MissingChannel(
-            f"{path} has no {what} column {asked}. Its columns are {', '.join(columns)}. Select one with --{what}"
+            f"{path} has no {what} column {required}. Its columns are {', '.join(columns)}. Select one with --{what}"
         )
     return (name, *columns[name])

@@ -86,7 +86,7 @@ class Ahead(Manoeuvre):
         self._elapsed = 0.0
 
     @property
-    def asked(self) -> dict[str, float]:
+    def meta_fields(self) -> dict[str, float]:
         """Requested speed [m/s] and duration [s], by name."""
         return {"speed": self._speed, "seconds": self._seconds}
 
@@ -114,7 +114,7 @@ class _Coast(Manoeuvre):
         self._seconds = seconds
 
     @property
-    def asked(self) -> dict[str, float]:
+    def meta_fields(self) -> dict[str, float]:
         """Longest duration [s], by name."""
         return {"seconds": self._seconds}
 

@@ -75,7 +75,7 @@ def write_previews(runs: Sequence[FlightRun], plan: FlightPlan, directory: Path,
     """Write the predicted tracks to ``preview.html`` in *directory*."""
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "preview.html"
-    told = [(run.name, run.preview.trial, run.preview.told(), run.rejection or run.caution) for run in runs]
+    told = [(run.name, run.preview.trial, run.preview.summary(), run.rejection or run.caution) for run in runs]
     cycles = {
         run.name: (run.preview.motion, cycle)
         for run in runs

@@ -211,7 +211,7 @@ class _Flight:
         """
         seen, log, assumed = run.preview, self._visit.log, run.preview.craft.assumed
         if not only_preview:  # its report has the same sentence
-            log.say(f"{of} (the manoeuvre alone): {seen.told()}")
+            log.say(f"{of} (the manoeuvre alone): {seen.summary()}")
         self._report_track(run)
         if seen.trouble and not assumed and not only_preview:
             raise PreconditionFailed(f"not flown: in the {of} the run ends early: {seen.trouble}. Nothing was armed")
@@ -228,7 +228,7 @@ class _Flight:
         ahead, abeam = (seen.trial[name].values for name in ("x", "y"))
         some = np.unique(np.linspace(0, len(ahead) - 1, _POINTS).astype(int))
         track = tuple(map(float, ahead[some])), tuple(map(float, abeam[some]))
-        self._visit.log.note(PredictedTrack(run.name, now.x, now.y, now.psi, *track, seen.told(), seen.trouble))
+        self._visit.log.note(PredictedTrack(run.name, now.x, now.y, now.psi, *track, seen.summary(), seen.trouble))
 
     def _planned_from(self, first: FlightRun, until: Precision) -> FlightRun:
         """Set up the planner and return its first run: the default one, or the most informative one given earlier

@@ -11,12 +11,12 @@ from typing import Literal
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import AxisFit, Fit, Model, fit_axis
 from gcs_autotune.identify.thrust import (
+    describe_slow_actuator,
+    describe_thrust_curve,
     fit_slow_actuator,
     fit_surge,
     fit_thrust_curve,
     set_on_the_way_back,
-    slow_actuator_told,
-    thrust_curve_told,
     with_actuator,
 )
 from gcs_autotune.trial import Trial
@@ -177,11 +177,11 @@ def _extended(
     if context.settings.structure is None:
         extended = context.run_in_background(fit_thrust_curve, trials, plain, step, with_band=with_band)
         if extended is not None:
-            context.log.say(thrust_curve_told(extended, plain, step))
+            context.log.say(describe_thrust_curve(extended, plain, step))
         else:
             extended = context.run_in_background(fit_slow_actuator, trials, plain)
             if extended is not None:
-                context.log.say(slow_actuator_told(extended, plain))
+                context.log.say(describe_slow_actuator(extended, plain))
     if extended is not None:
         context.log.fit = with_actuator(extended, plain)
     return Identified(plain, trials, extended)

@@ -144,7 +144,7 @@ class Recheck:
             return None
         small = sheet is not None and any("larger" in doubt.cure for doubt in sheet.doubts)
         factor = LARGER if small else SMALLER
-        usual = run.make(0.0, speed=1.0).asked
+        usual = run.make(0.0, speed=1.0).meta_fields
         sizes = zip(("set-point", "second-set-point"), usual["set_points"], strict=True)
         passed = zip(("hysteresis", "second-hysteresis"), usual["hystereses"], strict=True)
         options = {name: factor * float(value) for name, value in (*sizes, *passed)}

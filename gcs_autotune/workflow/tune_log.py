@@ -75,7 +75,7 @@ class TuneLog(MissionLog):
             "simulated": transport.is_simulated,
         }
         self._rates = {
-            name: (granted.asked, craft.rates.measured.get(name, math.nan))
+            name: (granted.requested, craft.rates.measured.get(name, math.nan))
             for name, granted in craft.rates.granted.items()
         }
 

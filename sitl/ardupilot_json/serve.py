@@ -91,7 +91,7 @@ class JsonServer:
         """
         try:
             datagram, sender = self._socket.recvfrom(_LARGEST)
-        except ConnectionError:  # an earlier answer found nobody
+        except ConnectionError:  # an earlier answer had no receiver
             return
         try:
             servos = read_servos(datagram)

@@ -96,7 +96,7 @@ class ScriptHost(Protocol):
         """Run the scripts that are due."""
 
     def restart(self) -> None:
-        """Load all scripts on the card anew."""
+        """Reload all scripts on the card."""
 
 
 class _Owner(Protocol):

@@ -128,7 +128,7 @@ class Rover(Autopilot):
         return 0.0 if percent <= 0.0 else throttle * self.parameters["CRUISE_SPEED"] * 100.0 / percent
 
     def _pilot_speed_ahead(self) -> float:
-        """Return the speed ahead [m/s] that the throttle stick asks for while navigating."""
+        """Return the speed ahead [m/s] that the throttle stick commands while navigating."""
         if not _LEAST_CRUISE <= self.parameters["CRUISE_THROTTLE"] <= _MOST_CRUISE:
             return 0.0
         return max(self.pilot_speed(self.pilot_sticks()[1]), 0.0)

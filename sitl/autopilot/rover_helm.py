@@ -19,7 +19,7 @@ _ALWAYS_AHEAD, _ALWAYS_ASTERN = 1, 2
 
 
 class Helm:
-    """The boat's loops. *pilot_speed* returns the speed [m/s] that the throttle stick asks for."""
+    """The boat's loops. *pilot_speed* returns the speed [m/s] that the throttle stick commands."""
 
     def __init__(
         self,

@@ -56,7 +56,7 @@ class RoverSteering:
             self.pid.reset()
             self._wanted = measured
         self._last_ms = ms
-        asked = wanted
+        requested = wanted
         if values["ATC_STR_ACC_MAX"] > 0.0:
             wanted = step_towards(self._wanted, wanted, math.radians(values["ATC_STR_ACC_MAX"]) * self._dt)
         if values["ATC_STR_RAT_MAX"] > 0.0:
@@ -64,7 +64,7 @@ class RoverSteering:
             wanted = clamp(wanted, -top, top)
         top = max(self.lateral_acceleration_limit() / max(abs(speed), 1.0), _LEAST_RATE)
         self._wanted = clamp(wanted, -top, top)
-        self.limited_left, self.limited_right = self._wanted > asked, self._wanted < asked
+        self.limited_left, self.limited_right = self._wanted > requested, self._wanted < requested
         out = self.pid.update(self._wanted, measured, self._dt, limited)
         return out + self.pid.feed_forward
 

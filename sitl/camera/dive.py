@@ -98,7 +98,7 @@ def _begin(effects: Sequence[HiddenEffect], hull: PlanarHull, most: dict[str, fl
         parameters=hull.parameters,
         dofs=("surge", "sway", "yaw"),
         inputs={"X": "surge", "N": "yaw"},
-        swing=most,
+        amplitude=most,
         gain={"surge": 1.0, "yaw": 1.0},
         signals=("x", "y", "psi"),
         seed=str(seed),

@@ -90,7 +90,7 @@ class QuadraticActuator(OnInput):
     def begin(self, setting: Setting) -> None:
         """Find the input, and the reference command at which the thrust is unchanged."""
         super().begin(setting)
-        self._full = self["u_ref"] or setting.swing.get(self.channel, 0.0) or 1.0
+        self._full = self["u_ref"] or setting.amplitude.get(self.channel, 0.0) or 1.0
 
     def act(self, t: float, dt: float, u: float) -> float:
         """Return the output for the command *u*: the weighted sum of a proportional and a quadratic term."""

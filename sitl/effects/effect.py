@@ -65,7 +65,7 @@ class Setting:
     ``state``, ``water``, ``parameters``: the plant's own objects, which change with time.
     ``dofs``: degrees of freedom in which effects may act.
     ``inputs``: channel -> degree of freedom that it drives.
-    ``swing``: input -> its largest command.
+    ``amplitude``: input -> its largest command.
     ``gain``: degree of freedom -> force [N, N m] per unit of its input.
     ``signals``: names of the measured signals.
     ``start``: time [s] at which the run begins.
@@ -81,7 +81,7 @@ class Setting:
     parameters: Parameters
     dofs: tuple[str, ...]
     inputs: Mapping[str, str]
-    swing: Mapping[str, float]
+    amplitude: Mapping[str, float]
     gain: Mapping[str, float]
     signals: tuple[str, ...]
     start: float = 0.0

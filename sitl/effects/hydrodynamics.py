@@ -54,7 +54,7 @@ class QuadraticDrag(OnAxis):
     def begin(self, setting: Setting) -> None:
         """Find the degree of freedom and the largest force of its input."""
         dof = self._dof = find_dof(self, setting)
-        driving = [setting.swing[name] for name, driven in setting.inputs.items() if driven == dof]
+        driving = [setting.amplitude[name] for name, driven in setting.inputs.items() if driven == dof]
         self._force = setting.gain.get(dof, 1.0) * max(driving, default=0.0)
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:

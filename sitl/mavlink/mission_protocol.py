@@ -46,7 +46,7 @@ class MissionProtocol:
         self._items: list[MissionItem] = []
         self._count = 0
         self._uploader: tuple[int, int] | None = None
-        self._heard_ms = self._asked_ms = 0
+        self._heard_ms = self._requested_ms = 0
 
     # -- upload
 
@@ -93,7 +93,7 @@ class MissionProtocol:
         if self._ms - self._heard_ms > _TIMEOUT_MS:
             self._say(WARNING, "Mission upload timeout")
             self._end(mavlink.MAV_MISSION_OPERATION_CANCELLED)
-        elif self._ms - self._asked_ms > _ASK_AGAIN_MS:
+        elif self._ms - self._requested_ms > _ASK_AGAIN_MS:
             self._go_on()
 
     # -- the other questions
@@ -176,7 +176,7 @@ class MissionProtocol:
             self._say(INFO, "Flight plan received")
             self._end(_ACCEPTED)
             return
-        self._asked_ms = self._ms
+        self._requested_ms = self._ms
         self._port.send(mavlink.MAVLink_mission_request_message(*self._uploader, len(self._items), _FLOWN))
 
     def _end(self, result: int) -> None:

@@ -108,26 +108,26 @@ class Reporter:
         fields = _FIELDS.get(kind)
         if fields is None:
             return
-        told = {name: field.read(message) for name, field in fields.items()}
+        values = {name: field.read(message) for name, field in fields.items()}
         if kind in _VELOCITY:
-            told["u"], told["v"] = self._turned(message.vx / _VELOCITY[kind], message.vy / _VELOCITY[kind], -1.0)
+            values["u"], values["v"] = self._turned(message.vx / _VELOCITY[kind], message.vy / _VELOCITY[kind], -1.0)
         if kind == "SERVO_OUTPUT_RAW":
             pulses = [getattr(message, f"servo{n + 1}_raw") for n in range(len(self._vehicle.autopilot.pwm))]
-            told.update(self._vehicle.actuators.read(pulses), servo=1.0)
-        before = dict(told)
+            values.update(self._vehicle.actuators.read(pulses), servo=1.0)
+        before = dict(values)
         for alter in self._alters:
-            alter(told)
+            alter(values)
         for name, field in fields.items():
-            if told[name] != before[name]:
-                field.write(message, told[name])
+            if values[name] != before[name]:
+                field.write(message, values[name])
                 if name == "t":
                     setattr(message, field.attribute, max(getattr(message, field.attribute), 0) & _MASK)
-        if kind in _VELOCITY and (told["u"], told["v"]) != (before["u"], before["v"]):
-            vx, vy = self._turned(told["u"], told["v"], 1.0)
+        if kind in _VELOCITY and (values["u"], values["v"]) != (before["u"], before["v"]):
+            vx, vy = self._turned(values["u"], values["v"], 1.0)
             scale = _VELOCITY[kind]
             message.vx, message.vy = (round(scale * vx), round(scale * vy)) if scale != 1.0 else (vx, vy)
-        if kind == "SERVO_OUTPUT_RAW" and any(told[name] != before[name] for name in "NXZ" if name in told):
-            for n, pulse in enumerate(self._vehicle.actuators.write(pulses, told)):
+        if kind == "SERVO_OUTPUT_RAW" and any(values[name] != before[name] for name in "NXZ" if name in values):
+            for n, pulse in enumerate(self._vehicle.actuators.write(pulses, values)):
                 setattr(message, f"servo{n + 1}_raw", pulse)
 
     def _turned(self, a: float, b: float, way: float) -> tuple[float, float]:

@@ -82,7 +82,7 @@ def test_a_port_is_listened_to_and_nothing_is_sent(datagrams, told):
     port = free_port()
     with Talking(port, datagrams) as talking:
         heard = overhear(f"udpin:127.0.0.1:{port}", 0.3)
-    assert heard.told == told
+    assert heard.description == told
     assert talking.answer == b""
 
 
@@ -96,14 +96,14 @@ def test_a_port_is_listened_to_and_nothing_is_sent(datagrams, told):
     ],
 )
 def test_only_a_serial_port_has_a_baud_rate_to_check(uri, advice):
-    assert Overheard(uri, bad_bytes=9).told == f"data that is not MAVLink. {advice}"
+    assert Overheard(uri, bad_bytes=9).description == f"data that is not MAVLink. {advice}"
 
 
 def test_a_port_in_use_is_told_as_such():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         heard = overhear(f"udpin:127.0.0.1:{other.getsockname()[1]}", 0.3)
-    assert "Address already in use" in heard.told
+    assert "Address already in use" in heard.description
     assert heard.messages == 0
 
 

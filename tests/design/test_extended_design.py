@@ -155,7 +155,7 @@ def test_hunting_is_that_of_the_describing_function() -> None:
     gap, amplitude, k = min(balance)
     assert gap < 0.02, "no limit cycle is foretold"
     swing = abs(harmonic(backlash, amplitude)) * amplitude / abs(ALPHA * s[k] + BETA) / omega[k]
-    assert found.swings
+    assert found.is_limit_cycle
     assert found.period == pytest.approx(math.tau / omega[k], rel=0.1)
     assert found.amplitude == pytest.approx(swing, rel=0.2)
 

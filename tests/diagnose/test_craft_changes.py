@@ -61,7 +61,7 @@ def test_each_single_change_is_named_with_its_size(reference, change, name, size
     ((cause, told),) = found.causes
     assert (cause.name, cause.slug) == (name, slug)
     assert told == pytest.approx(size, rel=0.08)
-    assert slug.replace("-", " ") in found.told
+    assert slug.replace("-", " ") in found.summary
 
 
 def test_two_changes_at_once_are_both_named(reference):

@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.blind.case import draw_case
 from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, search_with_noise
-from gcs_autotune.diagnose.evidence import chance_of, weak_among, worth
+from gcs_autotune.diagnose.evidence import chance_of, equivalent_gain, weak_among
 from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
 from gcs_autotune.effects import EffectInstance, name_of
@@ -110,8 +110,8 @@ def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: p
 
 
 def test_evidence_is_counted_by_how_rarely_chance_gives_it() -> None:
-    assert worth(6.0, 1) == pytest.approx(6.0)
-    assert worth(6.0, 2) < worth(6.0, 1)
+    assert equivalent_gain(6.0, 1) == pytest.approx(6.0)
+    assert equivalent_gain(6.0, 2) < equivalent_gain(6.0, 1)
     assert chance_of(3.0, 1, 1) == pytest.approx(0.0143, abs=1e-4)
     assert chance_of(3.0, 1, 40) == pytest.approx(0.438, abs=1e-3)
 

@@ -10,7 +10,7 @@ import pytest
 from runs_in_the_tank import towed
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.numbers import if_told
+from gcs_autotune.diagnose.numbers import if_precise
 from gcs_autotune.diagnose.plain_numbers import command_sizes, plain_numbers
 from gcs_autotune.diagnose.simulation import stand_in
 from gcs_autotune.identify.problems import plain_form
@@ -125,9 +125,9 @@ def test_a_number_that_its_error_swallows_says_so_and_is_never_a_headline():
     runs = towed()
     told = diagnose(runs, simulations=made_by(runs, inertia=3.0), effects=FEW)
     assert told.numbers is not None
-    value, std = if_told(0.0, 1400.0, 1.0)
+    value, std = if_precise(0.0, 1400.0, 1.0)
     vague = replace(told.numbers.rows[0], given=value, given_std=std, value=value, std=std, wrong=False)
-    assert if_told(0.27, 0.1, 0.27) == (0.27, 0.1)
+    assert if_precise(0.27, 0.1, 0.27) == (0.27, 0.1)
     assert given_words(vague) == "not stated"
     assert found_words(vague) == "not identifiable from these runs"
     numbers = replace(told.numbers, rows=(vague, *told.numbers.rows[1:]))

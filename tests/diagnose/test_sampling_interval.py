@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_autotune.diagnose.process_noise import asked_of, search_with_process_noise
+from gcs_autotune.diagnose.process_noise import noise_equation, search_with_process_noise
 from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, plain_with_process_noise
 from gcs_autotune.diagnose.sampling_interval import prediction_horizon, refitted, rms_ahead, stands
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem
@@ -56,9 +56,9 @@ def sailed(seed: int, *, seconds: float = 100.0, lag: float = 0.0, speed: float 
 def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, NoisyProblem, NoisyFit]:
     form = plain_form(runs, "yaw")
     problem, base = fit_base(form, prepare_as_recorded(runs, form, None)[0])
-    asked = asked_of(problem)
-    assert asked is not None
-    found = plain_with_process_noise(problem, base, *asked, quiet)
+    equation = noise_equation(problem)
+    assert equation is not None
+    found = plain_with_process_noise(problem, base, *equation, quiet)
     assert found is not None
     return problem, base, *found
 
@@ -80,9 +80,9 @@ def test_predictions_reach_over_the_legs_of_the_commands_however_quick_a_fit_tak
 
 def test_where_the_plain_model_is_one_of_the_craft_the_runs_are_judged_as_closely_as_ever() -> None:
     problem, _, close, plain = begun([sailed(2, speed=0.0)])
-    asked = asked_of(problem)
-    assert asked is not None
-    (same, fit), hint, words = at_the_right_interval(problem, *asked, (close, plain), ["speed-damping"], quiet)
+    equation = noise_equation(problem)
+    assert equation is not None
+    (same, fit), hint, words = at_the_right_interval(problem, *equation, (close, plain), ["speed-damping"], quiet)
     assert same is close and fit is plain and hint is None and words == ""
 
 

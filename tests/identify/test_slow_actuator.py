@@ -7,7 +7,7 @@ import pytest
 
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit, fit_axis
-from gcs_autotune.identify.thrust import fit_slow_actuator, slow_actuator_told
+from gcs_autotune.identify.thrust import describe_slow_actuator, fit_slow_actuator
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow.proof import reduction_of_extended
 
@@ -50,7 +50,7 @@ def test_the_limited_rate_of_a_servo_is_identified_said_and_designed_with() -> N
     assert found is not None
     assert found.parameters["rate-limit@N.rate"].value == pytest.approx(RATE, rel=0.05)
     assert -found.parameters["N_rdot"].value == pytest.approx(INERTIA, rel=0.05)
-    assert "it takes 0.62 s from neutral to full output" in slow_actuator_told(found, plain)
+    assert "it takes 0.62 s from neutral to full output" in describe_slow_actuator(found, plain)
     actuator = reduction_of_extended(found, FIRMWARE["ardurover"].axes["yaw"]).actuator
     assert actuator.rate == pytest.approx(RATE, rel=0.05)
 
@@ -60,7 +60,7 @@ def test_thrust_that_lags_is_not_taken_for_a_limited_rate() -> None:
     found = fit_slow_actuator(runs, plain)
     assert found is not None
     assert found.parameters["actuator-lag@N.time_constant"].value == pytest.approx(LAG, rel=0.1)
-    assert "a time constant of 0.79 s" in slow_actuator_told(found, plain)
+    assert "a time constant of 0.79 s" in describe_slow_actuator(found, plain)
 
 
 def test_a_servo_that_follows_at_once_is_left_as_it_is() -> None:

@@ -55,7 +55,7 @@ def test_the_vehicles_time_is_read_off_the_quickest_of_the_last_answers_half_way
         sync(link, latency, trip, 7.0 + k + 0.5 * trip + (0.0 if trip == 0.1 else 0.03))
     # the first answer, quickest of all, is not among the last five
     assert latency.vehicle_time(52.0) == pytest.approx(9.0, abs=1e-6)
-    assert (latency.asked, latency.answered) == (6, 6)
+    assert (latency.requested, latency.answered) == (6, 6)
     assert latency.quickest == pytest.approx(0.02)
     assert latency.round_trip == pytest.approx(0.4)
     assert latency.trips(54.0) == ((54.0, pytest.approx(0.4)), (55.0, pytest.approx(0.4)))
@@ -131,7 +131,7 @@ def test_requests_and_answers_to_others_are_not_for_us(link: Listening, latency:
     link.answer(SimpleNamespace(tc1=1, ts1=12345))
     assert latency.answered == 0
     latency.ask()
-    assert (latency.asked, len(link.sent)) == (1, 1), "the same moment is asked about once"
+    assert (latency.requested, len(link.sent)) == (1, 1), "the same moment is asked about once"
 
 
 def command(latency: Latency, value: float, measured: float, seen: float) -> None:

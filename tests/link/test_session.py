@@ -203,7 +203,7 @@ def test_a_shield_keeps_the_stop_until_it_is_down(boat: ScriptedVehicle) -> None
         with session.operator.shielded():
             session.pump()
         session.pump()
-    assert session.operator.asked
+    assert session.operator.requested
     with pytest.raises(OperatorStopped):
         session.pump()
 

@@ -34,7 +34,7 @@ class Wiggle(Manoeuvre):
         self.seconds = seconds
 
     @property
-    def asked(self) -> Mapping[str, Any]:
+    def meta_fields(self) -> Mapping[str, Any]:
         return {"dof": "yaw", "force": "N"}
 
     def commands(self, now: Observation) -> Commands:

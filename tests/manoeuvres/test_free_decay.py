@@ -46,7 +46,7 @@ def test_a_decay_counts_from_the_rest_before_it_and_ends_once_it_has_died_away(
     assert {command for _, command in rows} == {Actuate()}
     (mark,) = manoeuvre.take_marks()
     assert (mark.t, mark.kind, mark.detail) == (110.0, "push", {signal: pytest.approx(side * 0.2)})
-    assert manoeuvre.asked == {
+    assert manoeuvre.meta_fields == {
         "dof": dof, "force": force, "signal": signal, "rest": pytest.approx(LIST), "duration": 60.0,
     }  # fmt: skip
     assert manoeuvre.target == pytest.approx(LIST)
@@ -103,7 +103,7 @@ def test_its_row_is_of_roll_or_pitch_which_nothing_drives(force: str, signal: st
     assert row.turns and not row.identifies
     assert row.make is not None
     made = row.make({"duration": 20.0})
-    assert (made.force, made.asked["duration"], made.by_hand, made.purpose) == (force, 20.0, True, "check")
+    assert (made.force, made.meta_fields["duration"], made.by_hand, made.purpose) == (force, 20.0, True, "check")
     assert row.of("").drives == row.drives
     for other in "XYZN":
         with pytest.raises(UsageError, match=f"{other} fly free-decay"):

@@ -32,7 +32,7 @@ def test_thrust_ahead_brings_a_craft_to_its_speed_as_quickly_as_one_of_a_few_met
     coasting = preview(held(X=0.0), craft, FREE, way=1.5)
     assert coasting.trial["u"].values == pytest.approx(1.5 * np.exp(-t / SPEED_TIME), abs=0.02)
     assert seen.room == pytest.approx(float(np.trapezoid(u, t)), abs=0.1)
-    assert seen.told().startswith("20 s, 26 m of free water, 0 deg of turning (predicted from a test)")
+    assert seen.summary().startswith("20 s, 26 m of free water, 0 deg of turning (predicted from a test)")
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -44,7 +44,7 @@ def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
     assert seen.turned == pytest.approx(abs(float(np.trapezoid(r, t))), abs=0.02)
     assert seen.deep == 0.0
     assert "z" not in seen.trial.channels
-    assert "deg of turning at up to 17 deg/s (predicted from" in seen.told()
+    assert "deg of turning at up to 17 deg/s (predicted from" in seen.summary()
 
 
 def test_a_manoeuvre_that_turns_faster_than_its_limit_is_refused_on_paper() -> None:
@@ -147,7 +147,7 @@ def test_the_preview_of_a_relay_tells_its_limit_cycle_if_the_model_is_known() ->
     assert cycle.X_m == pytest.approx(0.5 * float(np.ptp(settled)), rel=0.10)
     assert cycle.period == pytest.approx(0.5 * (switched[-1] - switched[-5]), rel=0.10)
     size = f"limit cycle at 40 % output: amplitude {math.degrees(cycle.X_m):.3g} deg, period {cycle.period:.3g} s"
-    assert size in seen.told()
+    assert size in seen.summary()
     assert preview(relay_of(0.4), NominalPlant(YAW, 0.0, "a guess", assumed=True), FREE).cycle() is None
 
 
@@ -155,7 +155,7 @@ def test_the_page_of_a_preview_plots_the_limit_cycle_of_a_relay() -> None:
     seen = preview(relay_of(0.4), NominalPlant(YAW, 0.0, "a test"), FREE)
     cycle = seen.cycle()
     assert cycle is not None and seen.motion is not None
-    runs = [("relay", seen.trial, seen.told(), "")]
+    runs = [("relay", seen.trial, seen.summary(), "")]
     page = to_html(preview_document("Preview", "2026-11-20T12:00:00", runs, {"relay": (seen.motion, cycle)}))
     assert "Limit cycle of relay" in page and "-1/N(X) of the relay" in page
     assert page.count("<svg") == to_html(preview_document("Preview", "2026-11-20T12:00:00", runs)).count("<svg") + 1

@@ -43,7 +43,7 @@ def test_it_pushes_on_until_the_hysteresis_has_come_on_either_side_of_where_it_b
     assert [command.N for _, command in rows[:8]] == [0.4, 0.4, -0.4, -0.4, 0.4, 0.4, -0.4, -0.4]
     assert told(marks, "switch", "N")[:4] == [(0.0, 0.4), (1.0, -0.4), (2.0, 0.4), (3.0, -0.4)]
     assert [x for _, x in told(marks, "switch", "x")[:4]] == pytest.approx([0.0, 0.05, -0.05, 0.051])
-    assert relay.asked == {
+    assert relay.meta_fields == {
         "dof": "yaw", "signal": "psi", "force": "N", "C": 0.4, "x_a": H, "reference": 1.0, "throttle": 0.0,
         "noise_std": 0.0, "speed": pytest.approx(0.0), "from_t": 0.0, "enough": False,
     }  # fmt: skip
@@ -53,10 +53,10 @@ def test_it_pushes_on_until_the_hysteresis_has_come_on_either_side_of_where_it_b
 def test_a_hysteresis_that_is_not_given_is_ten_degrees_or_five_times_the_noise(noise: float, degrees: float) -> None:
     relay = Relay(RelaySettings("psi", "N", noise_std=noise))
     next(relay.commands(at_rest()))
-    assert math.degrees(relay.asked["x_a"]) == pytest.approx(degrees)
+    assert math.degrees(relay.meta_fields["x_a"]) == pytest.approx(degrees)
     given = Relay(RelaySettings("psi", "N", noise_std=noise, hysteresis=0.01))
     next(given.commands(at_rest()))
-    assert given.asked["x_a"] == 0.01
+    assert given.meta_fields["x_a"] == 0.01
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -119,7 +119,7 @@ def periods(ticks: int, peaks: tuple[float, ...], crossed: float = 1.02) -> Scri
     def script(t: float, relay: Relay) -> float:
         half, tick = divmod(round(2.0 * t) - 1, ticks)
         size = crossed if tick == 0 or len(peaks) == 0 else peaks[half % len(peaks)]
-        return size * relay.asked["x_a"] * (-1.0) ** half if t > 0.0 else 0.0
+        return size * relay.meta_fields["x_a"] * (-1.0) ** half if t > 0.0 else 0.0
 
     return script
 
@@ -268,7 +268,7 @@ def test_until_the_noise_is_known_a_boat_goes_ahead_and_nothing_swings(known: bo
     swings = [command.N != 0.0 for command in sent]  # type: ignore[union-attr]
     assert swings[0] is known
     assert swings.index(True) == (0 if known else 7)
-    assert relay.asked["from_t"] == (0.0 if known else 3.5)
+    assert relay.meta_fields["from_t"] == (0.0 if known else 3.5)
 
 
 def test_an_rovs_other_axes_are_held_and_its_depth_also_until_the_relay_begins() -> None:

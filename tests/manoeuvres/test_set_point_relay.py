@@ -128,7 +128,7 @@ def test_one_that_has_switched_only_five_times_by_then_is_waited_for() -> None:
 def test_what_it_was_asked_and_found_is_kept() -> None:
     manoeuvre = relay("u")
     swung(manoeuvre, BASE["u"])
-    assert manoeuvre.asked == {
+    assert manoeuvre.meta_fields == {
         "dof": "surge", "signal": "u", "set_points": [C, 0.5 * C], "hystereses": [X_A, X_A], "speed": 1.0,
         "noise_std": 0.0,
     }  # fmt: skip
@@ -154,12 +154,12 @@ def test_without_a_speed_a_craft_stays_where_it_is_and_nobody_waits_for_way() ->
 
 @pytest.mark.parametrize(("speed", "refused"), [(0.4, True), (0.39, True), (0.41, False), (0.0, False)])
 def test_a_relay_on_speed_stays_ahead_of_standing_still(speed: float, refused: bool) -> None:
-    assert relay("psi", speed=speed).asked["set_points"] == [C, 0.5 * C]
+    assert relay("psi", speed=speed).meta_fields["set_points"] == [C, 0.5 * C]
     if refused:
         with pytest.raises(UsageError, match=r"of 0\.2 m/s about 0\.(2|19) m/s reaches zero speed"):
             relay("u", speed=speed)
         return
-    assert relay("u", speed=speed).asked["set_points"] == [C, 0.5 * C]
+    assert relay("u", speed=speed).meta_fields["set_points"] == [C, 0.5 * C]
 
 
 @pytest.mark.parametrize(
@@ -171,8 +171,8 @@ def test_the_row_of_a_force_makes_two_relays_on_its_loop(force: str, axis: str, 
     assert row.make is not None
     sizes = {"set-point": 0.3, "hysteresis": 0.1, "second-set-point": 0.2, "second-hysteresis": 0.05}
     made = row.make({**sizes, "speed": 1.2})
-    assert made.asked["set_points"] == [0.3, 0.2]
-    assert made.asked["hystereses"] == [0.1, 0.05]
+    assert made.meta_fields["set_points"] == [0.3, 0.2]
+    assert made.meta_fields["hystereses"] == [0.1, 0.05]
     assert made.force == force
     first = next(row.make({**sizes, "speed": 1.2}).commands(at_rest(psi=0.5, z=2.0, u=1.0)))
     assert (

@@ -51,7 +51,7 @@ def test_a_steady_craft_is_held_as_long_as_asked():
     first, second, third = (m.t for m in step.take_marks())
     assert second - first == pytest.approx(12.0, abs=0.11)
     assert third - second == pytest.approx(5.0, abs=0.11)
-    assert step.asked["hold"] == 12.0
+    assert step.meta_fields["hold"] == 12.0
 
 
 def test_an_unsteady_craft_is_not_stepped_before_its_hold_is_over_either():
@@ -76,7 +76,7 @@ def test_a_half_ends_once_the_signal_has_stood_at_its_target_for_long_enough():
         targets.append(commands.send(command).psi)
         psi += 0.1 * (targets[-1] - psi)
         seen += 1
-    there, back = step.asked["lasted"]
+    there, back = step.meta_fields["lasted"]
     assert there == pytest.approx(5.0 + 1.0 * math.log(1.0 / 0.03), abs=0.5)
     assert back == pytest.approx(there, abs=0.2)
     assert step.outcome.ending == "completed"
@@ -85,7 +85,7 @@ def test_a_half_ends_once_the_signal_has_stood_at_its_target_for_long_enough():
 def test_a_half_that_never_settles_runs_to_its_end():
     step = Step(StepSettings("psi", 0.5, 12.0, enough=5.0))
     fly(step, [0.0] * 31 + [0.5 + 0.05 * math.sin(0.2 * i) for i in range(120)] + [0.02] * 200)
-    assert step.asked["lasted"] == [pytest.approx(12.0, abs=0.11), pytest.approx(12.0, abs=0.11)]
+    assert step.meta_fields["lasted"] == [pytest.approx(12.0, abs=0.11), pytest.approx(12.0, abs=0.11)]
 
 
 def test_a_lone_wild_sample_does_not_make_a_half_longer_and_two_do():
@@ -93,8 +93,8 @@ def test_a_lone_wild_sample_does_not_make_a_half_longer_and_two_do():
     one, two = (Step(StepSettings("psi", 0.5, 30.0, enough=5.0)) for _ in range(2))
     fly(one, [*path, *[0.0] * 300])
     fly(two, [*path[:51], 0.7, 0.7, *path[53:], *[0.5] * 50])
-    assert one.asked["lasted"][0] == pytest.approx(5.0, abs=0.21)
-    assert two.asked["lasted"][0] == pytest.approx(7.2, abs=0.31)
+    assert one.meta_fields["lasted"][0] == pytest.approx(5.0, abs=0.21)
+    assert two.meta_fields["lasted"][0] == pytest.approx(7.2, abs=0.31)
 
 
 def test_noise_and_a_coarse_compass_widen_what_counts_as_there():
@@ -102,9 +102,9 @@ def test_noise_and_a_coarse_compass_widen_what_counts_as_there():
     rough = [0.0, 0.03, -0.03, 0.0, 0.03, 0.0, -0.03, 0.03]
     for step, held in ((quiet, [0.0]), (coarse, rough)):
         fly(step, [*held * 31][:60] + [0.52] * 60)
-    assert quiet.asked["band"] == pytest.approx(0.015)
-    assert coarse.asked["band"] > 0.03
-    assert quiet.asked["lasted"] == [] and coarse.asked["lasted"] != []
+    assert quiet.meta_fields["band"] == pytest.approx(0.015)
+    assert coarse.meta_fields["band"] > 0.03
+    assert quiet.meta_fields["lasted"] == [] and coarse.meta_fields["lasted"] != []
 
 
 def waited(held, output=lambda t: 0.06, size=1.0, seconds=60.0):
@@ -121,7 +121,7 @@ def waited(held, output=lambda t: 0.06, size=1.0, seconds=60.0):
         if step.outcome is not None:
             break
     first, second, *_ = (m.t for m in step.take_marks())
-    return second - first, step.asked["lasted"]
+    return second - first, step.meta_fields["lasted"]
 
 
 def test_a_craft_plainly_at_rest_is_waited_for_no_longer_than_it_takes_to_see_that():
@@ -150,8 +150,8 @@ def test_without_leave_to_end_early_every_wait_is_as_long_as_asked():
     fly(step, [2.0] * 101 + [3.0] * 61 + [2.0] * 70)
     marks = [m.t for m in step.take_marks()]
     assert marks[1] - marks[0] == pytest.approx(10.0, abs=0.11)
-    assert step.asked["lasted"] == [pytest.approx(6.0, abs=0.21)] * 2
-    assert "least_hold" not in step.asked
+    assert step.meta_fields["lasted"] == [pytest.approx(6.0, abs=0.21)] * 2
+    assert "least_hold" not in step.meta_fields
 
 
 def swung(amplitude, period=4.2, enough=6.0):
@@ -172,8 +172,8 @@ def swung(amplitude, period=4.2, enough=6.0):
 def test_a_craft_that_waves_swing_stands_at_its_target_once_it_swings_about_that_as_it_did_while_held():
     step, (begun, stepped, *_) = swung(0.1)
     assert stepped - begun == pytest.approx(10.5, abs=0.6), "it is never steady, and longer waiting changes nothing"
-    assert step.asked["band"] == pytest.approx(3.0 * 0.1 / math.sqrt(2.0), rel=0.1)
-    assert step.asked["lasted"] == [pytest.approx(6.0, abs=0.3)] * 2
+    assert step.meta_fields["band"] == pytest.approx(3.0 * 0.1 / math.sqrt(2.0), rel=0.1)
+    assert step.meta_fields["lasted"] == [pytest.approx(6.0, abs=0.3)] * 2
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_a_craft_that_waves_swing_stands_at_its_target_once_it_swings_about_that
 def test_what_swings_so_that_more_of_it_tells_more_is_recorded_for_as_long_as_asked(amplitude, period, enough):
     step, (begun, stepped, *_) = swung(amplitude, period, enough)
     assert stepped - begun == pytest.approx(20.0, abs=0.11)
-    assert step.asked["lasted"] == [pytest.approx(30.0, abs=0.11)] * 2
+    assert step.meta_fields["lasted"] == [pytest.approx(30.0, abs=0.11)] * 2
 
 
 class Turning(PondCraft):

@@ -143,11 +143,11 @@ def test_a_speed_that_stands_is_noted_before_each_step_which_comes_after_four_se
     assert rows[-1][0].t == 119.0
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.reason == "4 throttle levels flown"
-    asked = manoeuvre.asked
+    asked = manoeuvre.meta_fields
     assert (asked["from_t"], asked["levels"], asked["throttle"]) == (101.0, [0.2, 1.0, 0.0, 0.5], 0.5)
     assert (asked["speed"], asked["reference"], asked["noise_std"]) == (1.0, 1.0, 0.0)
     assert manoeuvre.phase == "throttle 50 %"
-    assert told(lambda t, X: 1.0, most=0.8)[0].asked["levels"] == [0.2, 0.8, 0.0, 0.5]
+    assert told(lambda t, X: 1.0, most=0.8)[0].meta_fields["levels"] == [0.2, 0.8, 0.0, 0.5]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

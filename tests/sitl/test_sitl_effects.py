@@ -275,7 +275,7 @@ def test_the_wind_turns_the_bow_where_it_is_told():
 def waves(interval, count, **values):
     """The bare force of waves at even times."""
     effect = make_effect("wave-disturbance", "yaw", {"amplitude": 0.3, "frequency": 2.0, **values})
-    plain = {"dofs": ("yaw",), "inputs": {"N": "yaw"}, "swing": {"N": 1.0}, "gain": {}, "signals": ("r",)}
+    plain = {"dofs": ("yaw",), "inputs": {"N": "yaw"}, "amplitude": {"N": 1.0}, "gain": {}, "signals": ("r",)}
     effect.begin(Setting(state=State(), water=Water(), parameters={}, **plain))
     force = []
     for k in range(count):

@@ -189,7 +189,7 @@ def test_a_boat_turns_about_to_the_side_where_it_began(
     craft.observe = lambda: Observation(0.0, psi, x=200.0, y=0.0)
     runner = ManoeuvreRunner(craft, Envelope(cruise=1.2), SimpleNamespace(say=print), lambda trial: None)  # type: ignore[arg-type]
     turned: list[Any] = []
-    monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(manoeuvre.asked))
+    monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(manoeuvre.meta_fields))
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
     assert runner.turn_around(0.5)
     assert turned[0]["output"] == 0.5 * side

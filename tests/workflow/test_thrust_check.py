@@ -132,4 +132,4 @@ def test_steering_is_checked_at_rest_where_a_craft_needs_no_way_for_it(firmware:
     """With way on many an ROV turns by itself, and then nothing is seen of its thrusters."""
     craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], servos=SimpleNamespace(driving=lambda force: []))
     check = sign_check_for("yaw", craft, 0.25, needs_speed=False)
-    assert check.asked["throttle"] == throttle
+    assert check.meta_fields["throttle"] == throttle

@@ -12,7 +12,7 @@ import pytest
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit, Parameter, fit_axis
-from gcs_autotune.identify.thrust import fit_slow_actuator, fit_thrust_curve, thrust_curve, thrust_curve_told
+from gcs_autotune.identify.thrust import describe_thrust_curve, fit_slow_actuator, fit_thrust_curve, thrust_curve
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import identification
 from gcs_autotune.workflow.extra_relay import extra_relay
@@ -72,7 +72,7 @@ def test_a_thruster_weak_for_small_commands_is_found_and_said():
     assert found is not None
     assert found.parameters["quadratic-actuator@N.share"].value == pytest.approx(0.75, abs=0.15)
     assert 100.0 - found.fit_percent < 0.4 * (100.0 - plain.fit_percent)
-    assert "weak for small commands" in thrust_curve_told(found, plain)
+    assert "weak for small commands" in describe_thrust_curve(found, plain)
 
 
 def test_a_straight_thruster_gets_no_curve():
@@ -94,7 +94,7 @@ def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_ba
     assert found.parameters["dead-zone@N.width"].value == pytest.approx(DEAD_BAND, abs=0.01)
     assert (
         "the oscillations and the step together indicate an actuator that does nothing below 12"
-        in thrust_curve_told(found, plain, dying_swing(0.0, DEAD_BAND))
+        in describe_thrust_curve(found, plain, dying_swing(0.0, DEAD_BAND))
     )
 
 
@@ -116,7 +116,7 @@ def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, s
     curve = fit_thrust_curve([None] * sizes, plain, step)
     assert (curve is fits["dead-zone",]) is found
     if found:
-        said = thrust_curve_told(curve, plain)
+        said = describe_thrust_curve(curve, plain)
         assert said == "the three oscillations indicate an actuator that does nothing below 14.4% of full output"
 
 
@@ -129,7 +129,7 @@ def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
     monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
     found = fit_thrust_curve([None] * 3, a_fit(89.7))
     assert found is fits["saturation", "dead-zone"]
-    told = thrust_curve_told(found, a_fit(89.7))
+    told = describe_thrust_curve(found, a_fit(89.7))
     assert "does nothing below 16.7% of full" in told
     assert "Beyond 77% the force hardly grows" in told
 
@@ -151,7 +151,7 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
     assert float(actuator.static(np.array([band - 0.005]))[0]) == 0.0
     true = 0.07 * (0.2 + 0.8 * 0.07) * float(found.model.base.inertia[0, 0]) / ALPHA
     assert float(actuator.static(np.array([0.07]))[0]) == pytest.approx(true, rel=0.15)
-    assert "acts at once beyond" in thrust_curve_told(found, plain, step)
+    assert "acts at once beyond" in describe_thrust_curve(found, plain, step)
 
 
 @pytest.mark.parametrize("axis", ["yaw", "speed"])

@@ -264,10 +264,10 @@ def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64])
     """
     if actuator.acts == 0.0:
         return output
-    wish = clip(output, -actuator.limit, actuator.limit)
+    limited = clip(output, -actuator.limit, actuator.limit)
     if memory[0] == 0.0:
-        memory[0], memory[1], memory[2] = 1.0, wish, wish
-    memory[1] = clip(wish, memory[1] - actuator.rate, memory[1] + actuator.rate)
+        memory[0], memory[1], memory[2] = 1.0, limited, limited
+    memory[1] = clip(limited, memory[1] - actuator.rate, memory[1] + actuator.rate)
     memory[2] += actuator.lag * (memory[1] - memory[2])
     memory[3] = clip(memory[3], memory[2] - actuator.backlash, memory[2] + actuator.backlash)
     u, noise = memory[3], actuator.dither
@@ -355,22 +355,22 @@ def _fly(
             measured = gyro.b0 * v + gyro.b1 * x1 + gyro.b2 * x2 - gyro.a1 * y1 - gyro.a2 * y2
             x2, x1, y2, y1 = x1, v, y1, measured
         # From where to go to how fast.
-        wish = aim
+        request = aim
         if leads:
             if on_position:
                 ahead = wrap(aim - lead)
                 if shaped:
-                    wish = clip(
+                    request = clip(
                         sqrt_control(ahead, 1.0 / loop.shape_time, loop.shape_acceleration), -loop.slew, loop.slew
                     )
                 else:
-                    wish = clip(ahead / dt, -loop.slew, loop.slew)
+                    request = clip(ahead / dt, -loop.slew, loop.slew)
             if shaped:
                 most = loop.shape_acceleration * dt
-                lead_rate = clip(wish, lead_rate - most, lead_rate + most)
+                lead_rate = clip(request, lead_rate - most, lead_rate + most)
                 lead += lead_rate * dt
             else:
-                lead += wish * dt
+                lead += request * dt
         if on_position or leads:
             e = (lead if leads else aim) - x
             if angle:
@@ -378,24 +378,24 @@ def _fly(
             if abs(e) > loop.lead_max:
                 e = clip(e, -loop.lead_max, loop.lead_max)
                 lead = x + e
-            wish = sqrt_control(e, loop.position_p, loop.sqrt_acceleration) + lead_rate
+            request = sqrt_control(e, loop.position_p, loop.sqrt_acceleration) + lead_rate
             if loop.stop_acceleration > 0.0:
                 most = math.sqrt(2.0 * abs(e) * loop.stop_acceleration)
-                wish = clip(wish, -most, most)
+                request = clip(request, -most, most)
         if loop.acceleration > 0.0:
-            falls = abs(wish) < abs(demand) and loop.deceleration > 0.0
+            falls = abs(request) < abs(demand) and loop.deceleration > 0.0
             most = (loop.deceleration if falls else loop.acceleration) * dt
-            wish = clip(wish, demand - most, demand + most)
-        demand = clip(wish, -loop.velocity_max, loop.velocity_max)
+            request = clip(request, demand - most, demand + most)
+        demand = clip(request, -loop.velocity_max, loop.velocity_max)
         # From how fast to what the PID is to reach.
-        wish = demand
+        request = demand
         if nested:
             velocity_error += f_v * (demand - v - velocity_error)
             if not limited or velocity_integral * velocity_error < 0.0:
                 velocity_integral += loop.velocity_i * velocity_error * dt
                 velocity_integral = clip(velocity_integral, -loop.velocity_imax, loop.velocity_imax)
-            wish = loop.velocity_p * velocity_error + velocity_integral
-        target += f_t * (wish - target)
+            request = loop.velocity_p * velocity_error + velocity_integral
+        target += f_t * (request - target)
         last = error
         error += f_e * (target - measured - error)
         if derivative:  # seldom, and the longest way from a sample to the output

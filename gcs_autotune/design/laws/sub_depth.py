@@ -130,9 +130,9 @@ class SubDepth(PositionLoop):
     def controller(self, settings: Settings, speed: float | None) -> Rational:
         """Return the transfer function from climb rate to output, with the position controller in its linear range."""
         pid, feed, velocity = self._parts(settings)
-        wish = velocity * (constant(1.0) + integrator(settings[POS]))
+        acceleration_demand = velocity * (constant(1.0) + integrator(settings[POS]))
         slope = Rational((1.0, 0.0), (1.0,))
-        return pid * (wish + slope) + feed * wish
+        return pid * (acceleration_demand + slope) + feed * acceleration_demand
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
         """Return the transfer function from measured depth to output."""

@@ -82,9 +82,9 @@ def fit_by_iso(case: Case) -> AxisFit:
     )
 
 
-def _structure(asked: Structure | None, decision: Decision | None) -> tuple[Structure, bool]:
-    if asked is not None:
-        return asked, False
+def _structure(requested: Structure | None, decision: Decision | None) -> tuple[Structure, bool]:
+    if requested is not None:
+        return requested, False
     if decision is None or decision.verdict == "undecided":
         return "linear", True
     return ("linear" if decision.verdict == "linear" else "nonlinear"), False

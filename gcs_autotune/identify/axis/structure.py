@@ -142,19 +142,19 @@ class _Fitter:
         A fit of both drags starts from the better fit of a single drag. From other starts the two drags may diverge
         with opposite signs.
         """
-        found: Solution | None = None
+        solution: Solution | None = None
         if structure == "affine":
             one = self.fit("linear", begin, False, None)
             other = self.fit("nonlinear", begin, False, one)
             start = _better(one, other)
             begin = begin if start is None else numbers_of(start)
-            found = self.fit(structure, begin, False, start)
-        found = found or self.fit(structure, begin, False, None)
-        if found is None:
+            solution = self.fit(structure, begin, False, start)
+        solution = solution or self.fit(structure, begin, False, None)
+        if solution is None:
             raise NotInformative(
                 "no model could be simulated on this record. Check that input and output are from the same run"
             )
-        return found
+        return solution
 
     def without(self, seconds: float) -> _Fitter:
         """Return a fitter for the same records without their first *seconds* [s]."""

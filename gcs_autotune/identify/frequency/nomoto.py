@@ -97,17 +97,17 @@ def fit_nomoto(response: FrequencyResponse, order: int = 1, delay: float | None 
     except NotInformative as error:
         if 2 * len(response) < _size(order):
             raise
-        found = _with_delay(response, order)
-        if found is None:
+        fit = _with_delay(response, order)
+        if fit is None:
             raise error
-        return found
+        return fit
     if 2 * len(response) <= _size(order):
         return without
-    found = _with_delay(response, order)
-    if found is None:
+    fit = _with_delay(response, order)
+    if fit is None:
         return without
-    early = order == 1 and without.physical[1] * without.physical[0] < 0.0 < found.physical[1] * found.physical[0]
-    return found if without.bic - found.bic > (0.0 if early else EVIDENCE) else without
+    early = order == 1 and without.physical[1] * without.physical[0] < 0.0 < fit.physical[1] * fit.physical[0]
+    return fit if without.bic - fit.bic > (0.0 if early else EVIDENCE) else without
 
 
 def _with_delay(response: FrequencyResponse, order: int) -> NomotoFit | None:
@@ -138,10 +138,10 @@ def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -
             error = math.sqrt(low * high)
             theta, chi = at(error, theta)
             low, high = (error, high) if chi > 1.0 else (low, error)
-    found = _described(response, order, theta, error, free=free)
-    if isinstance(found.model, Nomoto2):
-        _check_reach(found.model, float(response.omega.min()))
-    return found
+    fit = _described(response, order, theta, error, free=free)
+    if isinstance(fit.model, Nomoto2):
+        _check_reach(fit.model, float(response.omega.min()))
+    return fit
 
 
 def _check_reach(model: Nomoto2, lowest: float) -> None:

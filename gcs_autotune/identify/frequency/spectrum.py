@@ -137,9 +137,9 @@ def constant_force(records: Sequence[Segment], alpha: float, beta: float) -> tup
     return float(np.mean(forces)), float(np.std(forces, ddof=1) / np.sqrt(len(forces)))
 
 
-def _model(found: FrequencyResponse, records: Sequence[Segment]) -> SingleDof | None:
-    """Return the first-order model fitted to *found*, or None if it cannot be simulated."""
-    strong = found.at((found.input_power >= STRONG) & (found.coherence > 1.0 / found.averages))
+def _model(response: FrequencyResponse, records: Sequence[Segment]) -> SingleDof | None:
+    """Return the first-order model fitted to *response*, or None if it cannot be simulated."""
+    strong = response.at((response.input_power >= STRONG) & (response.coherence > 1.0 / response.averages))
     try:
         beta, alpha, delay = (float(v) for v in fit_nomoto(strong, 1).physical)
     except NotInformative:

@@ -202,7 +202,7 @@ def linear_pass(
                 P[i, 2] = FP[i, 2] * F[2, 2]
                 for j in range(3, m):
                     P[i, j] = FP[i, 3] * F[j, 3] + FP[i, 4] * F[j, 4]
-                    if i > 2:  # what is lost of a stationary process comes anew
+                    if i > 2:  # a stationary process regains the lost variance
                         P[i, j] += (1.0 if i == j else 0.0) - F[i, 3] * F[j, 3] - F[i, 4] * F[j, 4]
             P[2, 2] += size**2 * (1.0 - F[2, 2] * F[2, 2])
             if not (abs(x[0, 0]) < 1e9 and abs(x[0, 1]) < 1e9):

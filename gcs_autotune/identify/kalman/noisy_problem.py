@@ -58,7 +58,7 @@ class NoisyProblem(NoiseFilter):
         """Return the same problem on other segments."""
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
 
-    def says(self, fit: NoisyFit) -> RunLikelihoods | None:
+    def run_likelihoods(self, fit: NoisyFit) -> RunLikelihoods | None:
         """Return the likelihood of the constant force and the thrust change of each run at *fit*, or None if the filter
         fails.
         """

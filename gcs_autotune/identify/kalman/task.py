@@ -120,11 +120,11 @@ def task_of(case: Case) -> Task:
         )
     dating = max((s.dating for s in case.records), default=0.0)
     stamps = form.known.get("delay", 0.0) if dating > 0.0 and "delay" not in form.free else None
-    asked = form
+    requested = form
     form = form if stamps is None else form.freeing("delay")
     bank = FilterBank(form, case.records, form.free)
     given = {**form.start, **_numbers(case.options, "start")}
-    unknown = set(given) - set(asked.parameters)
+    unknown = set(given) - set(requested.parameters)
     if unknown:
         raise UsageError(
             f"start contains {', '.join(sorted(unknown))}, which form '{form.name}' does not have. Omit it"
@@ -147,7 +147,7 @@ def task_of(case: Case) -> Task:
         scale[bank.free.index("delay")] = WEAK.std * dating / spread
         start = replace(start, scale=scale)
     tune_noise = not set(bank.signals) <= set(noise)
-    return Task(case, asked, bank, replace(start, levels=levels), spread, tune_noise, drive is None, loose, stamps)
+    return Task(case, requested, bank, replace(start, levels=levels), spread, tune_noise, drive is None, loose, stamps)
 
 
 def _numbers(options: Mapping[str, Any], name: str) -> dict[str, float]:

@@ -216,8 +216,8 @@ def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> A
     def drag(nu: float) -> float:
         return float((linear + quadratic * abs(nu)) * nu)
 
-    asked = r.tau + constant if math.isnan(read[0]) else drag(read[0])
-    balance = asked - drag(r.k_ss.value)
+    driving = r.tau + constant if math.isnan(read[0]) else drag(read[0])
+    balance = driving - drag(r.k_ss.value)
     predicted = read[1] if r.has_lag and math.isfinite(read[1]) else _dynamics(r, theta)
     if predicted is None:
         return np.array([balance])
@@ -369,10 +369,10 @@ def _still_moving(r: StepReading, model: StepModel) -> bool:
 
 
 def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> list[Doubt]:
-    found = []
+    doubts = []
     short = len(everything) - used
     if short:
-        found.append(
+        doubts.append(
             Doubt(
                 "not-settled",
                 f"left out: {short} of {counted(len(everything), 'step')}, not settled when the input changed",
@@ -380,7 +380,7 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
             )
         )
     if not model.fitted[3]:
-        found.append(
+        doubts.append(
             Doubt(
                 "no-disturbance",
                 "one input level cannot separate drag from a constant force. No constant force was assumed",
@@ -388,7 +388,7 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
             )
         )
     if model.spare > 0 and model.scatter > 2.0:
-        found.append(
+        doubts.append(
             Doubt(
                 "steps-disagree",
                 f"the steps differ {model.scatter:.1f} times more than their noise explains. The standard errors "
@@ -396,7 +396,7 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
                 "try the other structure. Check whether load, battery or current changed between the steps",
             )
         )
-    return found
+    return doubts
 
 
 def _undecided() -> Doubt:

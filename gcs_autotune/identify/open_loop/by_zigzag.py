@@ -144,7 +144,7 @@ def solve_zigzag(every: Sequence[IntegralRows], structure: Structure) -> tuple[A
     count = sum(len(rows.impulse) for rows in every)
     drags = FREE[structure][:3]
     free = (*drags, count > sum(drags) + 1)
-    if count <= sum(free):  # nothing left to tell how well they fit
+    if count <= sum(free):  # no degree of freedom left to judge the fit
         raise NotInformative(
             f"{count} half-period equations do not determine structure '{structure}'. Fly more half periods"
         )
@@ -155,7 +155,7 @@ def solve_zigzag(every: Sequence[IntegralRows], structure: Structure) -> tuple[A
 def _doubts(
     every: Sequence[IntegralRows], structure: Structure, theta: Array, covariance: Array, free: Sequence[bool]
 ) -> list[Doubt]:
-    found = []
+    doubts = []
     count = sum(len(rows.impulse) for rows in every)
     if structure != "affine" and count > 5:
         missing = 2 if structure == "linear" else 1
@@ -163,7 +163,7 @@ def _doubts(
         clear = abs(other[missing]) / max(math.sqrt(max(float(spread[missing, missing]), 0.0)), 1e-300)
         if clear > CLEAR and solve_rows(every, free)[3] > WORSE * misfit:
             kind = "nonlinear" if structure == "linear" else "linear"
-            found.append(
+            doubts.append(
                 Doubt(
                     f"{kind}-drag",
                     f"the half periods also show {kind} drag ({clear:.0f} standard errors). The fit is therefore "
@@ -172,14 +172,14 @@ def _doubts(
                 )
             )
     if count - sum(free) < 3:
-        found.append(
+        doubts.append(
             Doubt(
                 "few-half-periods",
                 f"{count} equations for {sum(free)} parameters are too few, so the standard errors are unreliable",
                 "fly on",
             )
         )
-    return found
+    return doubts
 
 
 METHOD = Method(

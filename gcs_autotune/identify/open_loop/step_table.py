@@ -257,15 +257,15 @@ _CURE = (
 )
 
 
-def _sentence(found: Unevenness) -> str:
-    effect = f"{100.0 * found.effect:+.0f} %"
+def _sentence(unevenness: Unevenness) -> str:
+    effect = f"{100.0 * unevenness.effect:+.0f} %"
     words = {
-        "sign": f"{found.parameter} differs between positive and negative inputs by {effect}",
-        "size+": f"{found.parameter} changes by {effect} from the smallest to the largest positive input",
-        "size-": f"{found.parameter} changes by {effect} from the smallest to the largest negative input",
-        "small": f"{found.parameter} for the smallest third of the inputs differs by {effect} from the others",
+        "sign": f"{unevenness.parameter} differs between positive and negative inputs by {effect}",
+        "size+": f"{unevenness.parameter} changes by {effect} from the smallest to the largest positive input",
+        "size-": f"{unevenness.parameter} changes by {effect} from the smallest to the largest negative input",
+        "small": f"{unevenness.parameter} for the smallest third of the inputs differs by {effect} from the others",
         "small-scatter": (
-            f"{found.parameter} scatters {effect} more for the smallest third of the inputs than for the others"
+            f"{unevenness.parameter} scatters {effect} more for the smallest third of the inputs than for the others"
         ),
     }
-    return f"{words[found.kind]} (chance {found.p:.1g})"
+    return f"{words[unevenness.kind]} (chance {unevenness.p:.1g})"

@@ -95,15 +95,15 @@ def _of_record(record: Segment, name: str) -> list[StepReading]:
     is_position = signal.name == record.dof.position
     end = float(signal.t[-1])
     holds = find_holds(record.t_in, record.tau, end)
-    found: list[StepReading] = []
+    readings: list[StepReading] = []
     previous: tuple[Hold, LocalFit | None] | None = None
     for hold in holds:
         reader = _Reader(signal, is_position, hold, previous, record)
         made = reader.read()
         previous = (hold, reader.tail)
         if made is not None:
-            found.append(made)
-    return found
+            readings.append(made)
+    return readings
 
 
 class _Reader:

@@ -129,11 +129,11 @@ def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] =
     joint : the fit of all runs.
     unused : names of runs that belong to no step.
     """
-    plan, rows, found = result.plan, result.agreements, list[Doubt]()
+    plan, rows, doubts = result.plan, result.agreements, list[Doubt]()
     if unused:
         chosen = [*(s.chosen for s in plan.steps), *([] if plan.final is None else [plan.final.chosen])]
         manoeuvres = ", ".join(dict.fromkeys(name for c in chosen for name in c.manoeuvres))
-        found.append(
+        doubts.append(
             Doubt(
                 "runs-of-no-step",
                 f"{', '.join(unused)} belong{'s' if len(unused) == 1 else ''} to no step of plan '{plan.name}' and "
@@ -144,7 +144,7 @@ def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] =
     if result.skipped:
         missed = dict.fromkeys(n for s in plan.steps if s.name in result.skipped for n in (*s.isolated, *s.shared))
         lost = [n for n in missed if n not in result.parameters]
-        found.append(
+        doubts.append(
             Doubt(
                 "steps-without-runs",
                 f"no runs for {', '.join(result.skipped)}" + (f". Not identified: {', '.join(lost)}" if lost else ""),
@@ -156,7 +156,7 @@ def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] =
             estimates = ", ".join(
                 f"{s}: {format_value(v, e)}" for s, v, e in zip(row.steps, row.values, row.stds, strict=True)
             )
-            found.append(
+            doubts.append(
                 Doubt(
                     "steps-disagree",
                     f"{row.name} differs between steps by more than its standard errors ({estimates})",
@@ -164,11 +164,11 @@ def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] =
                 )
             )
     if joint is None or not joint.converged:
-        found.append(
+        doubts.append(
             Doubt("joint-fit-failed", "the joint fit of all runs did not converge", "check the fit of each step first")
         )
     elif joint.misfit > MISFIT:
-        found.append(
+        doubts.append(
             Doubt(
                 "joint-misfit",
                 f"all runs together fit {joint.misfit:.2f} times worse than each step alone. One set of parameters "
@@ -176,10 +176,10 @@ def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] =
                 "check the steps that disagree",
             )
         )
-    found.extend(_together(result.parameters, result.covariance))
+    doubts.extend(_together(result.parameters, result.covariance))
     fitted_on = [s.step.name for s in result.steps if not s.unseen]
     if fitted_on:
-        found.append(
+        doubts.append(
             Doubt(
                 "validated-on-itself",
                 f"steps with only one run have no held-out run for validation: {', '.join(fitted_on)}",
@@ -187,14 +187,14 @@ def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] =
             )
         )
     if plan.final is not None and result.final is None:
-        found.append(
+        doubts.append(
             Doubt(
                 "no-final-validation",
                 f"there is no usable run {plan.final.chosen}",
                 "record a run of free driving and add it",
             )
         )
-    return tuple(found)
+    return tuple(doubts)
 
 
 def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Doubt]:
@@ -309,26 +309,26 @@ def _only_signals(trial: Trial, form: Form, signals: Sequence[str]) -> Trial:
     return replace(trial, channels={n: c for n, c in trial.channels.items() if n in form.inputs or n in signals})
 
 
-def _estimate(step: PlanStep, found: Fit[Model]) -> StepEstimate | None:
+def _estimate(step: PlanStep, fit: Fit[Model]) -> StepEstimate | None:
     """Return the estimates of a fit that other steps may use.
 
     Parameters at a bound and unobservable ones are left out.
     """
-    order = list(found.parameters)
+    order = list(fit.parameters)
     names = tuple(
         n
         for n in (*step.isolated, *step.shared)
-        if found.parameters[n].status == "fitted" and found.parameters[n].std > 0.0
+        if fit.parameters[n].status == "fitted" and fit.parameters[n].std > 0.0
     )
     if not names:
         return None
     places = [order.index(n) for n in names]
-    values = np.array([found.parameters[n].value for n in names])
-    return StepEstimate(step.name, names, values, found.covariance[np.ix_(places, places)])
+    values = np.array([fit.parameters[n].value for n in names])
+    return StepEstimate(step.name, names, values, fit.covariance[np.ix_(places, places)])
 
 
 def _part(
-    step: PlanStep, runs: Sequence[Trial], found: Fit[Model], values: Mapping[str, float], seen: Collection[str]
+    step: PlanStep, runs: Sequence[Trial], fit: Fit[Model], values: Mapping[str, float], seen: Collection[str]
 ) -> Part:
     """Return a step for the joint fit.
 
@@ -338,7 +338,7 @@ def _part(
     form = step.form.fixing(known)
     form = form if step.delay == 0.0 else form.fixing({"delay": step.delay})
     records = tuple(r for run in runs for r in prepare_form(run, form, step.signals or None))
-    return Part(form, tuple(step.global_name(n) for n in form.free), records, found.noise)
+    return Part(form, tuple(step.global_name(n) for n in form.free), records, fit.noise)
 
 
 def _parameters(

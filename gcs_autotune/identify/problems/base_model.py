@@ -26,7 +26,6 @@ from gcs_autotune.trial import Trial
 
 __all__ = [
     "THRUSTERS",
-    "asked_for",
     "base_limits",
     "by_thrusters",
     "data_summary_of",
@@ -34,6 +33,7 @@ __all__ = [
     "given_base",
     "overlooked",
     "plain_form",
+    "requested_dofs",
 ]
 
 Array = NDArray[np.float64]
@@ -68,10 +68,10 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
     varies = {
         n for run in runs for n, c in run.channels.items() if len(c) and np.ptp(c.values[np.isfinite(c.values)]) > 0
     }
-    asked = asked_for(runs, dof)
+    requested = requested_dofs(runs, dof)
     if set(THRUSTERS) <= there:
-        return _twin_thruster(asked, there)
-    steered = any(c in varies for c in INPUTS["yaw"]) and (asked is None or "yaw" in asked)
+        return _twin_thruster(requested, there)
+    steered = any(c in varies for c in INPUTS["yaw"]) and (requested is None or "yaw" in requested)
     track = steered and TRACK <= there and not {"u", "v"} & there
     slides = track or (steered and {"u", "v"} <= varies)
     pushed = {n for run in runs for n, c in run.channels.items() if len(c) and np.any(c.values)} if slides else set()
@@ -85,14 +85,14 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
         seen = {d.velocity, d.position} & there
         if name == "surge" and d.velocity not in there and "psi" in there and not track:
             seen = set()
-        if (asked is not None and name not in asked) or drive is None or not seen:
+        if (requested is not None and name not in requested) or drive is None or not seen:
             continue
         dofs.append(name)
         inputs[drive] = ((d.force, 1.0),)
         free += [f"{d.force}_{d.velocity}dot", f"{d.force}_{d.velocity}"]
     known = {}
     adrift = "sway" not in dofs and {"surge", "yaw"} <= set(dofs) and ("v" in there or track)
-    if adrift and (asked is None or "sway" in asked):
+    if adrift and (requested is None or "sway" in requested):
         dofs.insert(1, "sway")
         known["Y_vdot"] = -1.0
         free.append("Y_v")
@@ -106,7 +106,7 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
     return Form("plain", title, tuple(dofs), tuple(free), known, inputs, coriolis=False)
 
 
-def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
+def requested_dofs(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
     """Return the names of the requested degrees of freedom, or None for all recorded ones; see :func:`plain_form`.
 
     Raises
@@ -130,14 +130,14 @@ def overlooked(
     runs: Sequence[Trial], form: Form, dof: str | None, use: Sequence[str] | None, segments: Sequence[Segment]
 ) -> list[Doubt]:
     """Return doubts about requested or recorded motion that *form* could not include."""
-    asked = asked_for(runs, dof)
-    found = []
-    missing = [d for d in asked or () if d not in form.dofs] if dof is not None else []
+    requested = requested_dofs(runs, dof)
+    doubts = []
+    missing = [d for d in requested or () if d not in form.dofs] if dof is not None else []
     if missing:
         columns = "; ".join(
             f"{d}: {' or '.join(INPUTS[d])} and {DOFS[d].velocity} or {DOFS[d].position}" for d in missing
         )
-        found.append(
+        doubts.append(
             Doubt(
                 "not-looked-at",
                 f"{', '.join(missing)} was requested but not analysed, because the runs lack its input or its motion",
@@ -149,8 +149,8 @@ def overlooked(
         n for run in runs for n in ("x", "y") if n in run and len(run[n]) >= MIN_SAMPLES and np.ptp(run[n].values) > 0.0
     }
     left = sorted(moving - compared)
-    if left and use is None and (asked is None or {"surge", "sway"} & set(asked)):
-        found.append(
+    if left and use is None and (requested is None or {"surge", "sway"} & set(requested)):
+        doubts.append(
             Doubt(
                 "not-looked-at",
                 f"{' and '.join(left)} were recorded but not compared. The recorded channels do not support a model "
@@ -158,7 +158,7 @@ def overlooked(
                 "record the thrust X and the speeds u and v, or only x, y and psi together with X and N",
             )
         )
-    return found
+    return doubts
 
 
 def swung(runs: Sequence[Trial]) -> list[str] | None:
@@ -181,10 +181,10 @@ def by_thrusters(runs: Sequence[Trial], dof: str) -> bool:
     )
 
 
-def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
+def _twin_thruster(requested: Sequence[str] | None, there: Collection[str]) -> Form:
     left, right = THRUSTERS
     dofs = [d for d in ("surge", "yaw") if DOFS[d].velocity in there or (d == "yaw" and "psi" in there)]
-    dofs = [d for d in dofs if asked is None or d in asked]
+    dofs = [d for d in dofs if requested is None or d in requested]
     inputs: dict[str, tuple[tuple[str, float | str], ...]] = {left: (), right: ()}
     free: list[str] = []
     if "surge" in dofs:

@@ -106,12 +106,12 @@ class AxisSimulator:
         motion = simulate_explicit(numbers, segment.t_in, segment.tau, segment.stamps)
         if not motion.finite:
             return None
-        found = {}
+        prediction = {}
         for name, at in segment.at.items():
             position = name == self._position
             value, by = (motion.eta, motion.eta_by) if position else (motion.nu, motion.nu_by)
-            found[name] = (value[at], by[at][:, self._columns])
-        return found
+            prediction[name] = (value[at], by[at][:, self._columns])
+        return prediction
 
 
 class FormSimulator:
@@ -197,13 +197,13 @@ class EffectSimulator:
         sensitivities: bool,
     ) -> Predicted | None:
         """Return name of the signal -> values (n,) at its stamps and their Jacobian; see :class:`SegmentSimulator`."""
-        found = self._simulator.run(theta, effects, x_0, segment.passage_at(shift), sensitivities=sensitivities)
-        if found is None or not (sensitivities and self._dated):
-            return found
+        prediction = self._simulator.run(theta, effects, x_0, segment.passage_at(shift), sensitivities=sensitivities)
+        if prediction is None or not (sensitivities and self._dated):
+            return prediction
         later = self._simulator.run(theta, effects, x_0, segment.passage_at(shift + self._step))
         if later is None:
             return None
-        return {n: (y, np.column_stack([by, (later[n][0] - y) / self._step])) for n, (y, by) in found.items()}
+        return {n: (y, np.column_stack([by, (later[n][0] - y) / self._step])) for n, (y, by) in prediction.items()}
 
 
 def simulator_of(

@@ -93,7 +93,7 @@ def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
         "window": recipe.window,
         "rounds": rounds,
         "least_squares": dict(zip(recipe.form.free, first.free.tolist(), strict=True)),
-        "physics": [check.told for check in checks],
+        "physics": [check.description for check in checks],
         "converged": estimate.converged,
     }
     return regression_fit(case, estimate, motions, "instrumental-variables", doubts, extra)

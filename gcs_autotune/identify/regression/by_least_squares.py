@@ -89,7 +89,7 @@ def fit_by_least_squares(case: Case) -> Fit[CoupledModel]:
         "window": recipe.window,
         "noise_bias": dict(zip(names, bias.tolist(), strict=True)),
         "variance_inflation": dict(zip(names, inflation_factors(estimate.information).tolist(), strict=True)),
-        "physics": [check.told for check in checks],
+        "physics": [check.description for check in checks],
         "converged": estimate.converged,
     }
     return regression_fit(case, with_bias(estimate, bias), motions, "least-squares", doubts, extra)

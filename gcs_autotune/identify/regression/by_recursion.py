@@ -95,7 +95,7 @@ def fit_by_recursion(case: Case) -> Fit[CoupledModel]:
     checks = check_physics(model_of(recipe.form, estimate.theta), velocities_visited(motions))
     doubts += physics_doubts(checks)
     some = np.unique(np.linspace(0, len(history.t) - 1, KEPT).astype(int))
-    told = {
+    samples = {
         "t": history.t[some].tolist(),
         "values": {n: history.values[some, i].tolist() for i, n in enumerate(names)},
         "stds": {n: history.stds[some, i].tolist() for i, n in enumerate(names)},
@@ -104,10 +104,10 @@ def fit_by_recursion(case: Case) -> Fit[CoupledModel]:
         "equation": recipe.equation,
         "derivative": recipe.derivative,
         "window": recipe.window,
-        "history": told,
+        "history": samples,
         "noise_bias": dict(zip(names, bias.tolist(), strict=True)),
         "batch": dict(zip(names, batch.free.tolist(), strict=True)),
-        "physics": [check.told for check in checks],
+        "physics": [check.description for check in checks],
     }
     return regression_fit(case, with_bias(estimate, bias), motions, "recursive-least-squares", doubts, extra)
 

@@ -33,7 +33,7 @@ DRAWS = 4
 Project choice: the bias is a mean over the sets, so a few are enough.
 """
 
-WORTH_SAYING = 0.1
+NEGLIGIBLE = 0.1
 """Bias, in standard errors, below which no doubt is raised. Project choice."""
 
 NAMED = 3
@@ -95,7 +95,7 @@ def noise_bias_doubt(estimate: Estimate, bias: Array) -> Doubt | None:
     """Return a doubt about the bias, or None if it is small compared with the standard errors."""
     std = np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
     share = np.nan_to_num(np.abs(bias) / np.maximum(std, 1e-9 * np.abs(estimate.free) + 1e-300))
-    worst = [int(i) for i in np.argsort(-share)[:NAMED] if share[i] > WORTH_SAYING]
+    worst = [int(i) for i in np.argsort(-share)[:NAMED] if share[i] > NEGLIGIBLE]
     if not worst:
         return None
     names = estimate.equations.form.free

@@ -43,13 +43,13 @@ class Check:
     - ``what``: the condition that is checked.
     - ``holds``: whether the model satisfies the condition.
     - ``margin``: distance from the limit of the condition, which is 0.
-    - ``told``: description for the user.
+    - ``description``: one sentence for the user.
     """
 
     what: str
     holds: bool
     margin: float
-    told: str
+    description: str
 
 
 def velocities_visited(motions: Sequence[GriddedMotion]) -> Array:
@@ -171,7 +171,7 @@ def _terms(form: Form) -> list[tuple[int, int, float, tuple[int, ...]]]:
 
 def physics_doubts(checks: Sequence[Check]) -> list[Doubt]:
     """Return a doubt that lists all failed checks, if any."""
-    wrong = [c.told for c in checks if not c.holds]
+    wrong = [c.description for c in checks if not c.holds]
     if not wrong:
         return []
     return [

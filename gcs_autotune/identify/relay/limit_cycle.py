@@ -47,8 +47,8 @@ Source: Miskovic2010, 6.7.
 NOISES = 2.0
 """How much too large the bias x_0 of one period may be for (7.12), in standard deviations of the noise. Project choice.
 
-It is read from two extremes and two switching positions, and errs by about one standard deviation. At 1.5 deg of noise
-a boat that swings 2 deg beyond its hysteresis would otherwise violate the condition in every third period.
+It is read from two extremes and two switching positions, with an error of about one standard deviation. At 1.5 deg of
+noise a boat that turns 2 deg beyond its hysteresis would otherwise violate the condition in every third period.
 """
 
 
@@ -286,12 +286,12 @@ def cycles_of(
     halves = _half_periods(t, x, record, switchings)
     if len(halves) < 2 and len(marked) > 2:
         halves = _half_periods(t, x, record, np.asarray(marked, dtype=np.float64))
-    found = []
+    settled = []
     for group in _groups(halves):
         best = _settled(group, x_a) if declared or _is_relay(group) else None
         if best is not None:
-            found.append(replace(best, cycle=replace(best.cycle, nu_0=nu_0)))
-    return found
+            settled.append(replace(best, cycle=replace(best.cycle, nu_0=nu_0)))
+    return settled
 
 
 def _is_relay(halves: Sequence[HalfPeriod]) -> bool:

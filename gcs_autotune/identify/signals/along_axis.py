@@ -21,7 +21,7 @@ __all__ = ["DISTANCE", "ahead_doubt", "distance_in", "projected_track", "with_di
 
 DISTANCE = "d"
 
-SWING = np.radians(15.0)
+HEADING_CHANGE = np.radians(15.0)
 """Change of heading [rad] while facing the surface, above which a doubt is raised. Project choice.
 
 At this angle ``d`` shows up to 3 % too little motion.
@@ -64,8 +64,8 @@ def _measured_anew(channel: Channel) -> Channel:
     since = (
         np.arange(len(channel)) - changes[np.maximum(np.searchsorted(changes, np.arange(len(channel)), "right") - 1, 0)]
     )
-    anew = since % period == 0
-    return replace(channel, t=channel.t[anew], values=channel.values[anew])
+    measured = since % period == 0
+    return replace(channel, t=channel.t[measured], values=channel.values[measured])
 
 
 def distance_in(segment: Segment) -> Channel | None:
@@ -84,7 +84,7 @@ def ahead_doubt(trial: Trial) -> Doubt | None:
         return None
     psi = np.unwrap(trial["psi"].values[np.isfinite(trial["psi"].values)])
     spread = float(np.quantile(psi, 0.95) - np.quantile(psi, 0.05)) if len(psi) else 0.0
-    if spread <= SWING:
+    if spread <= HEADING_CHANGE:
         return None
     return Doubt(
         "not-facing",

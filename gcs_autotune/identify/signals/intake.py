@@ -254,7 +254,7 @@ def _inputs_alone(trial: Trial) -> list[Doubt]:
 
     A rudder angle is below half a turn, and a normalised output does not exceed 1 by much.
     """
-    found: list[Doubt] = []
+    doubts: list[Doubt] = []
     for name in ("delta", *(dof.force for dof in DOFS.values())):
         if name not in trial or len(trial[name]) == 0:
             continue
@@ -268,14 +268,14 @@ def _inputs_alone(trial: Trial) -> list[Doubt]:
             cause = (
                 f"{name} of run '{trial.name}' reaches {size:.3g} without a unit. Without a unit, 1 means full output"
             )
-            found.append(
+            doubts.append(
                 Doubt(
                     "unit",
                     cause,
                     f"write {name}[count] or its unit in the header, or divide by the value at full output",
                 )
             )
-    return found
+    return doubts
 
 
 def _integral(t: Array, v: Array) -> Array:
@@ -296,11 +296,11 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
     steps = np.abs(np.diff(x))
     usual = float(np.median(steps))
     wraps = steps[steps > max(0.5 * float(np.ptp(x)), 20.0 * usual)]
-    for height, said, really in ((360.0, "radians", "degrees"), (2.0 * math.pi / DEG, "degrees", "radians")):
+    for height, stated, really in ((360.0, "radians", "degrees"), (2.0 * math.pi / DEG, "degrees", "radians")):
         if len(wraps) and np.all(np.abs(wraps / height - 1.0) < 0.05) and np.ptp(x) <= 1.01 * height:
             raise BadFile(
                 f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad. Its header states "
-                f"{said}, but the numbers are {really}. Correct the unit in the header"
+                f"{stated}, but the numbers are {really}. Correct the unit in the header"
             )
     is_smooth = float(np.median(np.abs(np.diff(x, n=2)))) < 0.5 * usual
     if is_smooth and float(np.mean(steps > math.pi)) > 0.1:

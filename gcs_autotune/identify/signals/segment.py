@@ -223,12 +223,12 @@ class Segment:
 
     def pieces(self, count: int) -> list[Segment]:
         """Return *count* segments with about the same number of stamps each. The inputs are not cut."""
-        found = []
+        segments = []
         for part in np.array_split(self.stamps, count):
             cut = {n: s.between(float(part[0]), float(part[-1])) for n, s in self.signals.items()}
             if signals := {n: s for n, s in cut.items() if len(s.t)}:
-                found.append(replace(self, signals=signals))
-        return found
+                segments.append(replace(self, signals=signals))
+        return segments
 
     def within(self, horizon: float) -> tuple[Segment, ...]:
         """Return the segment cut into segments no longer than *horizon* [s], or longer if these would have too few

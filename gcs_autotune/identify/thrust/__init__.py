@@ -16,16 +16,16 @@ from __future__ import annotations
 from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.thrust.asymmetric_thrust import with_doubt_of_thrust
 from gcs_autotune.identify.thrust.levels import LevelForces, level_forces
-from gcs_autotune.identify.thrust.slow_actuator import fit_slow_actuator, slow_actuator_told
+from gcs_autotune.identify.thrust.slow_actuator import describe_slow_actuator, fit_slow_actuator
 from gcs_autotune.identify.thrust.surge import CURVE, fit_surge, set_on_the_way_back, square_of
 from gcs_autotune.identify.thrust.thrust_curve import (
     DEAD_ZONE,
     QUADRATIC,
+    describe_thrust_curve,
     effect_number,
     fit_thrust_curve,
     fit_with_actuator,
     pays,
-    thrust_curve_told,
 )
 
 __all__ = [
@@ -33,6 +33,8 @@ __all__ = [
     "DEAD_ZONE",
     "QUADRATIC",
     "LevelForces",
+    "describe_slow_actuator",
+    "describe_thrust_curve",
     "effect_number",
     "fit_slow_actuator",
     "fit_surge",
@@ -41,9 +43,7 @@ __all__ = [
     "level_forces",
     "pays",
     "set_on_the_way_back",
-    "slow_actuator_told",
     "square_of",
-    "thrust_curve_told",
     "with_actuator",
     "with_doubt_of_thrust",
 ]

@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gcs_autotune.identify.result import AxisFit, Fit, Model
-from gcs_autotune.identify.thrust.thrust_curve import WORTH_A_LOOK, effect_number, fit_with_actuator, pays
+from gcs_autotune.identify.thrust.thrust_curve import LINEAR_ENOUGH, effect_number, fit_with_actuator, pays
 from gcs_autotune.trial import Trial
 
-__all__ = ["LAG", "RATE_LIMIT", "fit_slow_actuator", "slow_actuator_told"]
+__all__ = ["LAG", "RATE_LIMIT", "describe_slow_actuator", "fit_slow_actuator"]
 
 RATE_LIMIT = "rate-limit"
 LAG = "actuator-lag"
@@ -27,7 +27,7 @@ def fit_slow_actuator(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | Non
 
     plain : model of the same runs with an actuator that acts at once.
     """
-    if plain.unexplained < WORTH_A_LOOK:
+    if plain.unexplained < LINEAR_ENOUGH:
         return None
     at_once = fit_with_actuator(runs, plain)
     if at_once is None:
@@ -35,18 +35,18 @@ def fit_slow_actuator(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | Non
     tried = [(slug, fit_with_actuator(runs, plain, slug)) for slug in (RATE_LIMIT, LAG)]
     found = [fit for slug, fit in tried if fit is not None and pays(fit, at_once, slug)]
     best = min(found, key=lambda fit: fit.unexplained, default=None)
-    return best if best is not None and best.unexplained < WORTH_A_LOOK else None
+    return best if best is not None and best.unexplained < LINEAR_ENOUGH else None
 
 
-def slow_actuator_told(found: Fit[Model], plain: AxisFit) -> str:
-    """Return one sentence that reports the rate limit or lag in *found*.
+def describe_slow_actuator(fit: Fit[Model], plain: AxisFit) -> str:
+    """Return one sentence that reports the rate limit or lag in *fit*.
 
     plain : model of the same runs with an actuator that acts at once.
     """
-    if any(name.startswith(RATE_LIMIT) for name in found.parameters):
-        seconds = 1.0 / effect_number(found, RATE_LIMIT).value
+    if any(name.startswith(RATE_LIMIT) for name in fit.parameters):
+        seconds = 1.0 / effect_number(fit, RATE_LIMIT).value
         what = f"an actuator with a limited rate: it takes {seconds:.2g} s from neutral to full output"
     else:
-        what = f"an actuator that follows with a time constant of {effect_number(found, LAG).value:.2g} s"
-    explained = f"{found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
+        what = f"an actuator that follows with a time constant of {effect_number(fit, LAG).value:.2g} s"
+    explained = f"{fit.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     return f"the oscillations indicate {what}. With this the model explains {explained}"

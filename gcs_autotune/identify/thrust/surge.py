@@ -405,22 +405,22 @@ def _compared(heading: float, pairs: Sequence[tuple[list[float], list[float]]]) 
     )
 
 
-def through_water(trial: Trial, found: AlongTrack) -> Trial:
-    """Return *trial* with the current of *found* subtracted from ``u``, according to the heading."""
+def through_water(trial: Trial, along_track: AlongTrack) -> Trial:
+    """Return *trial* with the current of *along_track* subtracted from ``u``, according to the heading."""
     u, psi = trial["u"], trial["psi"]
     headings = np.interp(u.t, psi.t, psi.values)
-    still = u.values - found.set * np.cos(headings - found.heading)
+    still = u.values - along_track.set * np.cos(headings - along_track.heading)
     return replace(trial, channels={**trial.channels, "u": replace(u, values=still)})
 
 
-def doubt_of(found: AlongTrack) -> Doubt:
+def doubt_of(along_track: AlongTrack) -> Doubt:
     """Return a doubt about the current or wind along the track, with its value."""
-    comes_from = math.degrees(found.heading + (math.pi if found.set > 0.0 else 0.0)) % 360.0
+    comes_from = math.degrees(along_track.heading + (math.pi if along_track.set > 0.0 else 0.0)) % 360.0
     return Doubt(
         "set-along-the-track",
-        f"at the same throttles the boat made {found.out:.2f} m/s over ground one way and {found.back:.2f} m/s the "
-        f"other. This indicates a current (or wind) of {abs(found.set):.2f} m/s from {comes_from:03.0f} deg, which "
-        "was corrected before the fit",
+        f"at the same throttles the boat made {along_track.out:.2f} m/s over ground one way and {along_track.back:.2f} "
+        f"m/s the other. This indicates a current (or wind) of {abs(along_track.set):.2f} m/s from "
+        f"{comes_from:03.0f} deg, which was corrected before the fit",
         "repeat in slack water and little wind. The correction covers only the direction of the track and treats "
         "wind as a current",
     )

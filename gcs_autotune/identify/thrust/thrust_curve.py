@@ -32,11 +32,11 @@ from gcs_autotune.trial import Trial
 __all__ = [
     "DEAD_ZONE",
     "QUADRATIC",
+    "describe_thrust_curve",
     "effect_number",
     "fit_thrust_curve",
     "fit_with_actuator",
     "pays",
-    "thrust_curve_told",
 ]
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ _UNEXPLAINED = 0.8
 
 The value is chosen: the ratio of a curve that matters is far smaller.
 """
-WORTH_A_LOOK = 4.0
+LINEAR_ENOUGH = 4.0
 """Unexplained part [percent] of a model with a linear actuator, below which no curve is tried."""
 _BEYOND = 1.1
 """Ratio of a step's output to that of the oscillations, above which the step can show that thrust saturates."""
@@ -89,7 +89,7 @@ def fit_thrust_curve(
     hard as without a band. The second kind is tried only *with_band*, because position loops designed for it performed
     worse (BlueROV2 heading: ITAE 0.74 instead of 0.40).
     """
-    if plain.unexplained < WORTH_A_LOOK:
+    if plain.unexplained < LINEAR_ENOUGH:
         return None
     curve = fit_with_actuator(runs, plain, QUADRATIC)
     if (
@@ -253,66 +253,66 @@ def fit_with_actuator(
     return found if band is None else band.within(found)
 
 
-def pays(found: Fit[Model], without: Fit[Model], slug: str) -> bool:
-    """Return whether the runs clearly support the effect *slug* of *found*.
+def pays(fit: Fit[Model], without: Fit[Model], slug: str) -> bool:
+    """Return whether the runs clearly support the effect *slug* of *fit*.
 
     without : model of the same runs without this effect.
     """
-    own = effect_number(found, slug)
-    return found.unexplained < _UNEXPLAINED * without.unexplained and own.value > _STDS * own.std
+    own = effect_number(fit, slug)
+    return fit.unexplained < _UNEXPLAINED * without.unexplained and own.value > _STDS * own.std
 
 
-def effect_number(found: Fit[Model], slug: str) -> Parameter:
-    """Return the only parameter of the effect *slug* in *found*."""
-    return next(p for name, p in found.parameters.items() if name.startswith(slug))
+def effect_number(fit: Fit[Model], slug: str) -> Parameter:
+    """Return the only parameter of the effect *slug* in *fit*."""
+    return next(p for name, p in fit.parameters.items() if name.startswith(slug))
 
 
-def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
-    """Return one sentence that reports the thrust curve, dead band or saturation in *found*.
+def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
+    """Return one sentence that reports the thrust curve, dead band or saturation in *fit*.
 
     plain : model of the same runs without an actuator effect.
     step : the step that was used too, if any.
     """
-    has = {name.partition("@")[0] for name in found.parameters}
+    has = {name.partition("@")[0] for name in fit.parameters}
     square, sure = "", False
     if QUADRATIC in has:
-        share, (at, part) = effect_number(found, QUADRATIC), _bent_at_half(found)
+        share, (at, part) = effect_number(fit, QUADRATIC), _bent_at_half(fit)
         sure = share.value > _STDS * share.std
         square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command"
-    levels = f". Beyond {effect_number(found, LEVEL).value:.0%} the force hardly grows" if LEVEL in has else ""
+    levels = f". Beyond {effect_number(fit, LEVEL).value:.0%} the force hardly grows" if LEVEL in has else ""
     if DEAD_ZONE in has:
-        what = f"an actuator that does nothing below {effect_number(found, DEAD_ZONE).value:.1%} of full output"
-        if _lost(found) == 0.0:
+        what = f"an actuator that does nothing below {effect_number(fit, DEAD_ZONE).value:.1%} of full output"
+        if _lost(fit) == 0.0:
             what += " and acts at once beyond it, like the neutral band of a speed controller"
         if sure:
             what += f". Beyond it, {square}"
-        told_by = "three oscillations" if step is None else "oscillations and the step together"
-        return f"the {told_by} indicate {what}{levels}"
-    told_by = "oscillations and the step together" if levels else "two oscillations"
+        records = "three oscillations" if step is None else "oscillations and the step together"
+        return f"the {records} indicate {what}{levels}"
+    records = "oscillations and the step together" if levels else "two oscillations"
     return (
-        f"the {told_by} indicate an actuator that is weak for small commands: {square}{levels}. With this the model "
-        f"explains {found.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
+        f"the {records} indicate an actuator that is weak for small commands: {square}{levels}. With this the model "
+        f"explains {fit.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     )
 
 
-def _bent_at_half(found: Fit[Model]) -> tuple[float, float]:
+def _bent_at_half(fit: Fit[Model]) -> tuple[float, float]:
     """Return an output [fraction of full] and the fraction of the force there that is quadratic in the command.
 
     The fitted fraction applies to the largest output of the runs used. It is converted to half of full output, where it
     is the same for all runs of a thruster.
     """
-    share, reference = effect_number(found, QUADRATIC).value, _reference(found)
-    square = share * max(_HALF - _lost(found), 0.0) / reference
+    share, reference = effect_number(fit, QUADRATIC).value, _reference(fit)
+    square = share * max(_HALF - _lost(fit), 0.0) / reference
     return _HALF, square / (1.0 - share + square)
 
 
-def _lost(found: Fit[Model]) -> float:
+def _lost(fit: Fit[Model]) -> float:
     """Return the amount subtracted from commands beyond a dead zone, 0 without one."""
-    assert isinstance(found.model, ExtendedModel)
-    zones = (own for own in found.model.effects if own.slug == DEAD_ZONE)
+    assert isinstance(fit.model, ExtendedModel)
+    zones = (own for own in fit.model.effects if own.slug == DEAD_ZONE)
     return next((own.constants.get(SUBTRACTED, 1.0) * own["width"] for own in zones), 0.0)
 
 
-def _reference(found: Fit[Model]) -> float:
-    assert isinstance(found.model, ExtendedModel)
-    return next(own.constants["u_ref"] for own in found.model.effects if own.slug == QUADRATIC)
+def _reference(fit: Fit[Model]) -> float:
+    assert isinstance(fit.model, ExtendedModel)
+    return next(own.constants["u_ref"] for own in fit.model.effects if own.slug == QUADRATIC)

@@ -257,8 +257,8 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
     closed = False
     orders = _Orders()
     try:
-        for told in events:
-            event: _Event = conform(told, _Event)  # type: ignore[arg-type]
+        for entry in events:
+            event: _Event = conform(entry, _Event)  # type: ignore[arg-type]
             closed = isinstance(event, _Closed)
             match event:
                 case _Opened():
@@ -294,7 +294,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
                         debts.pop(name, None)
                         written.pop(name, None)
     except Refused as error:
-        raise BadFile(f"the journal {path} has an invalid event '{clipped(told['event'])}': {error}") from error
+        raise BadFile(f"the journal {path} has an invalid event '{clipped(entry['event'])}': {error}") from error
     if head is None:
         return JournalState(closed=closed)
     return JournalState(

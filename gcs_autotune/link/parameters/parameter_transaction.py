@@ -170,7 +170,7 @@ class ParameterTransaction:
                 f"{name} stays at {value:g}, written by another station. Its original value is {self.old[name]:g}"
             )
             self.written.remove(name)
-            with suppress(PreconditionFailed):  # a full disk: the journal only says too much then
+            with suppress(PreconditionFailed):  # a full disk: the journal only lists too much then
                 self._journal.record("returned", name=name, value=value, by="another station")
 
     def _put_back(self) -> dict[str, AutotuneError]:

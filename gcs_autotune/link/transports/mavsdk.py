@@ -91,11 +91,11 @@ _FRESH = 30.0
 _INSTALL = "python3 -m pip install 'mavsdk>=4'"
 
 _CAUSES = {
-    "BIND_ERROR": "cannot listen on {where}: {said}. Close another ground station that uses that port, or choose "
+    "BIND_ERROR": "cannot listen on {where}: {detail}. Close another ground station that uses that port, or choose "
     "another port",
-    "SOCKET_ERROR": "cannot listen on {where}: {said}. Close another program that uses that port, or choose another "
+    "SOCKET_ERROR": "cannot listen on {where}: {detail}. Close another program that uses that port, or choose another "
     "port",
-    "CONNECTION_ERROR": "cannot open {where}: {said}. Check that it is plugged in, that you have permission, and "
+    "CONNECTION_ERROR": "cannot open {where}: {detail}. Check that it is plugged in, that you have permission, and "
     "that no other program uses it",
     "BAUDRATE_UNKNOWN": "cannot open {where}: MAVSDK does not support this speed. Try 57600 or 115200, or --backend "
     "pymavlink",
@@ -157,21 +157,21 @@ class MavsdkLink(Transport):
         self._carrier.subscribe_raw_bytes_to_be_sent(self._hear)
         result = self._carrier.add_any_connection_with_forwarding(url, forwarding)
         if result.name != "SUCCESS":
-            cause = _CAUSES.get(result.name, "cannot open {where}: MAVSDK answered {result} ({said})")
-            raise CannotOpenLink(cause.format(where=where, result=result.name, said=self.trouble or "nothing more"))
+            cause = _CAUSES.get(result.name, "cannot open {where}: MAVSDK answered {result} ({detail})")
+            raise CannotOpenLink(cause.format(where=where, result=result.name, detail=self.trouble or "nothing more"))
         if url.startswith("tcpout"):
             self._see_refusal(where)
 
     def _see_refusal(self, where: str) -> None:
         """Raise an early warning as an error, because MAVSDK connects in the background and retries forever."""
         try:
-            said = self._complaints.get(timeout=_CONNECT_PATIENCE)
+            warning = self._complaints.get(timeout=_CONNECT_PATIENCE)
         except queue.Empty:
             return
-        if said.startswith(_REFUSED):
+        if warning.startswith(_REFUSED):
             raise CannotOpenLink(
-                f"cannot connect to {where}: MAVSDK reported: {said}. Check that the vehicle or simulator is running, "
-                "and its port"
+                f"cannot connect to {where}: MAVSDK reported: {warning}. Check that the vehicle or simulator is "
+                "running, and its port"
             )
 
     def _hear(self, data: bytes) -> None:

@@ -65,12 +65,12 @@ class SitlArguments:
     @property
     def uri(self) -> str:
         """The connection string for the simulator, without the seed."""
-        told = [*(f"effect={e}" for e in self.effects), *(f"param={p}" for p in self.parameters)]
+        query = [*(f"effect={e}" for e in self.effects), *(f"param={p}" for p in self.parameters)]
         if self.model is not None:
-            told.append(f"model={self.model}")
+            query.append(f"model={self.model}")
         if self.names is not None:
-            told.append(f"names={self.names}")
-        return f"sitl:{self.name}{'?' if told else ''}{'&'.join(t.replace('&', '%26') for t in told)}"
+            query.append(f"names={self.names}")
+        return f"sitl:{self.name}{'?' if query else ''}{'&'.join(t.replace('&', '%26') for t in query)}"
 
 
 class SitlProcess(SteppedTransport):
@@ -102,9 +102,9 @@ class SitlProcess(SteppedTransport):
         try:
             self._step(0.0, b"")
         except LinkLost as error:
-            said, code = self._last_words(), self._child.poll()
+            output, code = self._remaining_output(), self._child.poll()
             self.close()
-            raise _not_started(description, said, code) from error
+            raise _not_started(description, output, code) from error
 
     def _step(self, grant: float, outgoing: bytes) -> tuple[float, bytes]:
         self._send(_HEAD.pack(grant, len(outgoing)) + outgoing)
@@ -149,10 +149,10 @@ class SitlProcess(SteppedTransport):
             self._child.wait(_GRACE)
         except subprocess.TimeoutExpired:
             self._child.kill()
-        said = self._last_words()
-        return self.lost(f"the simulator ended{': ' + said if said else ''}", "start again")
+        output = self._remaining_output()
+        return self.lost(f"the simulator ended{': ' + output if output else ''}", "start again")
 
-    def _last_words(self) -> str:
+    def _remaining_output(self) -> str:
         self._log.seek(0)
         lines = self._log.read().decode(errors="replace").strip().splitlines()
         return lines[-1].strip() if lines else ""
@@ -189,17 +189,18 @@ def _activity_of(pid: int) -> tuple[bool, float]:
         return False, 0.0
 
 
-def _not_started(description: str, said: str, code: int | None) -> AutotuneError:
-    if code == _USAGE and said:
-        match = re.search(r"[Dd]id you mean (.*?)\?", said)
+def _not_started(description: str, output: str, code: int | None) -> AutotuneError:
+    if code == _USAGE and output:
+        match = re.search(r"[Dd]id you mean (.*?)\?", output)
         if match is None:
-            return UsageError(said)
+            return UsageError(output)
         nearest = re.split(r",\s*|\s+or\s+", match[1])
-        wrong = re.search(r"'(.*?)'", said)
+        wrong = re.search(r"'(.*?)'", output)
         name = wrong[1] if wrong else description.partition(":")[2]
-        return UnknownName(said, name=name, nearest=[n.strip("'\" ") for n in nearest])
+        return UnknownName(output, name=name, nearest=[n.strip("'\" ") for n in nearest])
     return CannotOpenLink(
-        f"the simulator {description} did not start (exit code {code}): {said or 'no message'}. Check the installation"
+        f"the simulator {description} did not start (exit code {code}): {output or 'no message'}. "
+        "Check the installation"
     )
 
 

@@ -113,11 +113,11 @@ def shortfall(carried: float, demands: Sequence[Demand], about: str = "") -> str
     """
     needed, wanted = least(demands), ", ".join(f"{d.name} {d.floor:.3g} Hz" for d in demands)
     period = least_period(math.nan, next((d.floor for d in demands if d.name == "ATTITUDE"), 0.0))
-    said = f"it carries {carried:.0f} bytes/s, but an experiment needs at least {about}{needed:.0f} ({wanted})"
+    shortage = f"it carries {carried:.0f} bytes/s, but an experiment needs at least {about}{needed:.0f} ({wanted})"
     if not 0.0 < carried < needed or period <= 0.0:
-        return said
+        return shortage
     return (
-        f"{said} to record an oscillation with a period of {period:.1f} s. Its shortest period is "
+        f"{shortage} to record an oscillation with a period of {period:.1f} s. Its shortest period is "
         f"{period * needed / carried:.1f} s"
     )
 

@@ -134,7 +134,7 @@ class Commands:
         if result != mavlink.MAV_RESULT_ACCEPTED:
             raise CommandDenied(
                 f"the vehicle answered {enum_name('MAV_CMD', command)} with {enum_name('MAV_RESULT', result)}"
-                f"{self._said(self._session.clock.now() - _REPLY)}",
+                f"{self._message_since(self._session.clock.now() - _REPLY)}",
                 command=command,
                 result=result,
             )
@@ -180,7 +180,7 @@ class Commands:
         self._ordered.append((begun, number))
         values = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(number)
         try:
-            # Not sent again once the mode has changed: it has arrived, or somebody else has ordered another one. Nor
+            # Not sent again once the mode has changed: it has arrived, or another station has ordered another one. Nor
             # where that cannot be known.
             self.command_long(
                 mavlink.MAV_CMD_DO_SET_MODE,
@@ -193,7 +193,7 @@ class Commands:
         except CommandDenied as error:
             self._session.pause(_TEXT_DELAY)
             raise ModeRefused(
-                f"mode {mode} was rejected{self._said(begun)}. The vehicle stays in {self.mode}"
+                f"mode {mode} was rejected{self._message_since(begun)}. The vehicle stays in {self.mode}"
             ) from error
         else:
             self.accepted_mode = number
@@ -206,7 +206,9 @@ class Commands:
                 "the link"
             )
         if not taken:
-            raise ModeRefused(f"mode {mode} was accepted, but the vehicle is in {self.mode}{self._said(begun)}")
+            raise ModeRefused(
+                f"mode {mode} was accepted, but the vehicle is in {self.mode}{self._message_since(begun)}"
+            )
 
     # --- arming -------------------------------------------------------------------------------------------
 
@@ -272,15 +274,15 @@ class Commands:
             )
 
     def _arming_refused(self, count: int, begun: float) -> ArmingRefused:
-        said = [text.text for text in self._session.texts.since(count)]
+        texts = [text.text for text in self._session.texts.since(count)]
         earlier = [text.text for text in self._session.texts]
-        reasons = [t for t in said if t.startswith(_EXPLAINS)] or said
+        reasons = [t for t in texts if t.startswith(_EXPLAINS)] or texts
         reasons = reasons or [t for t in earlier if t.startswith(_EXPLAINS)][-3:]
         reasons = list(dict.fromkeys(reasons))
         why = quoted(reasons) or "no reason reported"
         return ArmingRefused(f"the vehicle does not arm: {why}. Fix this and try again", reasons=reasons)
 
-    def _said(self, since: float) -> str:
+    def _message_since(self, since: float) -> str:
         texts = self._session.texts.recent(since)
         return f" (its message: {quoted(texts)})" if texts else ""
 

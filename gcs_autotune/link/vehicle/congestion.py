@@ -45,10 +45,10 @@ def await_empty(session: Session, latency: Latency) -> bool:
     """
     deadline = Deadline.after(session.clock, DRAIN)
     while latency.answered and not deadline.expired:
-        asked = session.clock.now()
+        sent = session.clock.now()
         latency.ask()
-        session.wait_for(lambda since=asked: latency.trips(since) or None, deadline.remaining)  # type: ignore[misc]
-        if latency.trips(asked) and not is_queueing(latency, asked):
+        session.wait_for(lambda since=sent: latency.trips(since) or None, deadline.remaining)  # type: ignore[misc]
+        if latency.trips(sent) and not is_queueing(latency, sent):
             return True
     return not latency.answered
 
@@ -92,11 +92,11 @@ def check_answers_come(
         return  # what is lost for good waits in no queue
     demands = [Demand(name, rate, USUAL_SIZE, first.get(name, 0.0)) for name, rate in wanted.items()]
     if carried < least(demands):
-        said = f"the link is too slow: {shortfall(carried, demands, 'about ')}"
+        problem = f"the link is too slow: {shortfall(carried, demands, 'about ')}"
     else:
-        said = f"the link is full: it carries {carried:.0f} bytes/s"
+        problem = f"the link is full: it carries {carried:.0f} bytes/s"
     raise TelemetryFault(
-        f"{said}. Queued behind the vehicle's message streams, an answer takes {latency.quickest:.1f} s. {FASTER}. "
+        f"{problem}. Queued behind the vehicle's message streams, an answer takes {latency.quickest:.1f} s. {FASTER}. "
         "Nothing was armed"
     ) from error
 
@@ -174,21 +174,21 @@ def _load_uplink(session: Session, streamer: SetpointStreamer, latency: Latency)
     sent = (session.port.sent - sent_before) / max(ended - begun, 1e-3)
     late = begun + (1.0 - _LATE_HALF) * (ended - begun)
     if not math.isfinite(latency.quickest):
-        return UplinkLoad(sent, 0.0, sent)  # it answers no TIMESYNC: nothing can be told
+        return UplinkLoad(sent, 0.0, sent)  # it answers no TIMESYNC: the load is not measurable
     session.wait_for(lambda: latency.trips(late) or None, DRAIN)
     load = _judged(latency, latency.quickest, begun, late, ended, sent)
     if load.is_enough or await_empty(session, latency):
         return load
     # Late without any load, too: a mobile network takes another way than when the quickest answer came. What counts is
     # whether it became later still. A queue with an end, which no longer grows once it is full, was emptied above.
-    first = [trip for asked, trip in latency.trips(begun) if asked < begun + _UPLINK_FIRST]
+    first = [trip for sent_at, trip in latency.trips(begun) if sent_at < begun + _UPLINK_FIRST]
     return _judged(latency, min(first, default=latency.quickest), begun, late, ended, sent)
 
 
 def _judged(latency: Latency, quick: float, begun: float, late: float, ended: float, sent: float) -> UplinkLoad:
-    trips = [(asked, trip) for asked, trip in latency.trips(begun) if asked <= ended]
-    last = [trip for asked, trip in trips if asked >= late]
+    trips = [(sent_at, trip) for sent_at, trip in latency.trips(begun) if sent_at <= ended]
+    last = [trip for sent_at, trip in trips if sent_at >= late]
     grown = min(last) - quick if last else DRAIN
-    asked, took = np.array(trips).reshape(-1, 2).T
-    slope = float(np.polyfit(asked, took, 1)[0]) if len(trips) > 2 else grown / (ended - begun)
+    sent_at, took = np.array(trips).reshape(-1, 2).T
+    slope = float(np.polyfit(sent_at, took, 1)[0]) if len(trips) > 2 else grown / (ended - begun)
     return UplinkLoad(sent, grown, sent / (1.0 + max(slope, 0.0)))

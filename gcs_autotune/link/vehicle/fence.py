@@ -50,23 +50,23 @@ def read_fence(session: Session, values: Mapping[str, float]) -> Sequence[FenceI
     """
     if not values.get("FENCE_ENABLE", 0.0):
         return ()
-    kinds, found = int(values.get("FENCE_TYPE", 0.0)), []
+    kinds, shapes = int(values.get("FENCE_TYPE", 0.0)), []
     if kinds & _POLYGONS:
         items = download(session, _FENCE)
         if items is None:
             return None
-        found += _shapes(items)
+        shapes += _shapes(items)
     radius = values.get("FENCE_RADIUS", 0.0)
     if kinds & _CIRCLE and radius > 0.0:
         home = ask_mission(session, lambda: session.request_message(_HOME), "HOME_POSITION")
         if home is None:
             return None
-        found.append(FenceItem(((home.latitude * 1e-7, home.longitude * 1e-7),), radius))
-    return found
+        shapes.append(FenceItem(((home.latitude * 1e-7, home.longitude * 1e-7),), radius))
+    return shapes
 
 
 def _shapes(items: Sequence[Message]) -> list[FenceItem]:
-    found: list[FenceItem] = []
+    shapes: list[FenceItem] = []
     k = 0
     while k < len(items):
         item = items[k]
@@ -74,8 +74,8 @@ def _shapes(items: Sequence[Message]) -> list[FenceItem]:
         corners = tuple((i.x * 1e-7, i.y * 1e-7) for i in items[k : k + count])
         inside = item.command in _INCLUDED
         if item.command in _VERTICES and len(corners) >= 3:
-            found.append(FenceItem(corners, inside=inside))
+            shapes.append(FenceItem(corners, inside=inside))
         elif item.command in _CIRCLES:
-            found.append(FenceItem(corners, float(item.param1), inside))
+            shapes.append(FenceItem(corners, float(item.param1), inside))
         k += count
-    return found
+    return shapes

@@ -65,21 +65,21 @@ def fingerprint_of(parameters: Parameters) -> dict[str, float]:
 
 
 def difference(
-    known: Mapping[str, Any], fingerprint: Mapping[str, float], found: VehicleIdentity, parameters: Parameters
+    known: Mapping[str, Any], fingerprint: Mapping[str, float], identity: VehicleIdentity, parameters: Parameters
 ) -> str:
     """Return a sentence on why the vehicle on this link is not the *known* one; empty if no difference was detected.
 
     known : identity as in a journal. fingerprint : parameters of the known vehicle, as from :func:`fingerprint_of`.
     """
-    here = found.to_dict()
+    here = identity.to_dict()
     kinds = [
         f"{key} {known[key]} there, {here[key]} here" for key in _SAME_KIND if known.get(key) not in (None, here[key])
     ]
     if kinds:
         return "; ".join(kinds)
     if known.get("uid"):
-        same = known["uid"] == found.uid
-        return "" if same else f"its board is {known['uid']} there, {found.uid or 'unknown'} here"
+        same = known["uid"] == identity.uid
+        return "" if same else f"its board is {known['uid']} there, {identity.uid or 'unknown'} here"
     held = parameters.read_existing(fingerprint, as_is=True)
     strange = [
         f"{n} {v:g} there, {held[n]:g} here"
@@ -185,13 +185,13 @@ def _read_config(session: Session, parameters: Parameters, firmware: Firmware) -
     _adopt_gcs_id(session, parameters, firmware)
     session.vehicle = _with_frame(session, parameters, firmware)
     names = [_LOOP_RATE, _GYRO_FILTER, *([_FULL_SPEED] if firmware.needs_way else [])]
-    told = parameters.read_existing(names)
+    values = parameters.read_existing(names)
     return VehicleConfig(
         read_override_map(parameters, firmware),
         _servo_map(parameters, firmware),
-        told.get(_FULL_SPEED, 0.0),
-        1.0 / told[_LOOP_RATE] if told.get(_LOOP_RATE, 0.0) > 0.0 else 0.0,
-        gyro_lag(told.get(_GYRO_FILTER, 0.0)),
+        values.get(_FULL_SPEED, 0.0),
+        1.0 / values[_LOOP_RATE] if values.get(_LOOP_RATE, 0.0) > 0.0 else 0.0,
+        gyro_lag(values.get(_GYRO_FILTER, 0.0)),
         read_rate_stick(parameters, firmware),
     )
 
@@ -200,10 +200,10 @@ def _servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
     try:
         return read_servo_map(parameters, firmware)
     except OutputsUnassigned as error:
-        if error.told == error.of:
+        if error.received == error.of:
             raise
         raise PreconditionFailed(
-            f"{error} Only {error.told} of {error.of} requests were answered. The link may be too slow"
+            f"{error} Only {error.received} of {error.of} requests were answered. The link may be too slow"
         ) from error
 
 

@@ -188,9 +188,9 @@ class InterferenceMonitor:
 
     def _take(self, judged: Sequence[tuple[str, Intervention]]) -> None:
         """Record the *judged* change. A failsafe may disarm the vehicle just when another station commands a mode."""
-        self._guard, told = max(judged, key=lambda j: j[1].stands)
+        self._guard, intervention = max(judged, key=lambda j: j[1].stands)
         self.found = replace(
-            told,
+            intervention,
             mode_stands=any(each.mode_stands for _, each in judged),
             armed_stands=any(each.armed_stands for _, each in judged),
             may_go_on=all(each.may_go_on for _, each in judged),
@@ -233,16 +233,16 @@ class InterferenceMonitor:
             )
 
     def _changes(self) -> list[_Change]:
-        found = []
+        changes = []
         now, armed = self._session.custom_mode, self._session.armed
         if self.armed is not None and armed != self.armed:
             what = f"the vehicle was {'armed' if armed else 'disarmed'}"
-            found.append(_Change(what, _ARM_ORDERS, "armed", "" if armed else DISARMS, now))
+            changes.append(_Change(what, _ARM_ORDERS, "armed", "" if armed else DISARMS, now))
         if self.modes and now not in self.modes:
             expected = " or ".join(sorted(self._firmware.mode_name(mode) for mode in self.modes))
             name = self._firmware.mode_name(now)
-            found.append(_Change(f"the vehicle went from {expected} to {name}", _MODE_ORDERS, "mode", name, now))
-        return found
+            changes.append(_Change(f"the vehicle went from {expected} to {name}", _MODE_ORDERS, "mode", name, now))
+        return changes
 
     def _judge(self, change: _Change, seen: float) -> tuple[str, Intervention]:
         """Return the guard and the intervention for a *change* first *seen* at that link time [s]."""
@@ -291,8 +291,8 @@ class InterferenceMonitor:
     def _named(self, change: _Change) -> SetFailsafe | None:
         """Return the failsafe for missing overrides whose status text was received and that results in this
         *change*."""
-        said = [text.casefold() for text in self._recent_texts()]
-        return next((f for f in self._fitting(change) if any(f.says in text for text in said)), None)
+        texts = [text.casefold() for text in self._recent_texts()]
+        return next((f for f in self._fitting(change) if any(f.says in text for text in texts)), None)
 
     def _fitting(self, change: _Change) -> list[SetFailsafe]:
         has_receiver = bool(self._rc_monitor.has_receiver)

@@ -107,7 +107,7 @@ class Latency:
 
     Attributes
     ----------
-    asked, answered : number of TIMESYNC messages sent, and answered.
+    requested, answered : number of TIMESYNC messages sent, and answered.
     """
 
     def __init__(self, session: Session) -> None:
@@ -119,7 +119,7 @@ class Latency:
         self._wanted: dict[str, float] = {}
         self._up: deque[float] = deque(maxlen=_KEPT)
         self._round: deque[float] = deque(maxlen=_KEPT)
-        self.asked = self.answered = 0
+        self.requested = self.answered = 0
         session.listen("TIMESYNC", self._on_timesync)
 
     # --- there and back -----------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ class Latency:
         stamp = round(now * 1e9) + 1
         if stamp not in self._open:
             self._open[stamp] = now
-            self.asked += 1
+            self.requested += 1
             self._session.send(mavlink.MAVLink_timesync_message(0, stamp))
 
     def _on_timesync(self, m: Message) -> None:
@@ -146,7 +146,7 @@ class Latency:
     @property
     def lateness(self) -> float:
         """Delay [s] of the last TIMESYNC answer, or of a missing answer if that is longer; 0 before any request."""
-        waiting = [self._session.clock.now() - asked for asked in self._open.values()]
+        waiting = [self._session.clock.now() - sent for sent in self._open.values()]
         answered = max((sent for sent, _, _ in self._trips), default=-math.inf)
         unanswered = [age for age in waiting if self._session.clock.now() - age > answered]
         return max([*unanswered, self._trips[-1][1] if self._trips else 0.0])
@@ -206,7 +206,7 @@ class Latency:
             if gone >= min(_MOVED_SHARE * abs(change), _MOVED_MOST):
                 self._round.append(t - pending.seen)
                 if math.isfinite(pending.sent) and self._pace() == 1.0:
-                    # Sent after the attitude that it answers was stamped, whatever the comparison of the clocks says.
+                    # Sent after the attitude that it answers was stamped, whatever the comparison of the clocks shows.
                     self._up.append(t - max(pending.sent, pending.seen))
                 del self._pending[force]
             elif t - pending.since > _NEVER:

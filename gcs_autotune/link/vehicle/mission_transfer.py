@@ -114,17 +114,17 @@ def same_mission(one: Sequence[MissionItem], other: Sequence[MissionItem]) -> bo
     return all(a.is_like(b) for a, b in zip(one[1:], other[1:], strict=True))
 
 
-def is_ours(found: Sequence[MissionItem], before: Sequence[MissionItem], ours: Sequence[MissionItem]) -> bool:
-    """Return whether *found* is *ours*, or what an interrupted upload leaves of *ours* and *before*.
+def is_ours(items: Sequence[MissionItem], before: Sequence[MissionItem], ours: Sequence[MissionItem]) -> bool:
+    """Return whether *items* is *ours*, or what an interrupted upload leaves of *ours* and *before*.
 
     ArduPilot replaces a mission item by item as they arrive.
     """
-    if same_mission(found, ours):
+    if same_mission(items, ours):
         return True
-    if len(found) <= 1:
+    if len(items) <= 1:
         return False
     return all(
-        any(k < len(known) and found[k].is_like(known[k]) for known in (ours, before)) for k in range(1, len(found))
+        any(k < len(known) and items[k].is_like(known[k]) for known in (ours, before)) for k in range(1, len(items))
     )
 
 
@@ -240,12 +240,12 @@ def _upload(session: Session, items: Sequence[MissionItem]) -> int | None:
     """Send *items* as they are requested; return MAV_MISSION_RESULT, None if the vehicle falls silent."""
     ids = _ids(session)
     results: list[int] = []
-    asked: list[int] = []
+    requests: list[int] = []
 
     def answer(message: Message) -> None:
         if message.mission_type != _MISSION or not 0 <= message.seq < len(items):
             return
-        asked.append(message.seq)
+        requests.append(message.seq)
         item = items[message.seq]
         about = (message.seq, item.frame, item.command, 0, item.autocontinue)
         four = (item.param1, item.param2, item.param3, item.param4)
@@ -260,11 +260,11 @@ def _upload(session: Session, items: Sequence[MissionItem]) -> int | None:
     try:
         for _ in range(_TRIES):
             session.send(mavlink.MAVLink_mission_count_message(*ids, len(items), _MISSION))
-            if session.wait_for(lambda: True if asked or results else None, _PATIENCE):
+            if session.wait_for(lambda: True if requests or results else None, _PATIENCE):
                 break
-        while asked and not results:
-            seen = len(asked)
-            if session.wait_for(lambda seen=seen: True if results or len(asked) > seen else None, _GIVES_UP) is None:  # type: ignore[misc]
+        while requests and not results:
+            seen = len(requests)
+            if session.wait_for(lambda seen=seen: True if results or len(requests) > seen else None, _GIVES_UP) is None:  # type: ignore[misc]
                 break
     finally:
         for stop in stops:
@@ -363,7 +363,7 @@ class MissionLoan:
                 differences={"mission": why},
             )
         self._ours = None
-        with suppress(PreconditionFailed):  # a full disk: the journal only says too much then
+        with suppress(PreconditionFailed):  # a full disk: the journal only lists too much then
             self._journal.record("mission_returned")
 
     def rewind(self) -> None:

@@ -94,7 +94,7 @@ class OtherStations:
             session.listen(name, self._on_control_status)
         for name in MANUAL_INPUT_NAMES:
             session.listen(name, self._on_manual_input)
-        session.listen("COMMAND_LONG", self._on_asked_for_control)
+        session.listen("COMMAND_LONG", self._on_control_request)
         session.routing.overhear(self._on_other_station)
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
@@ -103,37 +103,37 @@ class OtherStations:
         since link time *since* [s].
         """
         steered = self._steered_by() if _STICKS & set(kinds) else ""
-        return self._suspect(kinds, since, name) + self._own_word() + steered
+        return self._suspect(kinds, since, name) + self._in_control_of_it() + steered
 
-    def _own_word(self) -> str:
+    def _in_control_of_it(self) -> str:
         """Return a sentence on which station the vehicle reports to obey, if that is not us."""
-        told = self.in_control
-        if told is None or told.station == self._session.port.system:
+        status = self.in_control
+        if status is None or status.station == self._session.port.system:
             return ""
-        who = self._called_system(told.station) if told.station else "no station"
+        who = self._called_system(status.station) if status.station else "no station"
         return f"; the vehicle reports that {who} is in control of it (CONTROL_STATUS)"
 
     def _steered_by(self) -> str:
         """Return a sentence on whose sticks the vehicle reports to use, if they are not ours."""
-        told = self.steering
-        if told is None or not (told.is_receiver or self._is_other_station(told)):
+        manual = self.steering
+        if manual is None or not (manual.is_receiver or self._is_other_station(manual)):
             return ""
-        who = "its own RC receiver" if told.is_receiver else self._called(*told.station)
+        who = "its own RC receiver" if manual.is_receiver else self._called(*manual.station)
         return f"; the vehicle reports that {who} steers it (MANUAL_INPUT_STATUS)"
 
-    def _is_other_station(self, told: ManualInput) -> bool:
+    def _is_other_station(self, manual: ManualInput) -> bool:
         packer = self._session.port.packer
-        return told.station[0] != 0 and told.station != (packer.system, packer.component)
+        return manual.station[0] != 0 and manual.station != (packer.system, packer.component)
 
     def _on_manual_input(self, message: Message) -> None:
-        told = manual_input(message)
-        if told is None or told == self.steering:
+        manual = manual_input(message)
+        if manual is None or manual == self.steering:
             return
-        self.steering = told
-        if self._is_other_station(told):
+        self.steering = manual
+        if self._is_other_station(manual):
             self._session.notes.append(
-                f"the vehicle reports that {self._called(*told.station)} steers it (MANUAL_INPUT_STATUS). Release the "
-                "joystick there"
+                f"the vehicle reports that {self._called(*manual.station)} steers it (MANUAL_INPUT_STATUS). Release "
+                "the joystick there"
             )
 
     def _called_system(self, system: int) -> str:
@@ -143,22 +143,24 @@ class OtherStations:
         return any(of == system for of, _ in self.stations)
 
     def _on_control_status(self, message: Message) -> None:
-        told = control_status(message)
-        if told is None or told == self.in_control:
+        status = control_status(message)
+        if status is None or status == self.in_control:
             return
-        before, self.in_control = self.in_control, told
+        before, self.in_control = self.in_control, status
         ours = self._session.port.system
-        if told.station not in (0, ours):
-            how = "that station releases control on request" if told.takeover_allowed else "that station keeps control"
+        if status.station not in (0, ours):
+            how = (
+                "that station releases control on request" if status.takeover_allowed else "that station keeps control"
+            )
             self._session.notes.append(
-                f"the vehicle reports that {self._called_system(told.station)} is in control of it (CONTROL_STATUS), "
+                f"the vehicle reports that {self._called_system(status.station)} is in control of it (CONTROL_STATUS), "
                 f"and may reject commands of this tool; {how}. Release control there, or let that station fly"
             )
         elif before is not None:
-            who = "this tool is" if told.station else "no station is"
+            who = "this tool is" if status.station else "no station is"
             self._session.notes.append(f"the vehicle reports that {who} in control of it now (CONTROL_STATUS)")
 
-    def _on_asked_for_control(self, message: Message) -> None:
+    def _on_control_request(self, message: Message) -> None:
         """Record another station's request for control, which the vehicle forwards to the station in control."""
         if int(message.command) == REQUEST_OPERATOR_CONTROL and message.target_system == self._session.port.system:
             self._session.notes.append(
@@ -237,10 +239,10 @@ class OtherStations:
             self.stations.setdefault((system, component), "")
             self._take(system, component, _command_name(int(ack.command)))
 
-    def _component(self, system: int, told: int) -> int:
+    def _component(self, system: int, reported: int) -> int:
         """Return the reported component, or the known one of that system if the vehicle reports none."""
         known = [component for of, component in self.stations if of == system]
-        return known[0] if told == 0 and len(known) == 1 else told
+        return known[0] if reported == 0 and len(known) == 1 else reported
 
     def _take(self, system: int, component: int, what: str, name: str = "") -> None:
         self.orders.append(Order(self._session.clock.now(), system, component, what, name))

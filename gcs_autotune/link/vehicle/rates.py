@@ -33,7 +33,7 @@ _ROUNDS = 3
 """Most rounds of fitting. Project choice."""
 _OFF = -1
 _ROUNDING = 1e-3
-_ASKED = 2
+_REQUESTS = 2
 """Number of requests by name after which a message counts as not available. Project choice."""
 
 
@@ -43,7 +43,7 @@ class Granted:
     default).
     """
 
-    asked: float
+    requested: float
     granted: float
     previous: int
 
@@ -161,7 +161,7 @@ class Rates:
         for name, before in usual.items():
             with suppress(CommandDenied):
                 self._set_interval(name, round(1e6 / wanted[name]))
-                self.granted[name] = replace(before, asked=wanted[name], granted=wanted[name])
+                self.granted[name] = replace(before, requested=wanted[name], granted=wanted[name])
         if all(self.granted[name] is before for name, before in usual.items()):
             return
         if self._is_full(self.measure({}), loop_period) or is_queueing(latency, begun):
@@ -194,13 +194,13 @@ class Rates:
         if latency is not None and is_queueing(latency, begun):
             return True
         missing = [n for n, g in self.granted.items() if g.granted > 0.0 and measured.get(n) == 0.0]
-        return bool(missing) and (self._comes_when_asked(missing) or self._comes_given_room(missing, floors))
+        return bool(missing) and (self._comes_on_request(missing) or self._comes_given_room(missing, floors))
 
-    def _comes_when_asked(self, missing: Collection[str]) -> bool:
+    def _comes_on_request(self, missing: Collection[str]) -> bool:
         came: list[str] = []
         stops = [self._session.listen(n, lambda m: came.append(m.get_type())) for n in missing]
         try:
-            for _ in range(_ASKED):
+            for _ in range(_REQUESTS):
                 for name in missing:
                     self._session.request_message(message_number(name))
                 self._session.wait_for(lambda: came or None, 0.5)
@@ -223,7 +223,7 @@ class Rates:
                 slow, usual = _OFF, self._previous_interval(crowding)
                 self.granted[crowding] = Granted(0.0, 0.0, usual)  # put back at the end whatever happens now
             self._set_interval(crowding, slow)
-            came = self._comes_when_asked(missing)
+            came = self._comes_on_request(missing)
             self._set_interval(crowding, usual)
         except CommandDenied:
             return False
@@ -247,19 +247,21 @@ class Rates:
         if self.capacity < least(demands):
             raise TelemetryFault(f"the link is too slow: {shortfall(self.capacity, demands)}. {FASTER}")
         rates, hushed = plan(demands, self._chatter, self.capacity)
-        told = []
+        changes = []
         for name, rate in sorted(rates.items(), key=lambda item: -sizes[item[0]] * self.granted[item[0]].granted):
             before = self.granted[name]
             if rate < before.granted:
-                told.append(f"{name} {before.granted:g} -> {rate:.3g} Hz")
+                changes.append(f"{name} {before.granted:g} -> {rate:.3g} Hz")
                 self._set_interval(name, round(1e6 / rate))
                 self.granted[name] = replace(before, granted=rate)
         for name in hushed:
-            told.append(f"{name} off")
+            changes.append(f"{name} off")
             self.granted[name] = Granted(0.0, 0.0, self._previous_interval(name))
             self._set_interval(name, _OFF)
-        if told:
-            self._session.notes.append(f"the link carries {self.capacity:.0f} bytes/s and is full: {', '.join(told)}")
+        if changes:
+            self._session.notes.append(
+                f"the link carries {self.capacity:.0f} bytes/s and is full: {', '.join(changes)}"
+            )
 
     def _demands(self, floors: Mapping[str, float]) -> list[Demand]:
         return [
@@ -384,8 +386,8 @@ class Rates:
         except LinkLost:
             return False
         except AutotuneError as error:
-            refused = request.granted == 0.0 < request.asked and isinstance(error, CommandDenied)
-            if not refused:  # what was refused when it was asked for has never changed
+            refused = request.granted == 0.0 < request.requested and isinstance(error, CommandDenied)
+            if not refused:  # a rate that was refused has never changed
                 self._session.notes.append(f"the rate of {name} was not restored: {error}")
         return True
 

@@ -108,7 +108,7 @@ class ScriptLoan:
                     differences={"script": str(error)},
                 ) from error
         self._is_there = False
-        with suppress(PreconditionFailed):  # a full disk: the journal only says too much then
+        with suppress(PreconditionFailed):  # a full disk: the journal only lists too much then
             self._journal.record("script_removed", path=self.path)
 
     def _drop(self) -> None:

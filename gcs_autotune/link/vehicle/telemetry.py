@@ -412,11 +412,11 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
         NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
     """
     seen, begun = telemetry.ticks, session.liveness.listened
-    asked = False
+    requested = False
     while telemetry.ticks == seen:
         telemetry.watchdog.check()
-        if session.liveness.listened - begun > _MISSED and not asked:  # a restart ends what was asked to be sent
-            asked = True
+        if session.liveness.listened - begun > _MISSED and not requested:  # a restart ends the requested streams
+            requested = True
             session.request_message(_SYSTEM_TIME)
         if session.tolerates_silence:
             begun = session.liveness.listened

@@ -231,25 +231,25 @@ def form_from(data: Mapping[str, Any], origin: str) -> Form:
     BadFile
         There are unknown keys, names that are no derivatives, or equations without their degree of freedom.
     """
-    told = conformed(data, FormData, origin)
-    return form_of(told, origin)
+    contents = conformed(data, FormData, origin)
+    return form_of(contents, origin)
 
 
-def form_of(told: FormData, origin: str) -> Form:
-    """Return the form in the contents *told* of a form file. Exceptions are those of :func:`form_from`."""
+def form_of(contents: FormData, origin: str) -> Form:
+    """Return the form in the *contents* of a form file. Exceptions are those of :func:`form_from`."""
     try:
         return Form(
-            name=told.name,
-            title=told.title or told.name,
-            dofs=tuple(told.dofs),
-            free=tuple(told.free),
-            known=dict(told.known),
-            inputs={channel: tuple(gains.items()) for channel, gains in told.inputs.items()},
-            coriolis=told.coriolis,
-            normalised=told.normalised,
-            start=dict(told.start),
-            optional=tuple(told.optional),
-            per_inertia=tuple(told.per_inertia),
+            name=contents.name,
+            title=contents.title or contents.name,
+            dofs=tuple(contents.dofs),
+            free=tuple(contents.free),
+            known=dict(contents.known),
+            inputs={channel: tuple(gains.items()) for channel, gains in contents.inputs.items()},
+            coriolis=contents.coriolis,
+            normalised=contents.normalised,
+            start=dict(contents.start),
+            optional=tuple(contents.optional),
+            per_inertia=tuple(contents.per_inertia),
         )
     except ValueError as error:  # a name that is no derivative
         raise BadFile(f"{origin}: {error}") from error
@@ -268,12 +268,12 @@ def load_form(path: Path) -> Form:
 
 def _shipped() -> dict[str, Form]:
     folder = resources.files("gcs_autotune.models.coupled") / "forms"
-    found = {}
+    forms = {}
     for file in sorted(folder.iterdir(), key=lambda f: f.name):
         if file.name.endswith(".toml"):
             form = form_from(parse(file.read_bytes(), "toml"), file.name)
-            found[form.name] = form
-    return found
+            forms[form.name] = form
+    return forms
 
 
 FORMS: Mapping[str, Form] = _shipped()

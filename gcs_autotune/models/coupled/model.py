@@ -311,20 +311,20 @@ class CoupledModel(Displayed):
         return cls.of_data(conformed(data, CoupledData, "model"))
 
     @classmethod
-    def of_data(cls, told: CoupledData) -> CoupledModel:
-        """Return the model described by the contents *told* of a model file.
+    def of_data(cls, contents: CoupledData) -> CoupledModel:
+        """Return the model described by the *contents* of a model file.
 
         Raises
         ------
         BadFile
             A value is missing or has no parameter, or an inertia, a delay or a lag has the wrong sign.
         """
-        form = form_of(told.form, "form")
-        missing, strange = set(form.parameters) - set(told.values), set(told.values) - set(form.parameters)
+        form = form_of(contents.form, "form")
+        missing, strange = set(form.parameters) - set(contents.values), set(contents.values) - set(form.parameters)
         if missing or strange:
             what = "lack" if missing else "are not parameters of the form:"
             raise BadFile(f"values {what} {', '.join(sorted(missing or strange)[:5])}")
-        model = cls(form, dict(told.values))
+        model = cls(form, dict(contents.values))
         model._check_signs()
         return model
 

@@ -178,7 +178,7 @@ def _sections(found: Comparison) -> Iterator[Section]:
     )
     yield Section("runs", "Runs", (Table(("run", "name", "date", "what", "ending"), "rllll", rows),), facts=IN_RESULT)
     told = tuple(
-        f"run {_number(found, run)} against run {_number(found, first)}, {row.dof}: {row.told}"
+        f"run {_number(found, run)} against run {_number(found, first)}, {row.dof}: {row.summary}"
         for run in runs
         for row in found.changes.get(run.name, ())
         if (first := reference_of(found.runs, row.dof, run)) is not None

@@ -142,25 +142,25 @@ def test_each_run_says_what_it_had_of_its_own() -> None:
     problem = day_runs(forces, thrusts)
     fit = problem.fit(np.array([GAIN, -0.6]), (), ProcessNoise(0.02, 3.0, 1e-3, day_force=0.05, day_thrust=0.06))
     assert fit is not None
-    says = problem.says(fit)
-    assert says is not None
-    for day, b, s in zip(says.offsets(0.05, 0.06), forces, thrusts, strict=True):
+    run_likelihoods = problem.run_likelihoods(fit)
+    assert run_likelihoods is not None
+    for day, b, s in zip(run_likelihoods.offsets(0.05, 0.06), forces, thrusts, strict=True):
         assert abs(day.force - b) < 3.0 * day.force_std
         assert abs(day.thrust - s) < 3.0 * math.hypot(day.thrust_std, 0.03)  # the gain itself is the runs' mean
-    force, thrust = says.spread(0.0, 0.5, force=True, thrust=True)
+    force, thrust = run_likelihoods.spread(0.0, 0.5, force=True, thrust=True)
     assert 0.02 < force < 0.12
     assert 0.03 < thrust <= 0.1
-    assert says.gain(force, thrust) > says.gain(0.0, 0.0) + 3.0
+    assert run_likelihoods.gain(force, thrust) > run_likelihoods.gain(0.0, 0.0) + 3.0
 
 
 def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
     problem = day_runs((0.06, 0.06, 0.06), (0.0, 0.0, 0.0))
     fit = problem.fit(np.array([GAIN, -0.6]), (), ProcessNoise(0.02, 3.0, 1e-3))
     assert fit is not None
-    says = problem.says(fit)
-    assert says is not None
-    force, thrust = says.spread(0.0, 0.5, force=True, thrust=True)
-    assert says.gain(force, thrust) < says.gain(0.0, 0.0) + 3.0
+    run_likelihoods = problem.run_likelihoods(fit)
+    assert run_likelihoods is not None
+    force, thrust = run_likelihoods.spread(0.0, 0.5, force=True, thrust=True)
+    assert run_likelihoods.gain(force, thrust) < run_likelihoods.gain(0.0, 0.0) + 3.0
 
 
 def test_the_smoother_knows_a_runs_own_force_all_along_it_and_nothing_of_the_next() -> None:
@@ -171,10 +171,10 @@ def test_the_smoother_knows_a_runs_own_force_all_along_it_and_nothing_of_the_nex
     assert done is not None and fit is not None
     bank, result, levels = done
     smoothed = bank.smooth(result, levels)
-    says = problem.says(fit)
-    assert says is not None
+    run_likelihoods = problem.run_likelihoods(fit)
+    assert run_likelihoods is not None
     own = len(bank.states) + 1
-    days = says.offsets(WATER.day_force, WATER.day_thrust)
+    days = run_likelihoods.offsets(WATER.day_force, WATER.day_thrust)
     for path, var, day in zip(smoothed.trajectories, smoothed.variances, days, strict=True):
         assert path[:, own] == pytest.approx(np.full(len(path), path[-1, own]), abs=1e-6)
         assert path[0, own] == pytest.approx(day.force, abs=0.1 * day.force_std)
