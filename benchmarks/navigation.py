@@ -33,7 +33,7 @@ from typing import Any, Protocol
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from benchmarks.results import Figure, count, headline
-from benchmarks.rivals.sea import BINARIES, NoAnswer, Sea
+from benchmarks.rivals.firmware_loop import BINARIES, FirmwareError, FirmwareLoop
 from sitl import Server, load_vehicle
 from sitl.ardupilot_json import HOME as SEA_HOME
 from sitl.catalogue import VehicleData
@@ -211,7 +211,7 @@ class Ours:
         self.run(0.1)
 
 
-class Theirs(Sea):
+class Theirs(FirmwareLoop):
     """A hull under ArduPilot's own firmware."""
 
     def __init__(
@@ -271,7 +271,7 @@ def sail(boat: Afloat, waypoints: Sequence[complex], lead: float = LEAD) -> Scor
         if done:
             break
     else:
-        raise NoAnswer("the mission was not taken")
+        raise FirmwareError("the mission was not taken")
     boat.go(_AUTO)
     end = boat.t + _LONGEST
     while len(waypoints) not in track.reached and boat.t < end:
@@ -312,11 +312,11 @@ def show(
     """
     effects = [CURRENT] if water else []
     needed = {**gains, "WP_RADIUS": RADIUS, "AHRS_EKF_TYPE": ESTIMATORS[options.estimator]}
-    sea = Theirs(load_vehicle(hull), needed, [parse_effect(e) for e in effects], options)
+    firmware = Theirs(load_vehicle(hull), needed, [parse_effect(e) for e in effects], options)
     try:
-        theirs = fly(sea, options)
+        theirs = fly(firmware, options)
     finally:
-        sea.close()
+        firmware.close()
     ours = fly(Ours(hull, {**gains, "WP_RADIUS": RADIUS}, [parse_effect(e) for e in effects]), options)
     good: list[tuple[bool, bool, bool]] = []
     for track in options.tracks:
@@ -337,11 +337,11 @@ def show_rov(water: str, options: argparse.Namespace) -> float:
     """Let an ROV go to another place and depth in GUIDED under both autopilots; return how far apart they were [m]."""
     effects = [parse_effect(_ROV_CURRENT)] if water else []
     needed = {**_ROV_GAINS, "AHRS_EKF_TYPE": ESTIMATORS[options.estimator]}
-    sea = Theirs(load_vehicle(_ROV), needed, effects, options)
+    firmware = Theirs(load_vehicle(_ROV), needed, effects, options)
     try:
-        theirs = _move(sea)
+        theirs = _move(firmware)
     finally:
-        sea.close()
+        firmware.close()
     ours = _move(Ours(_ROV, _ROV_GAINS, [parse_effect(_ROV_CURRENT)] if water else []))
     apart = max(abs(a - b) for a, b in zip(theirs, ours, strict=True))
     left = abs(theirs[-1] - _MOVE), abs(ours[-1] - _MOVE)

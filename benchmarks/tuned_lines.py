@@ -39,7 +39,7 @@ from statistics import fmean
 from benchmarks.navigation import TRACKS, Ours, Score, Theirs, mean, sail
 from benchmarks.reach import Aboard
 from benchmarks.results import Figure, count, headline
-from benchmarks.rivals.sea import BINARIES, NoAnswer
+from benchmarks.rivals.firmware_loop import BINARIES, FirmwareError
 from benchmarks.speed import WAVES
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.observer import SilentObserver
@@ -259,7 +259,7 @@ def search(hull: str, tuned: Mapping[str, float], tries: int, seed: int = 1) -> 
             tried[name] = draw.choice((tried[name], present[name]))
         try:
             found = fly(hull, {**tuned, **tried}, "calm")
-        except NoAnswer:
+        except FirmwareError:
             continue
         allowed = (
             found.score.late <= LATER * max(begin.score.late, 0.4)
@@ -277,22 +277,22 @@ def on_firmware(hull: str, options: argparse.Namespace) -> bool:
     endings = []
     with tempfile.TemporaryDirectory(prefix="tuned-lines-") as folder:
         os.environ["XDG_STATE_HOME"] = folder
-        sea = Theirs(load_vehicle(hull), {}, [], options)
+        firmware = Theirs(load_vehicle(hull), {}, [], options)
         try:
-            sea.run(_WARM_UP)
+            firmware.run(_WARM_UP)
             for axis in ("speed", "heading", "line"):
                 if axis == "line":
-                    scores["before"] = mean([sail(sea, track) for track in TRACKS.values()])
+                    scores["before"] = mean([sail(firmware, track) for track in TRACKS.values()])
                 run = (options.keep or Path(folder)) / f"{hull}-{axis}"
-                command = ["tune", axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
-                status = sea.host(command, run.with_suffix(".txt"))
+                command = ["tune", axis, "--connect", firmware.tuner_uri, "--yes", "--out", str(run)]
+                status = firmware.host(command, run.with_suffix(".txt"))
                 told = run / "summary.json"
                 summary = json.loads(told.read_text()) if told.is_file() else {"ending": f"exit {status}"}
                 endings.append(summary["ending"])
                 print(f"{hull}: tune {axis}: {endings[-1]}, {run.with_suffix('.txt').read_text()[-600:]}", flush=True)
-            scores["after"] = mean([sail(sea, track) for track in TRACKS.values()])
+            scores["after"] = mean([sail(firmware, track) for track in TRACKS.values()])
         finally:
-            sea.close()
+            firmware.close()
     print(f"{hull:14} firmware {'/'.join(endings):24} | {scores['before']} | {scores['after']}", flush=True)
     return scores["after"].rms <= WORSE * scores["before"].rms
 
