@@ -182,7 +182,7 @@ def flown(vehicle: str, name: str, force: str, seed: int = 1) -> tuple[bool, str
             text = f"{'rejected' if good else type(error).__name__}: {error}"
     autopilot = server.vehicle.autopilot
     if autopilot.armed or any(pwm not in (0, 1500) for pwm in autopilot.pwm):
-        return False, f"NOT LEFT AS FOUND; {text}", announcement
+        return False, f"NOT RESTORED; {text}", announcement
     return good, text.replace(place, "DIR"), announcement
 
 

@@ -225,7 +225,7 @@ def main() -> int:
     what = args.what or ["tune", "hidden", "station", "speed"]
     lacking = [name for name in BINARIES.values() if not os.environ.get(name)]
     if lacking:
-        print(f"this flies ArduPilot's own firmware: set {' and '.join(lacking)} to its binaries")
+        print(f"this needs ArduPilot's firmware: set {' and '.join(lacking)} to its binaries")
         return 2
     good = True
     with tempfile.TemporaryDirectory(prefix="under-ardupilot-") as folder:
