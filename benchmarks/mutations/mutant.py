@@ -122,7 +122,7 @@ PHYSICAL: tuple[tuple[str, str, str, str], ...] = (
     ("frames.py", "north * c + east * s, east * c - north * s", "north * c - east * s, east * c + north * s",
      "the body turned against its heading"),
     ("identify/relay/iso.py", "2.0 * C / (math.pi * X_m)", "4.0 * C / (math.pi * X_m)", "describing function doubled"),
-    ("link/vehicle/vehicle_config.py", "self.high if wanted > 0 else self.low", "self.high",
+    ("link/vehicle/vehicle_config.py", "else self.low", "else self.high",
      "uneven servo ends taken as even"),
     ("link/vehicle/latency.py", "(t - sent - 0.5 * trip)", "(t - sent - trip)", "half a round trip taken as whole"),
     ("manoeuvres/envelope.py", "abs(o.psi - a.psi)", "abs(o.psi)", "a turn counted from north, not from the start"),

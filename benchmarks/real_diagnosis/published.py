@@ -42,7 +42,7 @@ def lines_of(table: ParameterTable) -> list[str]:
     quiet = [f for f in findings if f.question == "level" and f.answer != "yes"]
     lines = [_line(f) for f in findings if f not in quiet]
     undecided = sum(f.answer == "cannot tell" for f in quiet)
-    lines.append(f"  {len(quiet)} other level questions: {len(quiet) - undecided} 'no', {undecided} 'cannot tell'")
+    lines.append(f"  {len(quiet)} other level questions: {len(quiet) - undecided} 'no', {undecided} undecided")
     return [f"{table.name} ({len(table.level)} rows)", *lines, *_readings(findings)]
 
 
