@@ -52,12 +52,12 @@ def fly(boat: str, case: str, seed: int) -> dict[str, Any]:
             left = {n: v for n, v in server.vehicle.parameters.values.items() if v != before[n]}
             return {"ending": "aborted", "reason": str(error), "left": left}
     after = dict(server.vehicle.parameters.values)
-    told = [one and one.departure for one in (story.thrust_before, story.thrust_after)]
+    departures = [one and one.departure for one in (story.thrust_before, story.thrust_after)]
     errors = [one and one.itae for one in (story.metrics_before, story.metrics_after)]
     return {
         "ending": story.ending,
         "reason": "; ".join(story.verdict_reasons) or story.reason,
-        "departure": told,
+        "departure": departures,
         "itae": errors,
         "proposed": {c.parameter: c.new for c in story.changes},
         "left": {n: v for n, v in after.items() if v != before[n]},

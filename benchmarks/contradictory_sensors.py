@@ -31,8 +31,8 @@ DOFS = ("surge", "sway", "heave", "yaw")
 
 
 @dataclass(frozen=True, slots=True)
-class Water:
-    """What surrounds a record: current [m/s], leeway [m] per turn rate, sensors' interval, noise and lag."""
+class Conditions:
+    """Conditions of a record: current [m/s], leeway [m] per turn rate, interval, noise and lag of the sensors."""
 
     current: tuple[float, float] = (0.0, 0.0)
     leeway: float = 0.0
@@ -47,9 +47,9 @@ class Water:
     holes: tuple[tuple[float, float], ...] = ()
 
 
-def hull_of(rng: np.random.Generator, *, quick: bool = True) -> Hull:
+def hull_of(rng: np.random.Generator, *, fast: bool = True) -> Hull:
     """Return a craft whose full output drives it at 1.4 to 3 m/s and turns it at 10 to 50 deg/s."""
-    pace = 1.0 if quick else 4.0
+    pace = 1.0 if fast else 4.0
     linear = {"surge": 1.0 / rng.uniform(1.4, 3.0), "sway": 1.0 / rng.uniform(0.5, 1.0), "heave": 2.5}
     linear["yaw"] = pace / math.radians(rng.uniform(10.0, 50.0))
     times = {"surge": rng.uniform(1.0, 4.0), "sway": 1.5, "heave": 2.0, "yaw": pace * rng.uniform(0.3, 1.5)}
@@ -67,7 +67,7 @@ def switched(rng: np.random.Generator, duration: float, size: float, shortest: f
 
 
 def commands_of(rng: np.random.Generator, duration: float, what: str) -> dict[str, list]:
-    """Return what a craft is driven with."""
+    """Return the commands of a craft."""
     ahead = rng.uniform(0.6, 0.9)
     turning = switched(rng, duration, 0.6, 1.5, 5.0)
     rest = {"Y": [(0.0, 0.0)], "Z": [(0.0, 0.0)]}
@@ -88,10 +88,10 @@ def commands_of(rng: np.random.Generator, duration: float, what: str) -> dict[st
     return {"X": [(0.0, ahead)], "N": turning, **rest}
 
 
-def record(rng: np.random.Generator, what: str, water: Water, duration: float) -> dict[str, Array]:
+def record(rng: np.random.Generator, what: str, conditions: Conditions, duration: float) -> dict[str, Array]:
     """Return the columns of one run."""
     hull = hull_of(rng)
-    fine = min(0.05, water.interval)
+    fine = min(0.05, conditions.interval)
     commands = commands_of(rng, duration, what)
     start = {"z": 20.0, "psi": rng.uniform(-3.0, 3.0)}
     truth = open_loop(
@@ -99,43 +99,45 @@ def record(rng: np.random.Generator, what: str, water: Water, duration: float) -
         measured=("x", "y", "z", "psi", "u", "v", "w", "r"), initial=start,
     )  # fmt: skip
     t = truth["t"]
-    v = truth["v"] - water.leeway * truth["r"]
-    north = truth["u"] * np.cos(truth["psi"]) - v * np.sin(truth["psi"]) + water.current[0]
-    east = truth["u"] * np.sin(truth["psi"]) + v * np.cos(truth["psi"]) + water.current[1]
+    v = truth["v"] - conditions.leeway * truth["r"]
+    north = truth["u"] * np.cos(truth["psi"]) - v * np.sin(truth["psi"]) + conditions.current[0]
+    east = truth["u"] * np.sin(truth["psi"]) + v * np.cos(truth["psi"]) + conditions.current[1]
     truth["x"], truth["y"] = (np.concatenate([[0.0], np.cumsum(fine * s[:-1])]) for s in (north, east))
     truth["U"] = np.hypot(north, east)
     truth["u"] = np.cos(truth["psi"]) * north + np.sin(truth["psi"]) * east
     truth["v"] = np.cos(truth["psi"]) * east - np.sin(truth["psi"]) * north
     truth["N_ref"] = truth["N"].copy()
-    stamps = np.arange(0.0, duration - 1e-9, water.interval)
+    stamps = np.arange(0.0, duration - 1e-9, conditions.interval)
     columns = {"t": stamps}
     noise = {
-        "psi": water.heading_noise, "r": water.rate_noise, "x": water.place_noise, "y": water.place_noise,
-        "z": 0.5 * water.place_noise, "w": water.speed_noise, "u": water.speed_noise, "v": water.speed_noise,
-        "U": water.speed_noise,
-    }  # fmt: skip
+        "psi": conditions.heading_noise,
+        "r": conditions.rate_noise,
+        **dict.fromkeys("xy", conditions.place_noise),
+        "z": 0.5 * conditions.place_noise,
+        **dict.fromkeys("wuvU", conditions.speed_noise),
+    }
     for name in UNITS:
-        late = water.late if name in ("psi", "x", "y", "z", "U") else 0.0
+        late = conditions.late if name in ("psi", "x", "y", "z", "U") else 0.0
         if name in ("X", "Y", "Z", "N", "N_ref"):
             at = np.clip(np.searchsorted(t, stamps + 1e-9, side="right") - 1, 0, len(t) - 1)
             columns[name] = truth[name][at]
         else:
             columns[name] = np.interp(stamps - late, t, truth[name]) + noise[name] * rng.normal(size=len(stamps))
-    if water.quantum:
-        columns["psi"] = water.quantum * np.round(columns["psi"] / water.quantum)
+    if conditions.quantum:
+        columns["psi"] = conditions.quantum * np.round(columns["psi"] / conditions.quantum)
     return columns
 
 
-def trial_of(columns: Mapping[str, Array], names: tuple[str, ...], water: Water, name: str) -> Trial:
-    """Return the run with the columns *names*, wrapped and with holes as the *water* has it."""
+def trial_of(columns: Mapping[str, Array], names: tuple[str, ...], conditions: Conditions, name: str) -> Trial:
+    """Return the run with the columns *names*, wrapped and with the gaps of *conditions*."""
     t = columns["t"]
     keep = np.ones(len(t), dtype=bool)
-    for start, end in water.holes:
+    for start, end in conditions.holes:
         keep &= (t < start) | (t > end)
     channels = {}
     for n in names:
         values = columns[n]
-        if n == "psi" and water.wrapped:
+        if n == "psi" and conditions.wrapped:
             values = np.mod(values, 2.0 * math.pi)
         channels[n] = Channel(n, UNITS[n], t[keep], values[keep])
     return Trial(name, channels)
@@ -144,25 +146,25 @@ def trial_of(columns: Mapping[str, Array], names: tuple[str, ...], water: Water,
 EVERY = ("psi", "r", "x", "y", "U", "z", "w", "X", "Y", "N", "N_ref")
 DEG = math.pi / 180.0
 
-CLEAN: tuple[tuple[str, str, Water, float, tuple[str, ...]], ...] = (
-    ("noisy compass", "turning", Water(heading_noise=3.0 * DEG, rate_noise=0.03), 60.0, EVERY),
-    ("coarse compass", "turning", Water(quantum=5.0 * DEG, heading_noise=0.0, wrapped=True), 60.0, EVERY),
-    ("one sample a second", "turning", Water(interval=1.0, wrapped=True), 180.0, EVERY),
-    ("holes", "turning", Water(holes=((10.0, 16.0), (30.0, 33.0)), wrapped=True), 60.0, EVERY),
-    ("late compass and GPS", "turning", Water(late=0.3), 60.0, EVERY),
-    ("short", "turning", Water(), 12.0, EVERY),
-    ("circle with leeway", "circle", Water(leeway=1.0, current=(0.2, 0.1), wrapped=True), 60.0, EVERY),
-    ("current", "turning", Water(current=(0.35, -0.3), leeway=0.4), 60.0, EVERY),
-    ("current, straight", "straight", Water(current=(-0.3, 0.35)), 40.0, EVERY),
-    ("astern", "astern", Water(leeway=0.2), 60.0, EVERY),
-    ("sideways", "sideways", Water(current=(0.1, 0.0)), 60.0, (*EVERY, "u", "v")),
-    ("on the spot in a current", "on the spot", Water(current=(0.3, 0.2)), 60.0, EVERY),
-    ("at rest", "at rest", Water(current=(0.1, 0.1)), 40.0, EVERY),
-    ("dive", "dive", Water(place_noise=0.02), 60.0, EVERY),
-    ("quick and dense", "turning", Water(interval=0.02, rate_noise=0.01), 40.0, EVERY),
-    ("speeds of its own", "turning", Water(leeway=0.3), 60.0, ("psi", "r", "x", "y", "u", "v", "N")),
+CLEAN: tuple[tuple[str, str, Conditions, float, tuple[str, ...]], ...] = (
+    ("noisy compass", "turning", Conditions(heading_noise=3.0 * DEG, rate_noise=0.03), 60.0, EVERY),
+    ("coarse compass", "turning", Conditions(quantum=5.0 * DEG, heading_noise=0.0, wrapped=True), 60.0, EVERY),
+    ("one sample a second", "turning", Conditions(interval=1.0, wrapped=True), 180.0, EVERY),
+    ("holes", "turning", Conditions(holes=((10.0, 16.0), (30.0, 33.0)), wrapped=True), 60.0, EVERY),
+    ("late compass and GPS", "turning", Conditions(late=0.3), 60.0, EVERY),
+    ("short", "turning", Conditions(), 12.0, EVERY),
+    ("circle with leeway", "circle", Conditions(leeway=1.0, current=(0.2, 0.1), wrapped=True), 60.0, EVERY),
+    ("current", "turning", Conditions(current=(0.35, -0.3), leeway=0.4), 60.0, EVERY),
+    ("current, straight", "straight", Conditions(current=(-0.3, 0.35)), 40.0, EVERY),
+    ("astern", "astern", Conditions(leeway=0.2), 60.0, EVERY),
+    ("sideways", "sideways", Conditions(current=(0.1, 0.0)), 60.0, (*EVERY, "u", "v")),
+    ("on the spot in a current", "on the spot", Conditions(current=(0.3, 0.2)), 60.0, EVERY),
+    ("at rest", "at rest", Conditions(current=(0.1, 0.1)), 40.0, EVERY),
+    ("dive", "dive", Conditions(place_noise=0.02), 60.0, EVERY),
+    ("fast and densely sampled", "turning", Conditions(interval=0.02, rate_noise=0.01), 40.0, EVERY),
+    ("speeds of its own", "turning", Conditions(leeway=0.3), 60.0, ("psi", "r", "x", "y", "u", "v", "N")),
 )
-"""Name, what is flown, the water, its duration [s] and the columns."""
+"""Name, manoeuvre, conditions, duration [s] and columns."""
 
 
 Spoil = Callable[[dict[str, Array], np.random.Generator], None]
@@ -250,17 +252,17 @@ SPOILT: tuple[tuple[str, str, str, str, Spoil, float], ...] = (
     ("dead N", "turning", "N against N_ref", "still", dead("N", 0.0), math.nan),
     ("N turned round", "turning", "N against N_ref", "sign", scaled("N", -1.0), -1.0),
     ("N x 0.5", "turning", "N against N_ref", "factor", scaled("N", 0.5), 0.5),
-    ("somebody else's N", "turning", "N against N_ref", "unrelated", random("N", 0.4), math.nan),
+    ("unrelated N", "turning", "N against N_ref", "unrelated", random("N", 0.4), math.nan),
     ("x and y exchanged", "turning", "psi against track", "exchanged", exchanged, math.nan),
 )
-"""Name, what is flown, the pair and kind to be named, what is spoilt, and the value to be printed."""
+"""Name, manoeuvre, pair and kind to report, fault, and its value."""
 
 
-def surroundings(rng: np.random.Generator) -> Water:
-    """Return ordinary water and sensors for a record that is to be spoilt."""
+def surroundings(rng: np.random.Generator) -> Conditions:
+    """Return ordinary conditions for a record with a fault."""
     angle = rng.uniform(0.0, 2.0 * math.pi)
     speed = rng.uniform(0.0, 0.2)
-    return Water(
+    return Conditions(
         current=(speed * math.cos(angle), speed * math.sin(angle)),
         leeway=rng.uniform(0.0, 0.3),
         interval=float(rng.choice([0.05, 0.1, 0.2])),
@@ -271,25 +273,25 @@ def surroundings(rng: np.random.Generator) -> Water:
 
 def clean_trial(seed: int, k: int) -> Trial:
     """Return the *k*-th clean record of a seed."""
-    name, what, water, duration, names = CLEAN[k]
+    name, what, conditions, duration, names = CLEAN[k]
     rng = np.random.default_rng([seed, k])
-    return trial_of(record(rng, what, water, duration), names, water, name)
+    return trial_of(record(rng, what, conditions, duration), names, conditions, name)
 
 
 def spoilt_trial(seed: int, k: int) -> Trial:
     """Return the *k*-th spoilt record of a seed."""
     name, what, _, _, spoil, _ = SPOILT[k]
     rng = np.random.default_rng([seed, 1000 + k])
-    water = surroundings(rng)
-    columns = record(rng, what, water, 60.0)
+    conditions = surroundings(rng)
+    columns = record(rng, what, conditions, 60.0)
     spoil(columns, rng)
-    return trial_of(columns, EVERY, water, name)
+    return trial_of(columns, EVERY, conditions, name)
 
 
 def is_named(found: tuple[Contradiction, ...], k: int) -> bool:
-    """Whether the pair and kind of the *k*-th spoilt record are named first, the value within 10 % or 3 std.
+    """Return whether pair and kind of the *k*-th spoilt record are reported first, with the value within 10 % or 3 std.
 
-    No other pair may be named, but after a heading that is wrong in scale the track, which it is off as well.
+    No other pair may be reported, except for the track after a heading with a wrong scale.
     """
     _, _, pair, kind, _, value = SPOILT[k]
     others = [c for c in found if c.pair not in (pair, "psi against track")]

@@ -124,7 +124,7 @@ def bound(s: Setting) -> dict[str, float]:
             moved = [[x + side * h * np.eye(n)[state] * (i == run) for i, x in enumerate(starts)] for side in (1, -1)]
             columns.append((stacked(s.truth, moved[0]) - stacked(s.truth, moved[1])) / (2.0 * h))
     J = np.column_stack(columns)
-    # A start nothing measured depends on changes the integrator's steps, no more: that is no information.
+    # An initial state without effect on the measurements changes only the steps of the integrator.
     scale = np.sqrt(np.sum(J * J, axis=0))
     J, scale = J[:, scale > 1e-5 * scale.max()], scale[scale > 1e-5 * scale.max()]
     covariance = np.linalg.inv((J / scale).T @ (J / scale)) / np.outer(scale, scale)
@@ -167,8 +167,8 @@ def assess(name: str, seeds: int, workers: int) -> bool:
     rows = rows_of("coupled_accuracy", workers, only={"argument.setting": (name,)}, repeats=seeds)
     seconds = sum(row["seconds"] for row in rows)
     slugs = [slug for row in rows for slug in row["doubts"].split()]
-    told = ", ".join(f"{slug} {slugs.count(slug)}x" for slug in sorted(set(slugs))) or "none"
-    print(f"\n{name}: {seeds} seeds, {seconds:.0f} s of fits; doubts: {told}")
+    listed = ", ".join(f"{slug} {slugs.count(slug)}x" for slug in sorted(set(slugs))) or "none"
+    print(f"\n{name}: {seeds} seeds, {seconds:.0f} s of fits; doubts: {listed}")
     print(f"{'':>9} {'truth':>9} {'bound':>9} {'rms/bound':>9} {'bias/se':>8} {'in 95 %':>8} {'std/rms':>8}")
     fine, hits = True, []
     for n, truth in s.truth.items():

@@ -30,11 +30,11 @@ NAMES = tuple(BOAT)
 STATES = ("psi", "u", "v", "r")
 NOISE = {"psi": 0.005, "u": 0.02, "v": 0.02, "r": 0.005}
 START = {n: 0.99 * v for n, v in BOAT.items()}
-"""Start of the straightforward way, close enough that it does not run away; ours finds its own."""
+"""Start of the SciPy fit, close enough that it does not diverge; our fit needs no start."""
 
 
 def rates(p: Array, s: Array, tau: Array) -> list[float]:
-    """Return the rates of (psi, u, v, r), written out as one would."""
+    """Return the rates of (psi, u, v, r)."""
     X_ud, Y_vd, N_rd, Y_rd, X_u, X_uu, Y_v, Y_vv, Y_r, N_v, N_r, N_rr, X_0, N_0 = p
     _, u, v, r = s
     X = tau[0] + X_0 + X_u * u + X_uu * abs(u) * u - (Y_vd * v + Y_rd * r) * r
@@ -63,7 +63,7 @@ def residuals(x: Array, runs: Sequence[Trial]) -> Array:
 
 
 def straightforward(runs: Sequence[Trial], evaluations: int | None) -> tuple[float, int, Array, bool]:
-    """Return processor seconds, Jacobians, solution, and whether it ran to its end."""
+    """Return processor seconds, Jacobians, solution, and whether it converged."""
     first = [[run[n].values[0] for n in STATES] for run in runs]
     x_0 = np.concatenate([[START[n] for n in NAMES], *first])
     begin = time.process_time()
@@ -99,8 +99,8 @@ def main() -> None:
     headline(
         "coupled_speed", "processor time of a coupled fit of 14 parameters", [Figure("warm fit, median", warm, "s")]
     )
-    asked = sys.argv[1] if len(sys.argv) > 1 else "3"
-    seconds, jacobians, x, ended = straightforward(runs, None if asked == "all" else int(asked))
+    limit = sys.argv[1] if len(sys.argv) > 1 else "3"
+    seconds, jacobians, x, ended = straightforward(runs, None if limit == "all" else int(limit))
     print(f"solve_ivp + least_squares: {seconds:.1f} s for {jacobians} Jacobians{' to its end' if ended else ''}")
     print(f"  that is {seconds / warm:.0f} times ours{'' if ended else ' already, and it was not finished'}")
     if ended:

@@ -1,9 +1,9 @@
 """Duration of a diagnosis over the whole catalogue of effects.
 
-``python3 -m benchmarks.diagnosis_speed [--weather|--positions]``. Goals in processor seconds: yaw 10 s, three degrees
-of freedom 60 s, also without recorded velocities; with process noise 30 and 180 s. Each is three runs of 600 samples,
-with a dead zone on every input and with nothing hidden. ``--weather`` runs only the cases with process noise, and
-``--positions`` only those in which no velocity was recorded. Beside processor seconds it prints wall seconds, the
+``python3 -m benchmarks.diagnosis_speed [--process-noise|--positions]``. Goals in processor seconds: yaw 10 s, three
+degrees of freedom 60 s, also without recorded velocities; with process noise 30 and 180 s. Each is three runs of 600
+samples, with a dead zone on every input and with nothing hidden. ``--process-noise`` runs only cases with noise, and
+``--positions`` only those in which no velocity was recorded. It also prints wall seconds, the
 number of plain simulations by ``scipy.integrate.solve_ivp`` that take as long, and the work in samples, which is the
 same on every machine.
 """
@@ -37,24 +37,24 @@ CRAFT: Mapping[str, tuple[float, float, float, float]] = {
 GOALS = {("yaw",): (10.0, 30.0), ("surge", "sway", "yaw"): (60.0, 180.0)}
 """Degrees of freedom -> longest time [s] without and with process noise. Project choice."""
 
-WEATHER, MEMORY = 0.3, 4.0
-"""Standard deviation of the force that wanders, in shares of the largest command, and its time constant [s]."""
+NOISE, CORRELATION_TIME = 0.3, 4.0
+"""Process noise: standard deviation as a fraction of the largest command, and correlation time [s]."""
 
 
-KINDS = (0.0, True), (WEATHER, True), (0.0, False)
-"""Size of the force that wanders, and whether velocities were recorded, of each kind of case."""
+KINDS = (0.0, True), (NOISE, True), (0.0, False)
+"""Process noise of each kind of case, and whether velocities are recorded."""
 
 
-def flown(dofs: tuple[str, ...], width: float, seed: int, weather: float = 0.0, velocities: bool = True) -> Trial:
+def flown(dofs: tuple[str, ...], width: float, seed: int, noise: float = 0.0, velocities: bool = True) -> Trial:
     """Return a run of uncoupled craft under steps of random size and length.
 
-    width : width of the dead zone. weather : size of a drifting force. Both are fractions of the largest command.
+    width : width of the dead zone. noise : size of a drifting force. Both are fractions of the largest command.
     velocities : whether velocities were recorded.
     """
     rng = np.random.default_rng(seed)
     t = STEP * np.arange(SAMPLES)
     commands = {d: _steps(rng, CRAFT[d][2]) for d in dofs}
-    wanders = {d: weather * CRAFT[d][2] * _wandering(rng) for d in dofs} if weather else {}
+    drifts = {d: noise * CRAFT[d][2] * _drift(rng) for d in dofs} if noise else {}
 
     def rate(s: float, x: Array) -> Array:
         k, n = min(int(s / STEP + 1e-9), SAMPLES - 1), len(dofs)
@@ -65,8 +65,8 @@ def flown(dofs: tuple[str, ...], width: float, seed: int, weather: float = 0.0, 
             inertia, drag, most, _ = CRAFT[d]
             u = commands[d][k]
             force = np.sign(u) * max(abs(u) - width * most, 0.0)
-            if wanders:
-                force += wanders[d][k]
+            if drifts:
+                force += drifts[d][k]
             nu_dot.append((force - drag * nu[d]) / inertia)
         if n == 1:
             return np.array([nu["yaw"], *nu_dot])
@@ -97,9 +97,9 @@ def _steps(rng: np.random.Generator, most: float) -> Array:
     return found
 
 
-def _wandering(rng: np.random.Generator) -> Array:
+def _drift(rng: np.random.Generator) -> Array:
     """Return an Ornstein-Uhlenbeck process (SAMPLES,) of standard deviation one."""
-    kept, found = np.exp(-STEP / MEMORY), np.zeros(SAMPLES)
+    kept, found = np.exp(-STEP / CORRELATION_TIME), np.zeros(SAMPLES)
     found[0] = rng.normal()
     for k in range(1, SAMPLES):
         found[k] = kept * found[k - 1] + rng.normal(0.0, np.sqrt(1.0 - kept**2))
@@ -117,28 +117,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.diagnosis_speed", description=__doc__)
     only = parser.add_mutually_exclusive_group()
-    only.add_argument("--weather", action="store_true", help="run only the cases with process noise")
+    only.add_argument("--process-noise", action="store_true", help="run only the cases with process noise")
     only.add_argument("--positions", action="store_true", help="run only the cases without recorded velocities")
-    given = parser.parse_args(arguments)
-    kinds = [(weather, velocities) for weather, velocities in KINDS if not given.weather or weather]
-    if given.positions:
+    options = parser.parse_args(arguments)
+    kinds = [(noise, velocities) for noise, velocities in KINDS if not options.process_noise or noise]
+    if options.positions:
         kinds = [(0.0, False)]
     figures = []
     for dofs, goals in GOALS.items():
         begun = time.process_time()
         flown(dofs, 0.0, 0)
         peer = time.process_time() - begun
-        for (weather, velocities), width in itertools.product(kinds, (0.15, 0.0)):
-            runs = [flown(dofs, width, seed, weather, velocities) for seed in range(3)]
-            diagnose(runs[:1], effects=["input-bias"])  # compiles what is not yet
+        for (noise, velocities), width in itertools.product(kinds, (0.15, 0.0)):
+            runs = [flown(dofs, width, seed, noise, velocities) for seed in range(3)]
+            diagnose(runs[:1], effects=["input-bias"])  # compiles the code
             found, wall, cpu = timed(runs)
             causes = ", ".join(c.effect.slug for c in found.causes) or "nothing"
             hidden = "dead zone" if width else "nothing"
-            hidden += (" with process noise" if weather else "") + ("" if velocities else ", positions only")
-            figures.append(Figure(f"{', '.join(dofs)}, {hidden}", cpu, "s of processor", most=goals[bool(weather)]))
+            hidden += (" with process noise" if noise else "") + ("" if velocities else ", positions only")
+            figures.append(Figure(f"{', '.join(dofs)}, {hidden}", cpu, "s of processor", most=goals[bool(noise)]))
             print(
                 f"{', '.join(dofs):18} {hidden:27} hidden: {wall:6.1f} s wall, {cpu:6.1f} s CPU (goal "
-                f"{goals[bool(weather)]:g}), {cpu / peer:5.1f} simulations by solve_ivp; work {found.work:.3g} samples "
+                f"{goals[bool(noise)]:g}), {cpu / peer:5.1f} simulations by solve_ivp; work {found.work:.3g} samples "
                 f"({100.0 * found.work / WORK:.1f} % of the budget), {found.work / cpu:.2g} per CPU second; "
                 f"{found.verdict}: {causes}",
                 flush=True,

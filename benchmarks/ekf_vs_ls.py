@@ -132,7 +132,7 @@ def main() -> None:
         figures += [Figure(f"{motion}, {title}, mean error", float(c.mean()), "%") for title, c in found.items()]
         print("ZhaoUSV: " + ", ".join(f"{n} {v} %" for n, v in SEED_AVERAGES.items()))
         weak = [n for n, b in zip(COUNTED, found["bound"], strict=True) if b > 10.0]
-        print(f"bound above 10 % (this motion cannot tell them): {', '.join(weak) or 'none'}")
+        print(f"bound above 10 % (not identifiable from this motion): {', '.join(weak) or 'none'}")
         print(f"{time.perf_counter() - begun:.0f} s")
     headline("ekf_vs_ls", "filters, least squares and output error on ZhaoUSV's vessel", figures)
 

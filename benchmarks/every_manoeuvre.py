@@ -49,12 +49,12 @@ fly_module = importlib.import_module("gcs_autotune.workflow.fly")
 BY_HAND = "hand-release"
 POINTS = ((20.0, 15.0, 0.0), (40.0, 30.0, 8.0))
 """Timed points of a trajectory: seconds, metres ahead, metres to starboard."""
-QUICK = {"SCHED_LOOP_RATE": 100.0}
-"""An ArduSub whose 400 Hz do not matter here: a quarter of the work."""
+SLOW_LOOP = {"SCHED_LOOP_RATE": 100.0}
+"""Parameters of an ArduSub at 100 Hz, which needs a quarter of the processor time of 400 Hz."""
 
 
-class Ear(SilentObserver):
-    """Hears whether it was armed and what was announced, and watches where *server*'s hull goes meanwhile."""
+class Monitor(SilentObserver):
+    """Record whether the vehicle was armed, what was announced, and the largest distance of *server*'s hull."""
 
     def __init__(self, server: Server) -> None:
         self._vehicle = server.vehicle
@@ -62,7 +62,7 @@ class Ear(SilentObserver):
         self._began, self._home, self.far = math.nan, (0.0, 0.0), 0.0
 
     def say(self, text: str) -> None:
-        """Take what is said once all that comes before arming is over."""
+        """Record the announcements, and the state before the run."""
         if text.startswith("will "):
             self.announced += f"{text} "
         if text.startswith("State before the run: mode"):
@@ -70,7 +70,7 @@ class Ear(SilentObserver):
             self._began, self._home = self._vehicle.seconds, (self._vehicle.state.x, self._vehicle.state.y)
 
     def update(self, progress: Progress) -> None:
-        """Look where it is."""
+        """Update the largest distance."""
         if self.armed:
             self.far = max(self.far, self._away)
 
@@ -90,15 +90,15 @@ class Ear(SilentObserver):
 
 
 COASTS, STOPPED = 60.0, 0.02
-"""Chosen [s, m/s]: how long a hull is watched that coasts, and at what speed it has stopped."""
+"""Longest time [s] to wait for a coasting hull, and speed [m/s] below which it has stopped. Project choice."""
 MOST = 1.5
-"""Goal: announced over used at most."""
+"""Goal: largest ratio of announced to used."""
 _TIME = r"(?:(\d+) min ?)?(?:(\d+) s)?"
 
 
 @dataclass(frozen=True)
-class Told:
-    """Announced, the most and the usual, and used: seconds and metres, NaN where nothing was said."""
+class Announcement:
+    """Announced values (largest, usual) and used ones: time [s] and distance [m]; NaN if not announced."""
 
     most: tuple[float, float]
     usual: tuple[float, float]
@@ -106,7 +106,7 @@ class Told:
 
     @property
     def misses(self) -> str:
-        """What is not as it should be."""
+        """Return which announced values are too small or too large."""
         found = []
         for name, most, usual, used in zip(("time", "distance"), self.most, self.usual, self.used, strict=True):
             if math.isfinite(most) and used > most:
@@ -116,8 +116,8 @@ class Told:
         return ", ".join(found)
 
 
-def told_in(text: str, used: tuple[float, float]) -> Told:
-    """Return what an announcement says."""
+def parse_announcement(text: str, used: tuple[float, float]) -> Announcement:
+    """Return the announced values in *text*."""
     far = re.search(r"needs? up to ([\d.]+) m\b", text)
     metres = float(far[1]) if far else math.nan
     whole = re.search(rf"(?:and|needs) up to (?!\d+ m\b){_TIME}", text) or re.search(rf"take about {_TIME}", text)
@@ -126,7 +126,7 @@ def told_in(text: str, used: tuple[float, float]) -> Told:
     near = re.search(r"usually (?:need )?about (\d+) m\b", text)
     seconds, most = (_seconds(found.groups()) if found else math.nan for found in (whole, longest))
     usually = _seconds(usual.groups()) if usual else seconds, float(near[1]) if near else metres
-    return Told((most, metres), usually, used)
+    return Announcement((most, metres), usually, used)
 
 
 def _seconds(pair: Sequence[str | None]) -> float:
@@ -151,39 +151,39 @@ def cases(vehicle: str, only: set[str], forces: set[str]) -> Iterator[tuple[str,
                 yield kind.name, force
 
 
-def flown(vehicle: str, name: str, force: str, seed: int = 1) -> tuple[bool, str, Told | None]:
-    """Fly one; return whether it came to its end or was refused beforehand, what is to be said of it, and the room it
-    took (None: it did not come to its end)."""
+def flown(vehicle: str, name: str, force: str, seed: int = 1) -> tuple[bool, str, Announcement | None]:
+    """Fly one; return whether it was completed or rejected, a summary, and its announcement (None if not completed)."""
     server = open_vehicle(vehicle, seed=seed)
     if not server.vehicle.data.is_boat:
-        server = open_vehicle(vehicle, seed=seed, parameters=QUICK)
+        server = open_vehicle(vehicle, seed=seed, parameters=SLOW_LOOP)
     link = MemoryLink(server)
     link.is_simulated = True
     with tempfile.TemporaryDirectory() as place:
-        ear, room = Ear(server), None
+        monitor, announcement = Monitor(server), None
         verb, _, axis = name.rpartition(" ")
         where = Connection("memory", opened=link), Path(place) / "run"
         try:
             if verb:
-                {"tune": tune, "experiment": experiment}[verb](TuneSettings(*where, axis=axis), Unattended(), ear, "")
-                good, told = True, "done"
+                settings = TuneSettings(*where, axis=axis)
+                {"tune": tune, "experiment": experiment}[verb](settings, Unattended(), monitor, "")
+                good, text = True, "done"
             else:
                 points = POINTS if MANOEUVRES[name].timed else ()
                 result = fly(
-                    FlySettings(name, CommonSettings(*where), force=force, points=points), Unattended(), ear, ""
+                    FlySettings(name, CommonSettings(*where), force=force, points=points), Unattended(), monitor, ""
                 )
                 models = ", ".join(model.fit.dof for model in result.models) or "no model"
                 trial = result.trial
                 assert trial is not None  # it was flown
-                good, told = True, f"{trial.duration:.0f} s, {models}; {' '.join(result.remarks)}"
-            room = told_in(ear.announced, ear.used()) if ear.armed else None
+                good, text = True, f"{trial.duration:.0f} s, {models}; {' '.join(result.remarks)}"
+            announcement = parse_announcement(monitor.announced, monitor.used()) if monitor.armed else None
         except AutotuneError as error:
-            good = isinstance(error, (PreconditionFailed, WrongVehicle)) and not ear.armed
-            told = f"{'refused' if good else type(error).__name__}: {error}"
+            good = isinstance(error, (PreconditionFailed, WrongVehicle)) and not monitor.armed
+            text = f"{'rejected' if good else type(error).__name__}: {error}"
     autopilot = server.vehicle.autopilot
     if autopilot.armed or any(pwm not in (0, 1500) for pwm in autopilot.pwm):
-        return False, f"NOT LEFT AS FOUND; {told}", room
-    return good, told.replace(place, "DIR"), room
+        return False, f"NOT RESTORED; {text}", announcement
+    return good, text.replace(place, "DIR"), announcement
 
 
 def tunes(vehicle: str) -> Iterator[tuple[str, str]]:
@@ -194,18 +194,16 @@ def tunes(vehicle: str) -> Iterator[tuple[str, str]]:
     yield from (("experiment heading", ""), ("experiment surge", ""))
 
 
-def show(rooms: Sequence[tuple[str, Told]]) -> None:
+def show(announcements: Sequence[tuple[str, Announcement]]) -> None:
     """Print the table of announced against used."""
-    sys.stdout.write(f"\n{'':<34}{'time used':>10}{'usual':>7}{'most':>7}{'far used':>10}{'usual':>7}{'most':>7}\n")
-    for case, told in rooms:
-        pairs = zip(told.used, told.usual, told.most, strict=True)
+    sys.stdout.write(f"\n{'':<34}{'time used':>10}{'usual':>7}{'most':>7}{'distance':>10}{'usual':>7}{'most':>7}\n")
+    for case, announcement in announcements:
+        pairs = zip(announcement.used, announcement.usual, announcement.most, strict=True)
         (s, s_usual, s_most), (m, m_usual, m_most) = pairs
         numbers = f"{s:>8.0f} s{s_usual:>7.0f}{s_most:>7.0f}{m:>8.1f} m{m_usual:>7.0f}{m_most:>7.0f}"
-        sys.stdout.write(f"{case:<34}{numbers}  {told.misses}\n")
-    low, high = (sum(word in told.misses for _, told in rooms) for word in ("LOW", "HIGH"))
-    sys.stdout.write(
-        f"{len(rooms)} runs: in {low} less was announced than used, in {high} more than {MOST:g} times as much\n"
-    )
+        sys.stdout.write(f"{case:<34}{numbers}  {announcement.misses}\n")
+    low, high = (sum(word in one.misses for _, one in announcements) for word in ("LOW", "HIGH"))
+    sys.stdout.write(f"{len(announcements)} runs: {low} used more than announced, {high} less than 1/{MOST:g} of it\n")
 
 
 def main() -> int:
@@ -214,32 +212,32 @@ def main() -> int:
     parser.add_argument("vehicles", nargs="*", metavar="VEHICLE")
     parser.add_argument("--only", default="", metavar="NAME,..")
     parser.add_argument("--force", default="", metavar="X,..")
-    parser.add_argument("--tunes", action="store_true", help="tunes and experiments as well")
-    parser.add_argument("--seed", type=int, default=1, help="of the simulator's noise and wind")
-    parser.add_argument("--quick", action="store_true", help="no figures and models are read off the records")
+    parser.add_argument("--tunes", action="store_true", help="also fly tunes and experiments")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the simulator's noise and wind (1)")
+    parser.add_argument("--quick", action="store_true", help="without figures and models of the records")
     args = parser.parse_args()
     if args.quick:
         fly_module.read_flight = lambda *flight: FlightResult(flight[3][:1], Path(), Document("", ()))  # type: ignore[attr-defined]
     only, forces = ({x for x in text.split(",") if x} for text in (args.only, args.force))
     done = bad = 0
-    rooms: list[tuple[str, Told]] = []
+    announcements: list[tuple[str, Announcement]] = []
     for vehicle in args.vehicles or sorted(VEHICLES):
         for name, force in (*cases(vehicle, only, forces), *(tunes(vehicle) if args.tunes else ())):
-            good, told, room = flown(vehicle, name, force, args.seed)
-            if room is not None:
-                rooms.append((f"{vehicle} {name} {force}", room))
+            good, text, announcement = flown(vehicle, name, force, args.seed)
+            if announcement is not None:
+                announcements.append((f"{vehicle} {name} {force}", announcement))
             done, bad = done + 1, bad + (not good)
             mark = "" if good else "ENDED EARLY "
-            sys.stdout.write(f"{vehicle} {name}{f' {force}' if force else ''}: {mark}{told}\n")
+            sys.stdout.write(f"{vehicle} {name}{f' {force}' if force else ''}: {mark}{text}\n")
             sys.stdout.flush()
-    show(rooms)
-    enough = sum("LOW" not in told.misses for _, told in rooms)
+    show(announcements)
+    enough = sum("LOW" not in one.misses for _, one in announcements)
     figures = [
-        count("runs within the announced distance and time", enough, len(rooms), least=1.0),
+        count("runs within the announced distance and time", enough, len(announcements), least=1.0),
         count("flown to their end, or rejected before arming", done - bad, done),
     ]
     headline("every_manoeuvre", "every manoeuvre on every simulated vehicle", figures)
-    sys.stdout.write(f"{done} flown or refused beforehand, {bad} ended early\n")
+    sys.stdout.write(f"{done} flown or rejected, {bad} ended early\n")
     return 1 if bad else 0
 
 

@@ -1,4 +1,4 @@
-"""Effects hidden behind the wire, flown over MAVLink and diagnosed from the record.
+"""Hide effects in simulated vehicles, fly them over MAVLink, and diagnose the records.
 
 Run: ``python3 -m benchmarks.flown_effects [--only videoray,asymmetric-thrust] [--seed 3] [--flights 2] [--keep DIR]``.
 
@@ -27,7 +27,7 @@ from benchmarks.results import count, headline
 from gcs_autotune.cli import main as command_line
 
 SECOND_OUTPUT = "0.45"
-"""Relay output of the second flight; the first finds its own, 0.3 on these craft."""
+"""Relay output of the second flight; that of the first is 0.3 on these craft."""
 
 OWN: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("charlie", "heading"): ("input-bias",),
@@ -37,12 +37,12 @@ OWN: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("falcon", "depth"): ("net-buoyancy", "quadratic-drag", "quantisation"),
     ("videoray", "depth"): ("net-buoyancy", "quantisation"),
 }
-"""Effects the hulls, sensors and autopilots have by themselves."""
+"""Effects that hulls, sensors and autopilots have themselves."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A vehicle, an axis, and what is hidden: ``SLUG[@PLACE]`` with parameters as the simulator has them (none: "")."""
+    """A vehicle, an axis, and the hidden effect: ``SLUG[@PLACE]`` with the simulator's parameters; "" without one."""
 
     vehicle: str
     axis: str
@@ -52,13 +52,13 @@ class Case:
 
     @property
     def hidden(self) -> str:
-        """As on the command line."""
+        """Return the effect as on the command line."""
         numbers = ",".join(f"{n}={v:g}" for n, v in self.values.items())
         return f"{self.slug}{'@' if self.place else ''}{self.place}{'.' if numbers else ''}{numbers}"
 
     @property
     def uri(self) -> str:
-        """The connection."""
+        """Return the connection."""
         return f"sitl:{self.vehicle}{'?effect=' if self.slug else ''}{self.hidden}"
 
 
@@ -89,7 +89,7 @@ def run(arguments: Sequence[str]) -> str:
     Raises
     ------
     RuntimeError
-        It failed; with its last words.
+        It failed; the message contains its last line.
     """
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -101,35 +101,35 @@ def run(arguments: Sequence[str]) -> str:
 
 
 def fly(case: Case, folder: Path, *, seed: int = 3, flights: int = 2) -> list[Path]:
-    """Fly *case* and return the run directories, one per flight of two relay experiments; those there are kept."""
+    """Fly *case*, unless it exists, and return the run directories, one per flight of two relay experiments."""
     found = []
     for k in range(flights):
         directory = folder / f"{case.vehicle}-{case.axis}-{case.hidden or 'nothing'}-{seed + k}"
         if not (directory / "fit.json").is_file():
-            wanted = ["--relay-output", SECOND_OUTPUT] if k else []
+            relay = ["--relay-output", SECOND_OUTPUT] if k else []
             seeded = ["--seed", str(seed + k), "--json", "--out", str(directory)]
-            run(["experiment", case.axis, "--connect", case.uri, *wanted, *seeded])
+            run(["experiment", case.axis, "--connect", case.uri, *relay, *seeded])
         found.append(directory)
     return found
 
 
 def diagnosed(runs: Sequence[Path], *more: str) -> dict[str, Any]:
-    """Return what ``diagnose --json`` says of *runs*."""
-    told: dict[str, Any] = json.loads(run(["diagnose", *map(str, runs), *more, "--json"]))
-    return told
+    """Return the result of ``diagnose --json`` for *runs*."""
+    diagnosis: dict[str, Any] = json.loads(run(["diagnose", *map(str, runs), *more, "--json"]))
+    return diagnosis
 
 
-def judge(case: Case, told: Mapping[str, Any]) -> tuple[bool, bool, bool]:
-    """Return whether the hidden effect is named, whether it is at least called alike, and whether nothing false is."""
-    causes = set(told["causes"])
+def judge(case: Case, diagnosis: Mapping[str, Any]) -> tuple[bool, bool, bool]:
+    """Return whether the hidden effect is reported, whether it is in a reported group, and if no cause is wrong."""
+    causes = set(diagnosis["causes"])
     own = set(OWN[case.vehicle, case.axis]) | {case.slug}
-    alike = any(case.slug in group and causes & set(group) for group in told["indistinguishable"])
+    alike = any(case.slug in group and causes & set(group) for group in diagnosis["indistinguishable"])
     return case.slug in causes, alike, causes <= own
 
 
-def _numbers(told: Mapping[str, Any]) -> str:
+def _numbers(diagnosis: Mapping[str, Any]) -> str:
     parts = []
-    for found in told["found"]:
+    for found in diagnosis["found"]:
         numbers = ", ".join(f"{n} {v['value']:.4g} +- {v['std']:.2g}" for n, v in found["parameters"].items())
         parts.append(f"{found['cause']}@{found['place']} ({numbers})")
     return "; ".join(parts)
@@ -138,37 +138,37 @@ def _numbers(told: Mapping[str, Any]) -> str:
 def main() -> None:
     """Fly and diagnose every case and print a row for each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--only", default="", help="words that must all be in a case's connection or axis, by commas")
+    parser.add_argument("--only", default="", help="words that must be in a case's connection or axis, by commas")
     parser.add_argument("--seed", type=int, default=3)
     parser.add_argument("--flights", type=int, default=2)
-    parser.add_argument("--keep", type=Path, help="where run directories are kept, and used again")
+    parser.add_argument("--keep", type=Path, help="folder that keeps the run directories, to use them again")
     args = parser.parse_args()
     words = [w for w in args.only.split(",") if w]
     cases = [c for c in CASES if all(w in f"{c.uri} {c.axis}" for w in words)]
-    hidden = named = alike = clean = silent = 0
+    hidden = reported = alike = clean = silent = 0
     with tempfile.TemporaryDirectory() as scratch:
         for case in cases:
             began = time.perf_counter()
             print(f"{case.vehicle:10} {case.axis:8} {case.hidden or '(its own only)':40}", end=" ", flush=True)
             try:
-                told = diagnosed(fly(case, args.keep or Path(scratch), seed=args.seed, flights=args.flights))
+                diagnosis = diagnosed(fly(case, args.keep or Path(scratch), seed=args.seed, flights=args.flights))
             except RuntimeError as error:
                 print(error)
                 continue
-            found, same, pure = judge(case, told)
+            found, same, pure = judge(case, diagnosis)
             clean += pure
             if case.slug:
-                hidden, named, alike = hidden + 1, named + found, alike + (same and not found)
+                hidden, reported, alike = hidden + 1, reported + found, alike + (same and not found)
                 answer = "FOUND" if found else "ALIKE" if same else "missed"
             else:
                 silent += 1
                 answer = ""
             seconds = time.perf_counter() - began
-            print(f"{answer:6} {told['verdict']:16} {'' if pure else 'FALSE NAME':10} {seconds:4.0f} s")
-            print(f"{'':21}{_numbers(told)}; alike: {told['indistinguishable']}", flush=True)
+            print(f"{answer:6} {diagnosis['verdict']:16} {'' if pure else 'FALSE CAUSE':11} {seconds:4.0f} s")
+            print(f"{'':21}{_numbers(diagnosis)}; alike: {diagnosis['indistinguishable']}", flush=True)
     figures = [
-        count("hidden effects found", named, hidden),
-        count("hidden effects found in a group", named + alike, hidden),
+        count("hidden effects found", reported, hidden),
+        count("hidden effects found in a group", reported + alike, hidden),
         count("records without a false cause", clean, hidden + silent),
     ]
     headline("flown_effects", "diagnosis of flown runs with an effect hidden in the simulated vehicle", figures)

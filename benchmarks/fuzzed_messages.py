@@ -1,12 +1,14 @@
-"""A million random messages and arbitrary bytes, into everything that listens to a vehicle.
+"""Send a million random messages and arbitrary bytes to all receivers of a vehicle's messages.
 
 Run: ``python3 -m benchmarks.fuzzed_messages [--messages 1000000] [--seed 1] [--files 2000]``.
 
 A craft is opened on a simulated vehicle as for a tune (session, parameters, telemetry with a recording, rates,
 commands). Its input is then replaced by messages of every type with random payloads and valid checksums, under the
 vehicle's own ids and others', numbers at and beyond the limits of their types, frames with flipped bits, cut off or
-run together, and noise. Damaged files (telemetry logs, parameter files, journals) are read too. Right is: no exception
-but the package's own, every pump returns, and only heartbeats, time requests and ``PARAM_REQUEST_READ`` are sent.
+run together, and noise. Damaged files (telemetry logs, parameter files, journals) are read too.
+
+The only exceptions must be those of the package. Every pump must return. Only heartbeats, time requests and
+``PARAM_REQUEST_READ`` may be sent.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ from sitl import Server, open_vehicle
 __all__ = ["FuzzedVehicle", "aboard", "fuzz_files", "fuzz_messages"]
 
 HARMLESS = ("HEARTBEAT", "TIMESYNC", "PARAM_REQUEST_READ", "MAV_CMD_SET_MESSAGE_INTERVAL")
-"""What may be sent: questions, signs of life, and a stream that has gone thin asked for again."""
+"""Messages that the tool may send: requests, heartbeats, and renewed requests of a slow stream."""
 PLOTTED_SIGNALS = ("ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_FF")
 _HEARD = (
     *("HEARTBEAT", "PARAM_VALUE", "PARAM_ERROR", "ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED", "STATUSTEXT"),
@@ -48,7 +50,7 @@ _ODD_BYTES = (b"\x00", b"\xff", b"\x7f", b"\x80", b"\x01")
 
 
 class FuzzedVehicle:
-    """A peer that is a vehicle until :attr:`draw` is set, and madness afterwards. Remembers what it is sent."""
+    """A simulated vehicle, which sends random data once :attr:`draw` is set. It counts the received messages."""
 
     def __init__(self, server: Server) -> None:
         self.server = server
@@ -61,7 +63,7 @@ class FuzzedVehicle:
         self._heard = [mavlink.mavlink_map[getattr(mavlink, f"MAVLINK_MSG_ID_{name}")] for name in self._names]
 
     def receive(self, data: bytes) -> None:
-        """Take note, and while sane obey."""
+        """Count the messages, and obey them before the random data."""
         if self.draw is None:
             self.server.receive(data)
             return
@@ -69,7 +71,7 @@ class FuzzedVehicle:
             self.sent[_name_of(self._ear.decode(bytearray(frame)))] += 1
 
     def advance_to(self, t: float) -> bytes:
-        """Speak."""
+        """Return the data of the vehicle up to *t*."""
         if self.draw is None:
             return self.server.advance_to(t)
         return b"".join(self._piece(self.draw) for _ in range(_BATCH))
@@ -92,7 +94,7 @@ class FuzzedVehicle:
         return bytes(frame)
 
     def _frame(self, draw: random.Random) -> bytearray:
-        """Return a frame with a right check sum and a payload that nobody meant."""
+        """Return a frame with a correct checksum and a random payload."""
         cls = draw.choice(self._heard) if draw.random() < 0.8 else draw.choice(self._types)
         size = cls.unpacker.size
         payload = bytearray(self._payload(draw, size))
@@ -125,14 +127,14 @@ class FuzzedVehicle:
 
 
 def _name_of(message: Any) -> str:
-    """Return a message's type; of a command, which."""
+    """Return the type of a message, with the number of a command."""
     if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT"):
         return str(message.get_type())
     return str(mavlink.enums["MAV_CMD"][message.command].name)
 
 
 def aboard(vehicle: FuzzedVehicle) -> MavlinkCraft:
-    """Return a craft on it, opened while it is sane, with everything listening."""
+    """Return a craft that was opened before the random data, with all receivers."""
     session = Session(MemoryLink(vehicle))
     craft = open_craft(session)
     craft.parameters.watch(craft.parameters.read_all(PLOTTED_SIGNALS))
@@ -140,14 +142,14 @@ def aboard(vehicle: FuzzedVehicle) -> MavlinkCraft:
     return craft
 
 
-def fuzz_messages(count: int, seed: int, *, say: Callable[[str], None] = lambda text: None) -> list[str]:
-    """Send *count* of them; return what went wrong, in words."""
+def fuzz_messages(count: int, seed: int, *, report: Callable[[str], None] = lambda text: None) -> list[str]:
+    """Send *count* messages; return descriptions of all wrong reactions."""
     wrong: list[str] = []
     vehicle = FuzzedVehicle(open_vehicle("charlie", seed=1))
     vehicle.server.advance_to(5.0)
     craft = aboard(_Later(vehicle))  # type: ignore[arg-type]
     vehicle.draw = random.Random(seed)
-    told = 0
+    reported = 0
     while vehicle.messages < count and len(wrong) < 20:
         try:
             craft.session.pump()
@@ -157,13 +159,13 @@ def fuzz_messages(count: int, seed: int, *, say: Callable[[str], None] = lambda 
             pass
         except Exception as error:  # noqa: BLE001 - whatever comes is what is looked for
             wrong.append(f"after {vehicle.messages} messages: {type(error).__name__}: {error}")
-        if vehicle.messages - told >= 50_000:
-            told = vehicle.messages
-            say(f"{told} messages, {len(wrong)} wrong; sent by us: {dict(vehicle.sent)}")
+        if vehicle.messages - reported >= 50_000:
+            reported = vehicle.messages
+            report(f"{reported} messages, {len(wrong)} wrong; sent by us: {dict(vehicle.sent)}")
     with contextlib.suppress(AutotuneError):
         craft.stop_recording("stopped")
     wrong += [f"we sent {n} {name}" for name, n in vehicle.sent.items() if name not in HARMLESS]
-    say(f"{vehicle.messages} messages; sent by us: {dict(vehicle.sent)}")
+    report(f"{vehicle.messages} messages; sent by us: {dict(vehicle.sent)}")
     return wrong
 
 
@@ -215,7 +217,7 @@ def _damaged(data: bytes, draw: random.Random) -> bytes:
 
 
 def fuzz_files(count: int, seed: int) -> list[str]:
-    """Damage *count* files of each kind and read them; return what went wrong."""
+    """Damage *count* files of each kind and read them; return descriptions of all wrong reactions."""
     readers: dict[str, Callable[[Path], Any]] = {
         "telemetry.tlog": lambda path: sum(1 for _ in read_tlog(path)),
         "old.param": load_params,
@@ -237,22 +239,22 @@ def fuzz_files(count: int, seed: int) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fuzz, print, and return 1 when something went wrong."""
+    """Send and read everything, print the result, and return 1 after a wrong reaction."""
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.fuzzed_messages", description=__doc__)
-    parser.add_argument("--messages", type=int, default=1_000_000, help="how many (1000000)")
+    parser.add_argument("--messages", type=int, default=1_000_000, help="number of messages (1000000)")
     parser.add_argument("--files", type=int, default=2000, help="damaged files of each kind (2000)")
-    parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
-    asked = parser.parse_args(arguments)
+    parser.add_argument("--seed", type=int, default=1, help="seed of all random numbers (1)")
+    options = parser.parse_args(arguments)
     begun = time.perf_counter()
-    wrong = fuzz_messages(asked.messages, asked.seed, say=lambda text: print(text, flush=True))
+    wrong = fuzz_messages(options.messages, options.seed, report=lambda text: print(text, flush=True))
     of_messages = len(wrong)
-    wrong += fuzz_files(asked.files, asked.seed)
-    print(f"{asked.files} damaged files of each kind; {time.perf_counter() - begun:.0f} s; {len(wrong)} wrong")
+    wrong += fuzz_files(options.files, options.seed)
+    print(f"{options.files} damaged files of each kind; {time.perf_counter() - begun:.0f} s; {len(wrong)} wrong")
     for text in wrong:
         print(text)
     figures = [
-        Figure(f"wrong reactions to {asked.messages} messages", of_messages, most=0.0),
-        Figure(f"wrong reactions to {asked.files} damaged files of each kind", len(wrong) - of_messages, most=0.0),
+        Figure(f"wrong reactions to {options.messages} messages", of_messages, most=0.0),
+        Figure(f"wrong reactions to {options.files} damaged files of each kind", len(wrong) - of_messages, most=0.0),
     ]
     headline("fuzzed_messages", "random messages, noise and damaged files", figures)
     return 1 if wrong else 0

@@ -42,7 +42,7 @@ STEP = 0.2
 
 
 class Wire:
-    """Keeps what the companion computer sends."""
+    """Store the data of the companion computer."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -142,8 +142,8 @@ def flown(folder: Path, seed: int, module: LaserModule | None, noise: str) -> tu
     t -= server.vehicle.seconds - 1e-3 * server.vehicle.ms
     ends = [begin for begin, _ in targets[1:]] + [held.trial.end]
     errors = [
-        distance[(t >= 0.5 * (begin + end)) & (t <= end)] - wanted
-        for (begin, wanted), end in zip(targets, ends, strict=True)
+        distance[(t >= 0.5 * (begin + end)) & (t <= end)] - target
+        for (begin, target), end in zip(targets, ends, strict=True)
     ]
     late = np.concatenate(errors)
     return float(np.sqrt(np.mean(late**2))), held.figures.rms, peer

@@ -145,12 +145,12 @@ def main() -> int:
             for seed in range(1, args.seeds + 1):
                 for name in (n for n in FLOWN[vehicle] if not only or n in only):
                     directory = Path(folder) / f"{vehicle}-{name}-{seed}"
-                    told = flown(vehicle, name, seed, tuple(models.values()), directory)
+                    summary = flown(vehicle, name, seed, tuple(models.values()), directory)
                     if any(directory.glob("model*.json")):
                         found = load_models(directory)
                         models = {**{m.model.base.form.dofs[0]: m for m in found}, **models}
-                    failed, runs = failed + (":" in told or not told), runs + 1
-                    print(f"{vehicle} {name} seed {seed}: {told}", flush=True)
+                    failed, runs = failed + (":" in summary or not summary), runs + 1
+                    print(f"{vehicle} {name} seed {seed}: {summary}", flush=True)
     figures = [count("runs completed", runs - failed, runs, least=1.0)]
     headline("layered_manoeuvres", "layered manoeuvres over our own controllers", figures)
     return 1 if failed else 0

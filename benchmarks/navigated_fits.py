@@ -45,7 +45,7 @@ FORM = form_from(
 
 def navigated(seed: int) -> Trial:
     """Return the run of a simulated log with gaps of GPS, as the command ``navigate`` writes it."""
-    run, told, _ = log("tugboat", seed, driven="XYN")
+    run, settings, _ = log("tugboat", seed, driven="XYN")
     channels = dict(run.channels)
     for name, own in run.channels.items():
         if name.startswith("gps"):
@@ -53,7 +53,7 @@ def navigated(seed: int) -> Trial:
             channels[name] = replace(own, t=own.t[kept], values=own.values[kept])
     with tempfile.TemporaryDirectory() as folder:
         save_trial(replace(run, channels=channels), Path(folder) / "log.csv")
-        return navigate_file(Path(folder) / "log.csv", Mounting(tuple(told["centre"]))).runs[0]
+        return navigate_file(Path(folder) / "log.csv", Mounting(tuple(settings["centre"]))).runs[0]
 
 
 def main() -> None:

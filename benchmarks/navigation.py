@@ -33,7 +33,7 @@ from typing import Any, Protocol
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from benchmarks.results import Figure, count, headline
-from benchmarks.rivals.sea import BINARIES, NoAnswer, Sea
+from benchmarks.rivals.firmware_loop import BINARIES, FirmwareError, FirmwareLoop
 from sitl import Server, load_vehicle
 from sitl.ardupilot_json import HOME as SEA_HOME
 from sitl.catalogue import VehicleData
@@ -55,7 +55,7 @@ ESTIMATORS = {"ekf": 3.0, "truth": 10.0}
 WITHIN_RMS, WITHIN_CORNER = 0.1, 0.2
 """Goals: relative, and m."""
 _WARM_UP = 240.0
-"""Seconds that the real estimator needs until its heading stays where it is."""
+"""Time [s] until the heading of the real estimator is steady."""
 _LONGEST = 500.0
 """Seconds a mission may take."""
 _ROV_WARM_UP, _ROV_TIME = 60.0, 45.0
@@ -150,7 +150,7 @@ class Afloat(Protocol):
         """Send a message."""
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
+        """Simulate *seconds*."""
 
     def globe(self, place: complex) -> tuple[int, int]:
         """Return latitude and longitude [1e-7 deg]."""
@@ -211,7 +211,7 @@ class Ours:
         self.run(0.1)
 
 
-class Theirs(Sea):
+class Theirs(FirmwareLoop):
     """A hull under ArduPilot's own firmware."""
 
     def __init__(
@@ -271,7 +271,7 @@ def sail(boat: Afloat, waypoints: Sequence[complex], lead: float = LEAD) -> Scor
         if done:
             break
     else:
-        raise NoAnswer("the mission was not taken")
+        raise FirmwareError("the mission was not taken")
     boat.go(_AUTO)
     end = boat.t + _LONGEST
     while len(waypoints) not in track.reached and boat.t < end:
@@ -312,11 +312,11 @@ def show(
     """
     effects = [CURRENT] if water else []
     needed = {**gains, "WP_RADIUS": RADIUS, "AHRS_EKF_TYPE": ESTIMATORS[options.estimator]}
-    sea = Theirs(load_vehicle(hull), needed, [parse_effect(e) for e in effects], options)
+    firmware = Theirs(load_vehicle(hull), needed, [parse_effect(e) for e in effects], options)
     try:
-        theirs = fly(sea, options)
+        theirs = fly(firmware, options)
     finally:
-        sea.close()
+        firmware.close()
     ours = fly(Ours(hull, {**gains, "WP_RADIUS": RADIUS}, [parse_effect(e) for e in effects]), options)
     good: list[tuple[bool, bool, bool]] = []
     for track in options.tracks:
@@ -334,14 +334,14 @@ def show(
 
 
 def show_rov(water: str, options: argparse.Namespace) -> float:
-    """Let an ROV go to another place and depth in GUIDED under both autopilots; return how far apart they were [m]."""
+    """Move an ROV in GUIDED under both autopilots; return the largest distance between the tracks [m]."""
     effects = [parse_effect(_ROV_CURRENT)] if water else []
     needed = {**_ROV_GAINS, "AHRS_EKF_TYPE": ESTIMATORS[options.estimator]}
-    sea = Theirs(load_vehicle(_ROV), needed, effects, options)
+    firmware = Theirs(load_vehicle(_ROV), needed, effects, options)
     try:
-        theirs = _move(sea)
+        theirs = _move(firmware)
     finally:
-        sea.close()
+        firmware.close()
     ours = _move(Ours(_ROV, _ROV_GAINS, [parse_effect(_ROV_CURRENT)] if water else []))
     apart = max(abs(a - b) for a, b in zip(theirs, ours, strict=True))
     left = abs(theirs[-1] - _MOVE), abs(ours[-1] - _MOVE)
@@ -386,13 +386,13 @@ def main() -> int:
     parser.add_argument("--tracks", nargs="*", default=list(TRACKS), choices=list(TRACKS))
     parser.add_argument("--gains", nargs="*", default=["default", "tuned"], choices=["default", "tuned"])
     parser.add_argument("--water", nargs="*", default=["", "current"], choices=["", "current"])
-    parser.add_argument("--starts", type=int, default=5, help="flights of each whose mean counts (5)")
-    parser.add_argument("--estimator", default="ekf", choices=list(ESTIMATORS), help="of the firmware's (ekf)")
+    parser.add_argument("--starts", type=int, default=5, help="flights of each track, averaged (5)")
+    parser.add_argument("--estimator", default="ekf", choices=list(ESTIMATORS), help="estimator of the firmware (ekf)")
     parser.add_argument("--instance", type=int, default=30)
     parser.add_argument("--port", type=int, default=14800, help="first of three UDP ports")
     options = parser.parse_args()
     if not os.environ.get(BINARIES["rover"]):
-        print(f"this flies ArduPilot's own firmware: set {BINARIES['rover']} to its binary")
+        print(f"this needs ArduPilot's firmware: set {BINARIES['rover']} to its binary")
         return 2
     print("hull      gains    water    track      rms  late corner | ours: the same          difference")
     good: list[tuple[bool, bool, bool]] = []

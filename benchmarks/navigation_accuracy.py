@@ -38,13 +38,13 @@ def main() -> None:
     missed: dict[str, dict[str, list[float]]] = {craft: {n: [] for n in JUDGED} for craft in CRAFT}
     for craft, devices in CRAFT.items():
         for seed in range(args.first, args.first + args.seeds):
-            run, told, true = log(craft, seed, args.seconds, devices)
+            run, settings, true = log(craft, seed, args.seconds, devices)
             begin = time.perf_counter()
-            own = navigate(readings_of(store_of(run, HERE), HERE), Mounting(tuple(told["centre"])))[0]
+            own = navigate(readings_of(store_of(run, HERE), HERE), Mounting(tuple(settings["centre"])))[0]
             seconds.append(time.perf_counter() - begin)
             for name, constant in own.constants.items():
                 stem, _, axis = name.rpartition(" ")
-                truth = told[stem]["xyzpqr".index(axis) % 3] if stem in told else told[name]
+                truth = settings[stem]["xyzpqr".index(axis) % 3] if stem in settings else settings[name]
                 off = (constant.value - truth) / constant.std
                 z.setdefault(name, []).append(off)
                 if abs(off) > 3.0:

@@ -50,7 +50,7 @@ def main(seeds: int) -> None:
             estimates.append([found[n].value for n in proposal.names])
         scatter = np.std(estimates, axis=0, ddof=1)
         print(f"\n{plan.candidate.title}: {seeds} seeds")
-        print(f"{'':8s}{'truth':>9s}{'circle':>10s}{'foretold':>10s}{'scatter':>10s}{'ratio':>7s}")
+        print(f"{'':8s}{'truth':>9s}{'circle':>10s}{'predicted':>10s}{'scatter':>10s}{'ratio':>7s}")
         for i, n in enumerate(proposal.names):
             before, after, found = proposal.now.information.std[i], plan.std[i], scatter[i]
             ratios.append(float(found / after))

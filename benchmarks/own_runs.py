@@ -2,13 +2,13 @@
 
 Run: ``python3 -m benchmarks.own_runs [VEHICLE ...] [--only WORD,..] [--seeds 5] [--whole] [--numbers] [--keep DIR]``.
 
-The truth is the vehicle file, read here as TOML; what may be named of it is the table :func:`truth_of`. Quick (usual):
-one seed, the manoeuvres of :data:`QUICK_KINDS`. ``--whole``: every manoeuvre by every force. ``--numbers``: the model
-file of each tune with one number changed by 20 and by 50 %; that number alone is to be called wrong. ``--keep``: run
-directories are kept there and used again.
+The truth is the vehicle file, read as TOML; :func:`truth_of` lists the causes that may be reported. The default is
+one seed, the manoeuvres of :data:`DEFAULT_KINDS`. ``--whole``: every manoeuvre by every force. ``--numbers``: the model
+file of each tune with one parameter changed by 20 and by 50 %; exactly this one must be reported as wrong. ``--keep``:
+folder that keeps the run directories, to use them again.
 
-Printed: a line per miss (``--verbose``: per case), the rate with its 95 % bound, claims about motions that the hull
-cannot make, and seconds of processor. Exit status 1 below 95 % or with one such claim.
+It prints a line per miss (``--verbose``: per case), the rate with its 95 % bound, causes of motions that the hull
+cannot make, and the processor time. The exit status is 1 below 95 % or with one such cause.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta as beta_law
 
-from benchmarks.every_manoeuvre import QUICK, cases, tunes
+from benchmarks.every_manoeuvre import SLOW_LOOP, cases, tunes
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.errors import AutotuneError
@@ -55,8 +55,8 @@ from sitl import VEHICLES, open_vehicle
 
 GOAL = 0.95
 FOLDER = Path(__file__).parents[1] / "sitl" / "vehicles"
-QUICK_VEHICLES = ("charlie", "blueboat", "videoray", "bluerov2", "automarine", "falcon", "cybership2")
-QUICK_KINDS = ("tune heading", "tune speed", "tune depth", "experiment heading", "experiment surge", "zig-zag")
+DEFAULT_VEHICLES = ("charlie", "blueboat", "videoray", "bluerov2", "automarine", "falcon", "cybership2")
+DEFAULT_KINDS = ("tune heading", "tune speed", "tune depth", "experiment heading", "experiment surge", "zig-zag")
 NOT_DIAGNOSED = ("bollard-staircase", "wall-relay")
 """Pulls against a rope and distances to a wall: neither record holds a free motion."""
 
@@ -166,7 +166,7 @@ def _facts(file: Mapping[str, Any], dof: str, runs: Sequence[Trial]) -> Iterator
         yield from _weaker_astern(dof, runs)
     odd = file.get("thruster", {}).get("odd")
     if odd:
-        # No force in the middle, then one that grows faster than the command: either is told by two sizes of command.
+        # A dead zone, and then a force that grows faster than the command: both need two sizes of command.
         yield Fact(dof, frozenset({"dead-zone", "quadratic-actuator"}), _levels(LETTERS[dof], runs) > 1)
         if command > _flattens(odd):
             yield Fact(dof, frozenset({"saturation"}))
@@ -177,9 +177,9 @@ def _facts(file: Mapping[str, Any], dof: str, runs: Sequence[Trial]) -> Iterator
 
 
 def _weaker_astern(dof: str, runs: Sequence[Trial]) -> Iterator[Fact]:
-    """Yield what two thrusters that are weaker astern do.
+    """Yield the facts of two thrusters that are weaker astern.
 
-    A turn harder than the way ahead takes the inner one astern; of surge the same, and the whole side astern is weaker.
+    A turn command larger than that of surge takes the inner one astern. In surge this also weakens all commands astern.
     """
     both = [run for run in runs if "N" in run and "X" in run]
     hard = np.concatenate([_harder(run) for run in both]) if both else np.zeros(0, dtype=bool)
@@ -193,7 +193,7 @@ def _weaker_astern(dof: str, runs: Sequence[Trial]) -> Iterator[Fact]:
 
 
 def _harder(run: Trial) -> NDArray[np.bool_]:
-    """Return whether each turn commanded was harder than the way ahead."""
+    """Return for each turn command whether it was larger than the surge command."""
     N, X = run["N"], run["X"]
     ahead = X.values[np.maximum(np.searchsorted(X.t, N.t, side="right") - 1, 0)]
     turning = (np.abs(N.values) > 0.0) & (np.abs(ahead) > 0.0)
@@ -201,7 +201,7 @@ def _harder(run: Trial) -> NDArray[np.bool_]:
 
 
 def _flattens(odd: Sequence[float]) -> float:
-    """Return the command from which on a thruster's curve grows more slowly than up to there."""
+    """Return the command with the largest slope of a thruster's curve."""
     u = np.linspace(0.0, 1.0, 201)
     force = sum(c * u ** (2 * k + 1) for k, c in enumerate(odd))
     slope = np.gradient(force, u)
@@ -214,7 +214,7 @@ def _most(name: str, runs: Sequence[Trial]) -> float:
 
 
 def _levels(name: str, runs: Sequence[Trial]) -> int:
-    """Return how many sizes of a command, to a tenth and other than none, last a twentieth of the runs at least."""
+    """Return the number of non-zero sizes of a command (to a tenth) with at least a twentieth of the samples."""
     sizes = np.concatenate([np.round(np.abs(run[name].values), 1) for run in runs if name in run])
     values, counts = np.unique(sizes, return_counts=True)
     return int(np.sum((values > 0.0) & (counts > len(sizes) / 20)))
@@ -232,7 +232,7 @@ def _authority(file: Mapping[str, Any], dof: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A flight: ``kind`` as ``every_manoeuvre`` names it. ``change``: a number of its model file, and a factor."""
+    """A flight: ``kind`` as in ``every_manoeuvre``. ``change``: a parameter of its model, changed by ``factor``."""
 
     vehicle: str
     kind: str
@@ -243,7 +243,7 @@ class Case:
 
     @property
     def name(self) -> str:
-        """In one word, as a folder."""
+        """Return the name of the folder."""
         return "-".join([self.vehicle, *self.kind.split(), *[self.force][: bool(self.force)], str(self.seed)])
 
     def __str__(self) -> str:
@@ -253,33 +253,33 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """``miss``: why it is not right, empty where it is. ``refused``: no diagnosis. ``claims``: impossible motions."""
+    """Result of a case. ``miss``: reason if wrong. ``rejected``: no diagnosis. ``claims``: impossible causes."""
 
     case: Case
-    said: str
+    summary: str
     miss: str = ""
     claims: str = ""
-    refused: bool = False
+    rejected: bool = False
     seconds: float = 0.0
 
 
-class RefusedBefore(AutotuneError):
-    """The vehicle refused the flight when it was first played; the message is the one it gave then."""
+class RejectedBefore(AutotuneError):
+    """The vehicle rejected this flight in an earlier run; the message is the one of that run."""
 
 
 def flown(case: Case, folder: Path) -> Path:
-    """Fly *case* into a run directory of *folder*, and return it; one there already is used again.
+    """Fly *case* into a run directory of *folder*, unless it exists, and return the directory.
 
     Raises
     ------
     AutotuneError
-        The vehicle cannot fly it. The reason is kept, and a flight refused before is not flown again.
+        The vehicle cannot fly it. The reason is kept, and the flight is not tried again.
     """
     place = folder / case.name
     if (place / "flown").exists():
         return place
     if (place / "refused").exists():
-        raise RefusedBefore((place / "refused").read_text(encoding="utf-8"))
+        raise RejectedBefore((place / "refused").read_text(encoding="utf-8"))
     shutil.rmtree(place, ignore_errors=True)  # of a flight that was stopped
     try:
         _fly(case, place)
@@ -292,14 +292,14 @@ def flown(case: Case, folder: Path) -> Path:
 
 
 def reason_of(error: Exception) -> str:
-    """Return the kind of an error and the first line of its message; the same for one that was kept."""
-    kind = "" if isinstance(error, RefusedBefore) else f"{type(error).__name__}: "
+    """Return the kind of an error and the first line of its message."""
+    kind = "" if isinstance(error, RejectedBefore) else f"{type(error).__name__}: "
     return f"{kind}{error}".splitlines()[0]
 
 
 def _fly(case: Case, place: Path) -> None:
     boat = open_vehicle(case.vehicle, seed=1).vehicle.data.is_boat
-    link = MemoryLink(open_vehicle(case.vehicle, seed=case.seed, parameters={} if boat else QUICK))
+    link = MemoryLink(open_vehicle(case.vehicle, seed=case.seed, parameters={} if boat else SLOW_LOOP))
     link.is_simulated = True
     verb, _, axis = case.kind.rpartition(" ")
     connection = Connection("memory", opened=link)
@@ -316,8 +316,8 @@ def _fly(case: Case, place: Path) -> None:
         )
 
 
-def played(case: Case, folder: Path) -> Outcome:
-    """Fly and diagnose one."""
+def run_case(case: Case, folder: Path) -> Outcome:
+    """Fly and diagnose one case."""
     began = time.process_time()
     try:
         place = flown(case, folder)
@@ -327,12 +327,12 @@ def played(case: Case, folder: Path) -> Outcome:
             return _numbers(case, place, runs, began)
         diagnosis = diagnose(runs)
     except (AutotuneError, FileNotFoundError) as error:
-        return Outcome(case, reason_of(error), refused=True)
+        return Outcome(case, reason_of(error), rejected=True)
     seconds = time.process_time() - began
-    told = json.loads(diagnosis.to_json())
+    report = json.loads(diagnosis.to_json())
     truth = truth_of(case.vehicle, diagnosis.base_model.base.form.dofs, runs)
-    groups = [set(group) for group in told["indistinguishable"]]
-    found = [(f["cause"], f["place"]) for f in told["found"]]
+    groups = [set(group) for group in report["indistinguishable"]]
+    found = [(f["cause"], f["place"]) for f in report["found"]]
     names = [{s}.union(*(g for g in groups if s in g)) for s, _ in found]
     named = list(zip(names, (p for _, p in found), strict=True))
     right = [any(fact.covers(*own) for fact in truth.facts) for own in named]
@@ -340,62 +340,62 @@ def played(case: Case, folder: Path) -> Outcome:
     lacking = [f for f in truth.facts if f.shown and not any(f.covers(*own) for own in named)]
     claims = [f"{s} of {p}" for s, p in found if dof_of(p) in DOFS and dof_of(p) not in truth.moves]
     if "sway" not in truth.moves:
-        told_of = " ".join(told["gave_away"]["findings"] + told["left"]["findings"])
+        text = " ".join(report["gave_away"]["findings"] + report["left"]["findings"])
         claims += [s for s, _ in found if s in SLIDING]
-        claims += [w for w in ("speed sideways", "drift angle") if w in told_of]
-    sizes = [" ".join(f"{v['value']:.3g}" for v in f["parameters"].values()) for f in told["found"]]
+        claims += [w for w in ("speed sideways", "drift angle") if w in text]
+    sizes = [" ".join(f"{v['value']:.3g}" for v in f["parameters"].values()) for f in report["found"]]
     numbers = ", ".join(f"{s}@{p}({own})" for (s, p), own in zip(found, sizes, strict=True))
-    said = f"{told['verdict']}: {numbers or 'nothing'} {[d['slug'] for d in told['doubts']]}"
-    miss = "; ".join([*(f"names {w}" for w in wrong), *(f"lacks {' or '.join(sorted(f.slugs))}" for f in lacking)])
-    return Outcome(case, said, miss, ", ".join(claims), seconds=seconds)
+    summary = f"{report['verdict']}: {numbers or 'nothing'} {[d['slug'] for d in report['doubts']]}"
+    miss = "; ".join([*(f"reports {w}" for w in wrong), *(f"lacks {' or '.join(sorted(f.slugs))}" for f in lacking)])
+    return Outcome(case, summary, miss, ", ".join(claims), seconds=seconds)
 
 
 NUMBERS = {"inertia": ("alpha",), "damping": ("beta", "beta_quadratic"), "gain": (), "delay": ("delay",)}
 
 
 def _numbers(case: Case, place: Path, runs: Sequence[Trial], began: float) -> Outcome:
-    """Diagnose with one number of the run's own model file changed; a gain changes what is per gain."""
+    """Diagnose with one parameter of the run's model file changed; a gain changes all parameters per gain."""
     file = json.loads((place / "model.json").read_text())
     keys = NUMBERS[case.change] or ("alpha", "beta", "beta_quadratic")
     changed = [k for k in keys if file.get(k)]
     if file.get("model") != "single-dof" or not changed:
-        return Outcome(case, "no such number in the file", refused=True)
+        return Outcome(case, "no such parameter in the file", rejected=True)
     factor = 1.0 / case.factor if case.change == "gain" else case.factor
     other = place / f"model-{case.change}-{case.factor:g}.json"
     own = {**file, **{k: factor * file[k] for k in changed}}
     own.pop("known_from", None)
     other.write_text(json.dumps(own))
     diagnosis = diagnose(runs, model=load_model(other))
-    told = json.loads(diagnosis.to_json())
-    rows = [r["name"] for r in (told["numbers"] or {}).get("rows", ()) if r["wrong"]]
-    causes = [f"{f['cause']}@{f['place']}" for f in told["found"]]
+    report = json.loads(diagnosis.to_json())
+    rows = [r["name"] for r in (report["numbers"] or {}).get("rows", ()) if r["wrong"]]
+    causes = [f"{f['cause']}@{f['place']}" for f in report["found"]]
     vehicle, dof = file_of(case.vehicle), diagnosis.base_model.base.form.dofs[0]
     true = vehicle.get(dof, {}).get("bias", 0.0) / _authority(vehicle, dof)
-    # A tune may be wrong about the trim itself: then that number is wrong, too, and may be called so.
+    # The trim of the tune may be wrong. It may then be reported, too.
     own_fault = {"delta"} if abs(file["delta"] - true) > SEEN * abs(true) else set()
     right = set(rows) - own_fault == set(changed)
-    said = f"{told['verdict']}: wrong {rows}, causes {causes}"
+    summary = f"{report['verdict']}: wrong {rows}, causes {causes}"
     truth = truth_of(case.vehicle, diagnosis.base_model.base.form.dofs, runs)
-    groups = [set(group) for group in told["indistinguishable"]]
+    groups = [set(group) for group in report["indistinguishable"]]
     false = [
         f["cause"]
-        for f in told["found"]
+        for f in report["found"]
         if not any(
             x.covers({f["cause"]}.union(*(g for g in groups if f["cause"] in g)), f["place"]) for x in truth.facts
         )
     ]
     miss = "" if right and not false else f"wrong should be {changed}"
-    return Outcome(case, said, miss, seconds=time.process_time() - began)
+    return Outcome(case, summary, miss, seconds=time.process_time() - began)
 
 
 def chosen(args: argparse.Namespace) -> Iterator[Case]:
-    """Yield the cases asked for."""
+    """Yield the chosen cases."""
     words = [w for w in args.only.split(",") if w]
     for seed in range(1, args.seeds + 1):
-        for vehicle in args.vehicles or (sorted(VEHICLES) if args.whole else QUICK_VEHICLES):
+        for vehicle in args.vehicles or (sorted(VEHICLES) if args.whole else DEFAULT_VEHICLES):
             for kind, force in (*tunes(vehicle), *cases(vehicle, set(), set())):
                 case = Case(vehicle, kind, force, seed)
-                if kind in NOT_DIAGNOSED or (not args.whole and not words and kind not in QUICK_KINDS):
+                if kind in NOT_DIAGNOSED or (not args.whole and not words and kind not in DEFAULT_KINDS):
                     continue
                 if words and not any(w in str(case) for w in words):
                     continue
@@ -411,28 +411,32 @@ def lower_bound(right: int, of: int) -> float:
 
 
 def main() -> int:
-    """Play the cases and print the misses and the rates."""
+    """Run the cases, and print the misses and the rates."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("vehicles", nargs="*", metavar="VEHICLE")
-    parser.add_argument("--only", default="", metavar="WORD,..", help="cases with one of these in their name")
+    parser.add_argument(
+        "--only", default="", metavar="WORD,..", help="only cases with one of these words in their name"
+    )
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--whole", action="store_true", help="every vehicle, every manoeuvre by every force")
-    parser.add_argument("--numbers", action="store_true", help="the model file of each tune with one number changed")
-    parser.add_argument("--keep", type=Path, help="where run directories are kept, and used again")
-    parser.add_argument("--verbose", action="store_true", help="a line per case, not per miss only")
+    parser.add_argument(
+        "--numbers", action="store_true", help="check the model file of each tune with one parameter changed"
+    )
+    parser.add_argument("--keep", type=Path, help="folder that keeps the run directories, to use them again")
+    parser.add_argument("--verbose", action="store_true", help="print a line per case, not only per miss")
     args = parser.parse_args()
     todo = list(chosen(args))
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as scratch:
-        play = partial(played, folder=args.keep or Path(scratch))
-        for done in executor_for(args.jobs).map(play, todo):
+        run = partial(run_case, folder=args.keep or Path(scratch))
+        for done in executor_for(args.jobs).map(run, todo):
             outcomes.append(done)
             if done.miss or done.claims or args.verbose:
-                mark = "refused" if done.refused else "MISS" if done.miss else "CLAIM" if done.claims else "right"
+                mark = "rejected" if done.rejected else "MISS" if done.miss else "CLAIM" if done.claims else "right"
                 why = "; ".join(w for w in (done.miss, done.claims) if w)
-                print(f"{mark:8}{done.case}: {why}{' | ' * bool(why)}{done.said} ({done.seconds:.0f} s)", flush=True)
-    judged = [o for o in outcomes if not o.refused]
+                print(f"{mark:9}{done.case}: {why}{' | ' * bool(why)}{done.summary} ({done.seconds:.0f} s)", flush=True)
+    judged = [o for o in outcomes if not o.rejected]
     right, claims = sum(not o.miss for o in judged), sum(bool(o.claims) for o in judged)
     seconds = [o.seconds for o in judged] or [0.0]
     what = "model files with exactly the changed number wrong" if args.numbers else "our runs with the right diagnosis"

@@ -2,7 +2,7 @@
 
 Each case runs ``gcs-autotune tune position`` on a simulated craft at ArduPilot's defaults. The current is a fifth of
 the cruise speed. Figures of the tool's own proof, means of the seeds: ITAE of the step, its
-rise time and overshoot, and the rms and the greatest distance under the push. Goal: never worse, that is, no run ends
+rise time and overshoot, and the rms and the largest distance under the push. Goal: never worse, that is, no run ends
 with gains whose proof is worse.
 """
 
@@ -40,11 +40,11 @@ def tuned(hull: str, water: str, seed: int, folder: Path) -> dict[str, Any]:
     return summary
 
 
-def is_worse(told: dict[str, Any]) -> bool:
+def is_worse(summary: dict[str, Any]) -> bool:
     """Return whether the run ended with gains whose step or push is worse than that of the old ones."""
-    if told["ending"] != "kept":
-        return bool(told["differences"])
-    before, after = told["position"]["before"], told["position"]["after"]
+    if summary["ending"] != "kept":
+        return bool(summary["differences"])
+    before, after = summary["position"]["before"], summary["position"]["after"]
     return any(after[name] > before[name] for name in ("itae", "push") if before[name] and after[name])
 
 
@@ -70,17 +70,17 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=5)
     options = parser.parse_args()
     print(f"{'hull':14} {'water':8} {'  '.join(f'{name:>6} after ' for name in SHOWN)}")
-    told: list[dict[str, Any]] = []
+    summaries: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory(prefix="position-") as folder:
         for hull, water in itertools.product(options.hulls, options.water):
             runs = [tuned(hull, water, seed, Path(folder)) for seed in range(1, options.seeds + 1)]
             show(hull, water, runs)
-            told += runs
-    fine = [run for run in told if not is_worse(run)]
-    kept = [run for run in told if run["ending"] == "kept"]
+            summaries += runs
+    fine = [run for run in summaries if not is_worse(run)]
+    kept = [run for run in summaries if run["ending"] == "kept"]
     figures = [
-        count("position tunes that end no worse than they began", len(fine), len(told), least=1.0),
-        count("position tunes whose new gains were kept", len(kept), len(told)),
+        count("position tunes that end no worse than they began", len(fine), len(summaries), least=1.0),
+        count("position tunes whose new gains were kept", len(kept), len(summaries)),
     ]
     headline("position", "tunes of the position in simulated water", figures)
     return 0 if all(figure.met is not False for figure in figures) else 1

@@ -125,7 +125,7 @@ BEST: Mapping[tuple[str, str], Mapping[str, float]] = {
 (Charlie 240)."""
 WITHIN, NEAR = 1.3, 0.25
 PRICE, FAR_OUT = 20.0, 1e6
-"""What a search pays for a fraction that is missed, and for gains so far out that they are not flown: more than for any
+"""Penalty of the search for a missed fraction, and for gains so far out that they are not flown: more than for any
 that are, or it would stop at the border. A slow boat's error over time is some hundred s^2."""
 _NEUTRAL, _STICK = 1500, 95
 _HELD: Mapping[str, float] = {"psi": 10.0, "z": 10.0, "r": 3.0}
@@ -134,7 +134,7 @@ _GUIDED, _ALT_HOLD = 15, 2
 _FAILSAFES_OF_A_BOAT = ("FS_THR_ENABLE", "FS_GCS_ENABLE", "ARMING_CHECK")
 _FAILSAFES_OF_AN_ROV = ("FS_PILOT_INPUT", "FS_GCS_ENABLE", "ARMING_CHECK")
 _UNDER_WAY = 20.0
-"""Seconds that a boat takes to its speed and onto its course: as long as a tune waits for that at most."""
+"""Time [s] for a boat to reach its speed and course: the longest wait of a tune."""
 RISE = 2.2
 """Bandwidth times rise time (10 to 90 %) of a first-order response: ln 9."""
 USED = 0.5
@@ -156,7 +156,7 @@ class Aboard(Connection):
 
 @dataclass(frozen=True)
 class Tuned:
-    """How one tune ended: ITAE before, predicted and flown, NaN where there is none; ``beside``: of the best gains.
+    """Result of one tune: ITAE before, predicted and flown, NaN without one; ``beside``: of the best gains.
 
     ``ending`` is that of the story, "aborted" for a tune that ended with an error, or "refused" if the craft does not
     have the axis. ``reason`` is the error, or the verdict of a tune whose gains were not kept.
@@ -175,7 +175,7 @@ class Tuned:
 
 
 def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
-    """Tune, fly the best gains beside it, and return how it went."""
+    """Tune, fly the best gains, and return the result."""
     began = time.monotonic()
     server = open_vehicle(vehicle, seed=seed)
     ending, before, predicted, after = "aborted" if has_axis(vehicle, axis) else "refused", math.nan, math.nan, math.nan
@@ -290,7 +290,7 @@ class Bench:
         return true_craft(self.name, self.axis, step, spec)
 
     def shortfall(self, gains: Mapping[str, float]) -> float:
-        """Return by how much what a design asks for is missed on the true craft, as a sum of fractions.
+        """Return by how much the true craft misses the specification of the design, as a sum of fractions.
 
         Margins, integral action, noise on the output and the ceilings of gains, each as the design states it.
         """
@@ -319,7 +319,7 @@ class Truth:
 
 
 def true_craft(name: str, axis: Axis, step: float, spec: Spec) -> Truth:
-    """Return what a design would ask for on the true craft *name*; a boat at her cruise throttle."""
+    """Return the specification of a design for the true craft *name*, for a boat at cruise throttle."""
     law, speed = LAWS[axis.law], spec.speed
     data = open_vehicle(name).vehicle
     dof = {"yaw": "N", "heave": "Z"}[axis.dof]
@@ -338,7 +338,7 @@ def true_craft(name: str, axis: Axis, step: float, spec: Spec) -> Truth:
     full = data.actuators.full[axis.dof]
     u = np.linspace(0.0, USED, 201)
     share = (np.array([force(v) for v in u]) - force(0.0)) / full
-    # Only now is a rudder's hull that of its propeller's speed.
+    # The hull of a boat with a rudder depends on its propeller speed, which is only known now.
     hull = data.plant.axis(axis.dof)
     dead = int(np.argmax(share > 0.0))
     slopes = np.gradient(share[dead:], u[dead:])[1:-1]
@@ -363,7 +363,7 @@ def _noise_in(x: Array) -> float:
 
 
 def _stick_rate(vehicle: Vehicle) -> float:
-    """Return the turn rate [rad/s] that the stick asks for when it is out by :data:`_STICK`."""
+    """Return the turn rate [rad/s] that a stick deflection of :data:`_STICK` commands."""
     dead = vehicle.parameters["RC4_DZ"] * 0.5
     return math.radians(int(4500 * (_STICK - dead) / (400.0 - dead)) * vehicle.parameters["ACRO_YAW_P"] / 100.0)
 
@@ -444,7 +444,7 @@ def _share(tuned: Sequence[Tuned], good: Callable[[Tuned], bool]) -> str:
 
 
 def tuned_case(seed: int, case: str) -> dict[str, Any]:
-    """Return what became of the tune of *case*, ``VEHICLE/AXIS``, for a row of the study."""
+    """Return the result of the tune of *case*, ``VEHICLE/AXIS``, as a row of the study."""
     one = tune_once(*case.split("/"), seed)
     return {"tuned": json.dumps(asdict(one)), "kept": one.ending == "kept", "itae": _has(one) / one.beside}
 
@@ -487,10 +487,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "cases", nargs="*", help="vehicle or vehicle/axis; default: all, for a search or styles those in BEST"
     )
-    parser.add_argument("--seeds", type=int, default=20, help="of each case; default 20")
+    parser.add_argument("--seeds", type=int, default=20, help="seeds of each case (20)")
     parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=1, help="processes; default 1")
-    parser.add_argument("--search", type=int, default=0, metavar="N", help="only search, N steps a case, for BEST")
+    parser.add_argument("--workers", type=int, default=1, help="processes (1)")
+    parser.add_argument(
+        "--search", type=int, default=0, metavar="N", help="only search for BEST, with N steps per case"
+    )
     parser.add_argument("--styles", action="store_true", help="only tune in every style, once per seed")
     args = parser.parse_args(argv)
     if args.styles:

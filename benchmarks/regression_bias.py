@@ -37,7 +37,7 @@ def assess(method: str, equation: str, seeds: int, noise: float) -> Figure:
         stds.append([found.parameters[n].std for n in TRUTH])
     spent = (time.perf_counter() - began) / seeds
     print(f"\n{method}, {equation}: {seeds} seeds, noise {noise} m/s and rad/s, {spent:.2f} s each")
-    print(f"{'':>8} {'bias %':>8} {'scatter %':>10} {'said %':>8} {'in 95 %':>8}")
+    print(f"{'':>8} {'bias %':>8} {'scatter %':>10} {'std %':>8} {'in 95 %':>8}")
     biases = []
     for i, (name, truth) in enumerate(TRUTH.items()):
         e, s = np.array(errors)[:, i], np.array(stds)[:, i]

@@ -97,8 +97,8 @@ def main() -> None:
             if kind == "relay and decay":
                 runs.insert(0, flown(folder, "relay", seed))
             rows.append(ratios(fit_axis(runs, dof="pitch")))
-            said = ", ".join(f"{WORDS[n]} {100.0 * e:+.1f} ± {100.0 * s:.1f} %" for n, (e, s) in rows[-1].items())
-            print(f"{kind}, seed {seed}: {said}", flush=True)
+            text = ", ".join(f"{WORDS[n]} {100.0 * e:+.1f} ± {100.0 * s:.1f} %" for n, (e, s) in rows[-1].items())
+            print(f"{kind}, seed {seed}: {text}", flush=True)
         for name, word in WORDS.items():
             pairs = np.array([row[name] for row in rows if name in row])
             figures += [

@@ -114,7 +114,7 @@ class Result(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
 
 
 def headline(benchmark: str, measures: str, figures: Sequence[Figure]) -> None:
-    """Print the headline *figures* of a run, and keep them if the environment asks for it.
+    """Print the headline *figures* of a run, and save them with ``BENCHMARKS_RECORD=1``.
 
     *measures* is a phrase for the table. The first figure is shown there, all are in the file.
     """

@@ -4,7 +4,7 @@ Run: ``python3 -m benchmarks.self_planned_trials [--seeds 20] [--first 1] [--wor
 ``benchmarks/studies/self_planned_trials.toml``; a stopped run continues. Each craft is the coupled VideoRay of
 ``sitl`` with every inertia and damping of surge, sway and yaw multiplied by a random factor between 0.6 and 1.7
 (logarithmically uniform), flown over MAVLink. The standard plan is zig-zag, turning circle, S-manoeuvre and steps. The
-precision that it reaches for ``ASKED`` (1 % at best) is required of the other trial. It prints the seconds of runs
+precision that it reaches for ``REQUIRED`` (1 % at best) is required of the other trial. It prints the seconds of runs
 until each reaches it, both identified after each run, and their ratio (goal 60 %).
 """
 
@@ -45,9 +45,9 @@ from gcs_autotune.workflow import (
 )
 from sitl import open_vehicle
 
-ASKED = ("X_u", "Y_v", "N_r", "N_rdot")
+REQUIRED = ("X_u", "Y_v", "N_r", "N_rdot")
 FINEST, COARSEST = 0.01, 0.5
-"""Relative standard errors: nobody asks for less; one above is not told, and so not asked for."""
+"""Range of required relative standard errors; a parameter with a larger one is not required."""
 LONGEST = 1800.0
 STANDARD = "[defaults]\nthrottle = 0.25\nsteering = 0.75\n" + "".join(
     f'[[run]]\nmanoeuvre = "{name}"\n' for name in ("zig-zag", "turning-circle", "s-manoeuvre", "steps")
@@ -87,20 +87,20 @@ def flown(path: Path, seed: int, plan: FlightPlan, common: CommonSettings) -> Fl
 
 
 def seconds_of(result: FlightResult, until: Precision) -> float:
-    """Return the seconds of a trial that planned itself; infinite when it did not get there."""
+    """Return the duration of a self-planned trial; infinite if it missed the precision."""
     reached = until.reached(result.steps[-1].outlook.relative)
     return sum(step.seconds for step in result.steps) if reached else math.inf
 
 
-def wish_of(runs: Sequence[Trial]) -> Precision:
-    """Return as well as *runs* tell it what is asked for."""
-    told = relative_errors(fit(list(runs), dof="horizontal"), ASKED)
-    wanted = {n: max(e, FINEST) for n, e in told.items() if e < COARSEST}
-    return Precision(wanted, "horizontal", LONGEST)
+def precision_of(runs: Sequence[Trial]) -> Precision:
+    """Return the precision of the required parameters that *runs* reach."""
+    errors = relative_errors(fit(list(runs), dof="horizontal"), REQUIRED)
+    required = {n: max(e, FINEST) for n, e in errors.items() if e < COARSEST}
+    return Precision(required, "horizontal", LONGEST)
 
 
 def seconds_until(runs: Sequence[Trial], until: Precision) -> float:
-    """Return the seconds of *runs* up to the one after which all is known so well; infinite when none is."""
+    """Return the duration of *runs* until the precision is reached; infinite if it is not."""
     for k in range(1, len(runs) + 1):
         if until.reached(relative_errors(fit(list(runs[:k]), dof=until.form), until.wanted)):
             return sum(run.duration for run in runs[:k])
@@ -108,13 +108,13 @@ def seconds_until(runs: Sequence[Trial], until: Precision) -> float:
 
 
 def compared(seed: int, place: Path) -> tuple[float, str]:
-    """Fly both on one craft, records in *place*; return the ratio of seconds and the story in words."""
+    """Fly both on one craft, with records in *place*; return the ratio of durations and a summary."""
     path = drawn(seed, place)
     common = CommonSettings(Connection("memory"), place / "standard", envelope=WIDE)
     (place / "plan.toml").write_text(STANDARD)
     standard = load_flight_plan(place / "plan.toml", common, None, None)
     runs = [run.trial for run in flown(path, seed, standard, common).runs if run.trial is not None]
-    until = wish_of(runs)
+    until = precision_of(runs)
     fixed = seconds_until(runs, until)
     common = replace(common, directory=place / "self")
     plan = replace(FlightPlan.of(first_run(until, common)), until=until)

@@ -53,6 +53,20 @@ def run(vehicle: str, axis: str, baud: int, seed: int) -> tuple[str, bool]:
     return row, ending == "kept"
 
 
+COLUMNS = (
+    "tune",
+    "baud",
+    "ending",
+    "s",
+    "used down %",
+    "up %",
+    "longest wait down ms",
+    "up ms",
+    "not sent",
+    "CPU s",
+)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--baud", type=int, nargs="+", default=[57600, 115200])
@@ -60,7 +74,7 @@ def main() -> None:
     parser.add_argument("--axis", default="heading")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
-    print("| tune | baud | ending | s | used down % | up % | waited at most ms down | up | not sent | CPU s |")
+    print("|", " | ".join(COLUMNS), "|")
     print("|---|---|---|---|---|---|---|---|---|---|")
     kept = []
     for baud in args.baud:

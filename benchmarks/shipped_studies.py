@@ -42,10 +42,10 @@ def boats(table: Any) -> list[Figure]:
 
 def names(table: Any) -> list[Figure]:
     """Return how often each effect is the first cause, by noise; of a craft without one, how often none is reported."""
-    told = table["causes.0"].fillna("none")
+    reported = table["causes.0"].fillna("none")
     true = table["effect"].str.partition(".")[0]
-    right = (told == true) & (table["status"] == "done")
-    figures = [count("named right, or none where there is none", int(right.sum()), len(table))]
+    right = (reported == true) & (table["status"] == "done")
+    figures = [count("right first cause, or none without an effect", int(right.sum()), len(table))]
     for (effect, noise), group in right.groupby([table["effect"], table["vehicle.sensors.gyro_noise"]], sort=False):
         figures.append(count(f"{effect}, gyro noise {noise:g} rad/s", int(group.sum()), len(group)))
     return figures
@@ -53,7 +53,7 @@ def names(table: Any) -> list[Figure]:
 
 STUDIES: Mapping[str, tuple[Any, str]] = {
     "boats": (boats, "128 boats of 0.5 to 8 m: tune heading against ArduPilot's defaults"),
-    "names": (names, "an effect hidden in a multisine of an ROV: named, at two noises of the gyro"),
+    "names": (names, "an effect hidden in a multisine of an ROV: reported, at two noises of the gyro"),
 }
 
 

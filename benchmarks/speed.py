@@ -50,7 +50,7 @@ GOALS: Mapping[tuple[str, str], float] = {
     ("videoray", "depth"): 66.0,
     ("blueboat", "speed"): 72.0,
 }
-"""(vehicle, axis) -> seconds that a tune may take in calm water."""
+"""(vehicle, axis) -> longest duration of a tune in calm water [s]."""
 WAVES: Mapping[tuple[str, str], tuple[str, float]] = {
     ("charlie", "heading"): ("yaw", 0.2),
     ("blueboat", "heading"): ("yaw", 0.05),
@@ -95,7 +95,7 @@ def tune_seconds(axis: str, directory: Path) -> float:
 
 @dataclass(frozen=True)
 class Pair:
-    """One craft tuned by both rules, the new one first: seconds, endings, ITAE [s^2] over what both recorded."""
+    """One craft tuned with both rules, the new one first: durations, endings, ITAE [s^2]."""
 
     vehicle: str
     axis: str
@@ -192,7 +192,7 @@ def _figures(name: str, pairs: Sequence[Pair], goal: float | None) -> list[Figur
 
 
 def _show(name: str, pairs: Sequence[Pair], goal: float) -> None:
-    over = [p for p in pairs if "aborted" not in p.endings]  # a tune cut short says nothing of how long one takes
+    over = [p for p in pairs if "aborted" not in p.endings]  # an aborted tune has no duration
     new, old = (np.array([p.seconds[i] for p in over] or [math.nan]) for i in (0, 1))
     ratios = [p.itae[0] / p.itae[1] for p in pairs if math.isfinite(p.itae[0]) and p.itae[1] > 0.0]
     shown = f"{np.mean(ratios):.2f} ({max(ratios):.2f})" if ratios else "-"
@@ -212,7 +212,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("cases", nargs="*", help="vehicle/axis; default: all")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--waves", action="store_true")
-    parser.add_argument("--save", type=Path, metavar="FILE", help="one line per pair; what is there is not flown again")
+    parser.add_argument(
+        "--save", type=Path, metavar="FILE", help="write one line per pair; pairs in the file are not flown again"
+    )
     args = parser.parse_args(argv)
     if args.what == "water":
         water(args.cases, args.seeds, args.waves, args.save)

@@ -95,7 +95,7 @@ def rows_in(out: Path) -> list[str]:
 
 
 def rows_of_part(part: Path) -> int:
-    """Return the number of rows of a part, 0 if it was merged with others just now."""
+    """Return the number of rows of a part, 0 if it was merged with others meanwhile."""
     import pyarrow.parquet as pq
 
     try:
@@ -234,22 +234,22 @@ def speedup(folder: Path, cases: int) -> list[Figure]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.study_engine", description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=20_000, help="of the run for overhead and memory; 0: none")
-    parser.add_argument("--kill-cases", type=int, default=10_000, help="of the run with kills; 0: none")
+    parser.add_argument("--cases", type=int, default=20_000, help="cases of the run for overhead and memory; 0: none")
+    parser.add_argument("--kill-cases", type=int, default=10_000, help="cases of the run with kills; 0: none")
     parser.add_argument("--kills", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=1, help="of the kills")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the kills")
     parser.add_argument("--speedup", action="store_true", help="compare one and two workers; needs two free cores")
-    parser.add_argument("--diagnoses", type=int, default=12, help="of the comparison of one and two workers")
-    asked = parser.parse_args(arguments)
+    parser.add_argument("--diagnoses", type=int, default=12, help="diagnoses of the comparison of one and two workers")
+    options = parser.parse_args(arguments)
     figures: list[Figure] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        if asked.kill_cases:
-            figures += kills(folder / "kills", asked.kill_cases, asked.kills, asked.seed)
-        if asked.cases:
-            figures += overhead(folder / "overhead", asked.cases)
-        if asked.speedup:
-            figures += speedup(folder / "speedup", asked.diagnoses)
+        if options.kill_cases:
+            figures += kills(folder / "kills", options.kill_cases, options.kills, options.seed)
+        if options.cases:
+            figures += overhead(folder / "overhead", options.cases)
+        if options.speedup:
+            figures += speedup(folder / "speedup", options.diagnoses)
     headline("study_engine", "the study engine: overhead, memory, rows after kills", figures)
 
 

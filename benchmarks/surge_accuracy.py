@@ -49,7 +49,7 @@ def table(flights: Sequence[Mapping[str, Sequence[float]]]) -> list[str]:
     lines = []
     for name in flights[0]:
         value, std, truth = np.array([f[name] for f in flights]).T
-        z = (value - truth) / np.maximum(std, 1e-9)  # a damping decided away has no error, and stands out
+        z = (value - truth) / np.maximum(std, 1e-9)  # a damping that the fit removed has no error, and stands out
         lines.append(
             f"{name:<9}{truth[0]:>9.4g}{z.mean():>+8.2f}{np.sqrt(np.mean(z**2)):>7.2f}"
             f"{int(np.sum(np.abs(z) > 2.0)):>4} of {len(z):<4}{np.median(std):>9.2g}"
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         print("\n".join(table(own)), flush=True)
         for name in own[0]:
             value, std, truth = np.array([f[name] for f in own]).T
-            has = std > 0.0  # a damping decided away has no standard error
+            has = std > 0.0  # a damping that the fit removed has no standard error
             rms = float(np.sqrt(np.mean(((value - truth)[has] / std[has]) ** 2))) if has.any() else math.inf
             figures.append(Figure(f"{boat}, {name}, rms error / standard error", rms))
     headline("surge_accuracy", "experiment surge: errors, in units of the reported standard error", figures)

@@ -14,7 +14,7 @@ The figures are those of the section, with its numbers as goals:
   their own.
 * the same decision, with drag over inertia in the pairs of two speeds. In table 7.12 both change with the speed by
   nearly the same factor, as by a rudder of another effect. This factor cancels.
-* error of the drag of IS-O against least squares, mean of the day and speed (7.15). Thesis: at most 22 %.
+* error of the drag of IS-O against least squares, mean of each day and speed (7.15). Thesis: at most 22 %.
 * the same error of the time constant alpha/beta (7.11), at most two sampling times. Thesis: more than 90 %.
 
 Wind and waves of the two days were chosen, because the section shows the wind only as a figure.

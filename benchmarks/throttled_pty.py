@@ -1,4 +1,4 @@
-"""A vehicle at the far end of a real pseudo-terminal that passes so many bytes a second, in simulated time."""
+"""A vehicle on a pseudo-terminal with a limited rate, in simulated time."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from gcs_autotune.link.transports.transport import SteppedTransport
 from gcs_autotune.mavlink import split_frames
 
 BITS_PER_BYTE = 10
-"""A start bit, eight, a stop bit."""
+"""Bits per byte: start bit, eight data bits, stop bit."""
 AUTOPILOT_BUFFER = 2048
-"""Bytes that wait in the autopilot's serial driver; a message for which there is no room is not sent."""
+"""Size of the buffer in the autopilot's serial driver; a message that does not fit is not sent."""
 _STEP = 0.01
 _PATIENCE = 10.0
 
 
 class Wire:
-    """One direction: whole frames go in, bytes come out at ``rate`` [bytes/s].
+    """One direction: it takes whole frames, and returns bytes at ``rate`` [bytes/s].
 
     Attributes
     ----------
-    passed, dropped : bytes that came through, frames that found no room.
-    longest : most bytes that ever waited.
+    passed, dropped : bytes that passed, frames that did not fit.
+    longest : largest number of waiting bytes.
     """
 
     def __init__(self, rate: float, room: float) -> None:
@@ -37,7 +37,7 @@ class Wire:
         self._credit = 0.0
 
     def put(self, data: bytes) -> None:
-        """Take frames, as many as there is room for."""
+        """Take as many frames as fit."""
         for frame in split_frames(data):
             if len(self._held) + len(frame) > self.room:
                 self.dropped += 1
@@ -46,7 +46,7 @@ class Wire:
         self.longest = max(self.longest, len(self._held))
 
     def take(self, seconds: float) -> bytes:
-        """Return what comes through in *seconds*."""
+        """Return the bytes that pass within *seconds*."""
         self._credit = min(self._credit + self.rate * seconds, self.rate * seconds + 1.0)
         count = min(int(self._credit), len(self._held))
         self._credit -= count
@@ -55,7 +55,7 @@ class Wire:
 
 
 class ThrottledPty(SteppedTransport):
-    """Our own serial transport on one end of a pseudo-terminal; *peer* lives behind two wires on the other."""
+    """The serial transport on one end of a pseudo-terminal, with *peer* behind two wires on the other."""
 
     def __init__(self, peer: Peer, baud: int) -> None:
         self._master, slave = pty.openpty()
@@ -98,7 +98,7 @@ class ThrottledPty(SteppedTransport):
         return came
 
     def unplug(self) -> None:
-        """Pull the cable."""
+        """Close the terminal."""
         if self._master >= 0:
             os.close(self._master)
             self._master = -1

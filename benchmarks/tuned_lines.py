@@ -39,7 +39,7 @@ from statistics import fmean
 from benchmarks.navigation import TRACKS, Ours, Score, Theirs, mean, sail
 from benchmarks.reach import Aboard
 from benchmarks.results import Figure, count, headline
-from benchmarks.rivals.sea import BINARIES, NoAnswer
+from benchmarks.rivals.firmware_loop import BINARIES, FirmwareError
 from benchmarks.speed import WAVES
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.observer import SilentObserver
@@ -69,14 +69,14 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
     "ATC_STR_RAT_MAX": (10.0, 180.0),
     "ATC_TURN_MAX_G": (0.1, 0.6),
 }
-"""What the search draws from, evenly in the logarithm; WP_PIVOT_ANGLE is the present one or 0."""
+"""Ranges of the search, log-uniform; WP_PIVOT_ANGLE is the present one or 0."""
 LATER, CORNERS, LONGER = 1.25, 1.05, 1.5
 """Greatest ratios to the mission before, as in ``tune line``."""
 _WHEN = "2026-11-26T12:00:00"
 _MANUAL, _SETTLED = 0, 40.0
 _GRAVITY = 9.81
 _WARM_UP = 240.0
-"""Seconds that the firmware's estimator needs until its heading stays where it is."""
+"""Time [s] until the heading of the firmware's estimator is steady."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Case:
-    """How one boat was tuned: the ending of each tune, what the proof said, and the scores of the parameters.
+    """How one boat was tuned: the ending of each tune, the result of the proof, and the scores of the parameters.
 
     ``before``: after speed and heading; ``after``: after the line. ``proof``: rms of both proof missions [m].
     ``offered``: the score of what the line proposed, kept or not; empty without a proposal.
@@ -259,7 +259,7 @@ def search(hull: str, tuned: Mapping[str, float], tries: int, seed: int = 1) -> 
             tried[name] = draw.choice((tried[name], present[name]))
         try:
             found = fly(hull, {**tuned, **tried}, "calm")
-        except NoAnswer:
+        except FirmwareError:
             continue
         allowed = (
             found.score.late <= LATER * max(begin.score.late, 0.4)
@@ -277,22 +277,22 @@ def on_firmware(hull: str, options: argparse.Namespace) -> bool:
     endings = []
     with tempfile.TemporaryDirectory(prefix="tuned-lines-") as folder:
         os.environ["XDG_STATE_HOME"] = folder
-        sea = Theirs(load_vehicle(hull), {}, [], options)
+        firmware = Theirs(load_vehicle(hull), {}, [], options)
         try:
-            sea.run(_WARM_UP)
+            firmware.run(_WARM_UP)
             for axis in ("speed", "heading", "line"):
                 if axis == "line":
-                    scores["before"] = mean([sail(sea, track) for track in TRACKS.values()])
+                    scores["before"] = mean([sail(firmware, track) for track in TRACKS.values()])
                 run = (options.keep or Path(folder)) / f"{hull}-{axis}"
-                command = ["tune", axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
-                status = sea.host(command, run.with_suffix(".txt"))
-                told = run / "summary.json"
-                summary = json.loads(told.read_text()) if told.is_file() else {"ending": f"exit {status}"}
+                command = ["tune", axis, "--connect", firmware.tuner_uri, "--yes", "--out", str(run)]
+                status = firmware.host(command, run.with_suffix(".txt"))
+                path = run / "summary.json"
+                summary = json.loads(path.read_text()) if path.is_file() else {"ending": f"exit {status}"}
                 endings.append(summary["ending"])
                 print(f"{hull}: tune {axis}: {endings[-1]}, {run.with_suffix('.txt').read_text()[-600:]}", flush=True)
-            scores["after"] = mean([sail(sea, track) for track in TRACKS.values()])
+            scores["after"] = mean([sail(firmware, track) for track in TRACKS.values()])
         finally:
-            sea.close()
+            firmware.close()
     print(f"{hull:14} firmware {'/'.join(endings):24} | {scores['before']} | {scores['after']}", flush=True)
     return scores["after"].rms <= WORSE * scores["before"].rms
 
@@ -363,7 +363,7 @@ def main() -> int:
     parser.add_argument("--untuned", action="store_true")
     parser.add_argument("--save", type=Path, metavar="FILE")
     parser.add_argument("--firmware", action="store_true", help="tune ArduPilot's own firmware on these hulls")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="where the runs on the firmware stay")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="folder that keeps the runs on the firmware")
     parser.add_argument("--instance", type=int, default=33)
     parser.add_argument("--port", type=int, default=14830, help="first of three UDP ports")
     options = parser.parse_args()

@@ -199,7 +199,7 @@ class Answer(NamedTuple):
     right: bool
     grouped: bool
     error: float | None
-    said: str
+    summary: str
 
 
 def hidden(seeds: int, level: str, jobs: int) -> list[Figure]:
@@ -209,12 +209,12 @@ def hidden(seeds: int, level: str, jobs: int) -> list[Figure]:
         answers = []
         for future in as_completed(futures):
             answers.append(future.result())
-            print(answers[-1].said, flush=True)
+            print(answers[-1].summary, flush=True)
     figures = []
     for effect in HIDDEN:
         own, name = [a for a in answers if a.effect == effect], effect.partition("@")[0]
-        said = f"{name} hidden and reported alone" if effect else "nothing hidden and nothing reported"
-        figures.append(count(said, sum(a.right for a in own), len(own)))
+        summary = f"{name} hidden and reported alone" if effect else "nothing hidden and nothing reported"
+        figures.append(count(summary, sum(a.right for a in own), len(own)))
         if any(a.grouped for a in own):
             figures.append(count(f"{name} reported in a group", sum(a.grouped for a in own), len(own)))
     errors = [a.error for a in answers if a.error is not None]
@@ -239,8 +239,8 @@ def answer(effect: str, seed: int, level: str) -> Answer:
     error = abs(found.causes[0].parameters[name].value / float(true) - 1.0) if right and slug else None
     grouped = not right and len(causes) == 1 and any(slug in group for group in groups)
     size = "" if error is None else f", size wrong by {100.0 * error:.1f} %"
-    said = f"{effect or 'nothing'}, seed {seed}: {found.verdict} {causes} {groups or ''}{size}"
-    return Answer(effect, seed, right, grouped, error, said)
+    summary = f"{effect or 'nothing'}, seed {seed}: {found.verdict} {causes} {groups or ''}{size}"
+    return Answer(effect, seed, right, grouped, error, summary)
 
 
 def errors_of_tables(runs: Sequence[Trial]) -> list[Figure]:
@@ -289,8 +289,8 @@ def regression(run: Trial, nu: Array, tied: Mapping[str, float]) -> dict[str, Ar
         theta = np.zeros(4)
         theta[2] = tied.get(n, 0.0)
         free = [k for k in columns if not (k == 1 and n == "v") and not (k == 2 and n in tied)]
-        wanted = rate[:, i] - theta[2] * product
-        theta[free] = np.linalg.lstsq(np.column_stack([columns[k] for k in free]), wanted, rcond=None)[0]
+        rest = rate[:, i] - theta[2] * product
+        theta[free] = np.linalg.lstsq(np.column_stack([columns[k] for k in free]), rest, rcond=None)[0]
         found[n] = theta[:3]
     return found
 

@@ -1,13 +1,13 @@
-"""Cost of the page: processor, lateness of the loop that holds the sticks, STOP to the first neutral override.
+"""Cost of the page: processor load, delay of the control loop, and time from STOP to the first neutral override.
 
 ``python3 -m benchmarks.web_page [--seconds 20] [--stops 20] [--viewers 4] [--browser]``. Goals: under 3 % of a core at
-10 Hz with four viewers, ticks at most 5 ms later, STOP under 50 ms at worst of 200, page under 300 kB, constant memory
-over an hour's ticks. With ``--browser`` one more viewer is the page in Chromium: its memory is printed, and STOP counts
-from a click on it. With ``--phone`` only this is measured: the page is opened on a phone (390 by 844 pixels, processor
-slowed to a quarter) during a run, until STOP can be pressed without scrolling (goal 2 s). STOP counts from a click.
+10 Hz with four viewers, ticks at most 5 ms later, STOP within 50 ms (worst of 200), page below 300 kB, and constant
+memory over the ticks of an hour. With ``--browser`` the page is also open in Chromium. Its memory is printed, and the
+time to STOP starts at a click on it. With ``--phone`` only this is measured: the page is opened during a run on a phone
+(390 by 844 pixels, processor slowed to a quarter) until STOP can be pressed without scrolling (goal 2 s).
 
-The server is that of ``gcs-autotune serve``. It starts this file again as a run: ticks at 25 Hz to the real
-``RemoteObserver``, or, for STOP, the real craft on a real link to the simulator with the real sequencer.
+The server is that of ``gcs-autotune serve``. It starts this file again as a run. This sends ticks at 25 Hz to the real
+``RemoteObserver``. For STOP it flies the simulator over a real link with the real sequencer.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ STOP_SEEN = """() => {
 HEADERS = {"X-Autotune-Token": "none", "Content-Type": "application/json"}
 
 
-# --- the run, in a process of its own -------------------------------------------------------------------------------
+# --- the run, in its own process --------------------------------------------------------------------------------------
 
 
 def as_run(arguments: list[str]) -> int:
@@ -66,7 +66,7 @@ def as_run(arguments: list[str]) -> int:
 
 
 def _ticks(uri: str, out: Path, operator: Any, observer: Any) -> None:
-    """Tell a tick every 40 ms, or an hour's as fast as they are taken; note how late each was and what telling took."""
+    """Send a tick every 40 ms, or those of an hour at full speed; record the delay and duration of each."""
     from gcs_autotune.observer import Progress, SilentObserver
 
     listener = SilentObserver() if "silent" in uri else observer
@@ -84,14 +84,16 @@ def _ticks(uri: str, out: Path, operator: Any, observer: Any) -> None:
         now = time.monotonic()
         late.append(now - due)
         t = ticks * TICK
-        told = Progress("first self-oscillation", "relay", t, "psi", 0.1 * (ticks % 40), 1.0, 0.3, step=3, steps=8, x=t)
-        listener.update(told)
+        progress = Progress(
+            "first self-oscillation", "relay", t, "psi", 0.1 * (ticks % 40), 1.0, 0.3, step=3, steps=8, x=t
+        )
+        listener.update(progress)
         took.append(time.monotonic() - now)
     (out / "late.json").write_text(json.dumps({"late": late, "took": took}))
 
 
 def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
-    """Swing the rudder by the real sequencer until STOP, again and again; note when the first neutral override left."""
+    """Alternate the rudder with the real sequencer until STOP; record the time of the first neutral override."""
     from gcs_autotune.craft import Actuate
     from gcs_autotune.errors import OperatorStopped
     from gcs_autotune.manoeuvres import Envelope, Manoeuvre, Sequencer
@@ -99,10 +101,10 @@ def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
     from gcs_autotune.workflow.record import RunDirectory
     from gcs_autotune.workflow.settings import CommonSettings, Connection
 
-    class Swing(Manoeuvre):
-        """Half rudder to one side after the other, every fifth of a second."""
+    class AlternatingRudder(Manoeuvre):
+        """Half rudder to alternate sides, every 0.2 s."""
 
-        kind, purpose, signal, force, in_manual, name = "swing", "benchmark", "psi", "N", True, "swing"
+        kind, purpose, signal, force, in_manual, name = "alternating", "benchmark", "psi", "N", True, "alternating"
 
         @property
         def meta_fields(self) -> dict[str, float]:
@@ -114,7 +116,7 @@ def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
 
     record = RunDirectory(out)
     with connect_craft(CommonSettings(Connection(uri), out), operator, observer, record, "heading") as craft:
-        sent: list[float] = []  # when the first neutral override left after the last that was none
+        sent: list[float] = []  # time of the first neutral override after the last other one
         send = craft.session.send
 
         def timed(message: Any) -> None:
@@ -126,9 +128,9 @@ def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
         craft.arm()
         sequencer = Sequencer(craft, Envelope(), observer, lambda trial: None)
         while not (out / "enough").exists():
-            observer.say("swinging")
+            observer.say("alternating")
             try:
-                sequencer.fly(Swing(), "swinging")
+                sequencer.fly(AlternatingRudder(), "alternating")
             except OperatorStopped:
                 neutral = sent[:]
                 sequencer.go_on()
@@ -141,7 +143,7 @@ def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
 
 
 class Server:
-    """``gcs-autotune serve`` with this file as what it runs."""
+    """``gcs-autotune serve`` with this file as its program."""
 
     def __init__(self, runs: Path) -> None:
         self.runs = runs
@@ -164,7 +166,7 @@ class Server:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def memory(self) -> float:
-        """Resident memory [MB]."""
+        """Return the resident memory [MB]."""
         return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
     def close(self) -> None:
@@ -173,11 +175,11 @@ class Server:
 
 
 class Viewers:
-    """So many sockets that read all they get, in a thread."""
+    """A number of sockets that read all data, in a thread."""
 
     def __init__(self, port: int, count: int) -> None:
         self.messages = self.bytes = 0
-        self.said: list[str] = []
+        self.texts: list[str] = []
         self._news = threading.Condition()
         self._loop = asyncio.new_event_loop()
         self._port, self._count = port, count
@@ -199,25 +201,25 @@ class Viewers:
                 self.messages += 1
                 self.bytes += len(text)
                 if number == 0:
-                    told = json.loads(text)
-                    words_of_end = [{"text": f"ended: {told['end']['reason']}"}] if told.get("end") else []
-                    words = [*told.get("+words", ()), *told.get("whole", {}).get("words", ()), *words_of_end]
+                    message = json.loads(text)
+                    words_of_end = [{"text": f"ended: {message['end']['reason']}"}] if message.get("end") else []
+                    words = [*message.get("+words", ()), *message.get("whole", {}).get("words", ()), *words_of_end]
                     with self._news:
-                        self.said += [w["text"] for w in words]
+                        self.texts += [w["text"] for w in words]
                         self._news.notify_all()
 
-    def hear(self, beginning: str, after: int) -> tuple[str, int]:
-        """Return the first sentence after number *after* that begins so, and its number."""
+    def wait_for(self, beginning: str, after: int) -> tuple[str, int]:
+        """Return the first text after number *after* with this beginning, and its number."""
         with self._news:
             while True:
-                found = [k for k in range(after, len(self.said)) if self.said[k].startswith(beginning)]
+                found = [k for k in range(after, len(self.texts)) if self.texts[k].startswith(beginning)]
                 if found:
-                    return self.said[found[0]], found[0] + 1
-                assert self._news.wait(30.0), f"'{beginning}' was not said, but {self.said[-3:]}"
+                    return self.texts[found[0]], found[0] + 1
+                assert self._news.wait(30.0), f"'{beginning}' was not received; last {self.texts[-3:]}"
 
 
 class Page:
-    """The page in Chromium, as somebody sees it."""
+    """The page in Chromium."""
 
     def __init__(self, page: Any) -> None:
         self._page = page
@@ -226,10 +228,10 @@ class Page:
         page.evaluate(CLICKED)
 
     def memory(self) -> float:
-        """What its script holds after the garbage is collected [MB]."""
+        """Return the memory of its script after garbage collection [MB]."""
         self._tools.send("HeapProfiler.collectGarbage")
-        told = {m["name"]: m["value"] for m in self._tools.send("Performance.getMetrics")["metrics"]}
-        return float(told["JSHeapUsedSize"]) / 1e6
+        message = {m["name"]: m["value"] for m in self._tools.send("Performance.getMetrics")["metrics"]}
+        return float(message["JSHeapUsedSize"]) / 1e6
 
     def open_on_phone(self, port: int) -> float:
         """Open the page as a slow phone does; return the time from navigation until STOP can be pressed [s]."""
@@ -242,15 +244,15 @@ class Page:
         return seen / 1e3
 
     def stop(self) -> float:
-        """Click on STOP and return when, by ``time.monotonic``."""
+        """Click on STOP and return the time of the click (``time.monotonic``)."""
         self._page.click("#stop")
         return float(self._page.evaluate("window.clicked")) / 1e3 - (time.time() - time.monotonic())
 
 
 @contextmanager
-def chromium(port: int, *, wanted: bool) -> Iterator[Page | None]:
-    """Yield the page of the server at *port* in Chromium, None where that is not *wanted*."""
-    if not wanted:
+def chromium(port: int, *, is_open: bool) -> Iterator[Page | None]:
+    """Yield the page of the server at *port* in Chromium, or None if not *is_open*."""
+    if not is_open:
         yield None
         return
     from playwright.sync_api import sync_playwright
@@ -265,7 +267,7 @@ def chromium(port: int, *, wanted: bool) -> Iterator[Page | None]:
 
 
 def thirds(sizes: list[float]) -> str:
-    """Say how *sizes* [MB] went."""
+    """Return a summary of *sizes* [MB] over time."""
     third = max(len(sizes) // 3, 1)
     second, last = max(sizes[third : 2 * third]), max(sizes[2 * third :])
     return f"{sizes[0]:.1f} MB at first, at most {second:.1f} in the second third and {last:.1f} in the last"
@@ -275,8 +277,8 @@ def cost(seconds: float, viewers: int, *, in_browser: bool) -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder:
         server = Server(Path(folder))
         found = {}
-        for what in ("silent", "told"):
-            watching = Viewers(server.port, viewers if what == "told" else 0)
+        for what in ("silent", "reported"):
+            watching = Viewers(server.port, viewers if what == "reported" else 0)
             out = server.start(f"udpin:{what}")
             time.sleep(2.0)
             before, begun, messages = server.processor(), time.monotonic(), watching.messages
@@ -289,14 +291,14 @@ def cost(seconds: float, viewers: int, *, in_browser: bool) -> list[Figure]:
             time.sleep(0.5)
             found[what] = json.loads((out / "late.json").read_text())
         late = {what: sorted(1e3 * x for x in each["late"]) for what, each in found.items()}
-        took = sorted(1e6 * x for x in found["told"]["took"])
+        took = sorted(1e6 * x for x in found["reported"]["took"])
         print(f"server, {viewers} viewers at {rate:.1f} Hz: {share:.2f} % of a core (goal 3)")
         for what, each in late.items():
             print(f"tick late, {what}: median {each[len(each) // 2]:.2f} ms, 99 % {each[int(0.99 * len(each))]:.2f}, "
                   f"worst {each[-1]:.2f} of {len(each)}")  # fmt: skip
-        print(f"telling a tick: median {took[len(took) // 2]:.0f} us, worst {took[-1]:.0f} (goal: 5 ms late at most)")
+        print(f"sending a tick: median {took[len(took) // 2]:.0f} us, worst {took[-1]:.0f} (goal: 5 ms late at most)")
         watching = Viewers(server.port, viewers)
-        with chromium(server.port, wanted=in_browser) as page:
+        with chromium(server.port, is_open=in_browser) as page:
             out = server.start("udpin:hour")
             sizes, shown = [], []
             while not (out / "late.json").exists():
@@ -307,7 +309,7 @@ def cost(seconds: float, viewers: int, *, in_browser: bool) -> list[Figure]:
         if shown:
             print(f"memory over an hour's ticks, page in Chromium: {thirds(shown)}")
         server.close()
-    later = late["told"][-1] - late["silent"][-1]
+    later = late["reported"][-1] - late["silent"][-1]
     return [
         Figure(f"processor at {rate:.0f} Hz with {viewers} viewers", share, "%", most=3.0),
         Figure("worst lateness of a tick, more than without the page", later, "ms", most=5.0),
@@ -323,21 +325,21 @@ def stops(count: int, viewers: int, *, in_browser: bool, on_phone: bool = False)
             server = Server(Path(folder))
             watching = Viewers(server.port, viewers)
             time.sleep(2.0)
-            with chromium(server.port, wanted=in_browser) as page:
+            with chromium(server.port, is_open=in_browser) as page:
                 out = server.start("tcp:127.0.0.1:5797")
                 connection = http.client.HTTPConnection("127.0.0.1", server.port)
                 delays, opened, heard = [], [], 0
                 for k in range(count):
-                    _, heard = watching.hear("swinging", heard)
+                    _, heard = watching.wait_for("alternating", heard)
                     if page is not None and on_phone:
                         opened.append(page.open_on_phone(server.port))
-                    time.sleep(0.3 + 0.013 * (k % 31))  # anywhere in a tick
+                    time.sleep(0.3 + 0.013 * (k % 31))  # at any point of a tick
                     begun = time.monotonic() if page is None else page.stop()
                     if page is None:
                         server.post("/stop", {}, connection)
                     if k == count - 1:
                         (out / "enough").touch()
-                    text, heard = watching.hear("neutral ", heard)
+                    text, heard = watching.wait_for("neutral ", heard)
                     (sent,) = json.loads(text.partition(" ")[2])
                     delays.append(1e3 * (sent - begun))
             delays.sort()
@@ -364,12 +366,14 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--stops", type=int, default=20)
     parser.add_argument("--viewers", type=int, default=4)
-    parser.add_argument("--browser", action="store_true", help="the page in Chromium, too: STOP counts from a click")
+    parser.add_argument(
+        "--browser", action="store_true", help="also open the page in Chromium; the time to STOP starts at a click"
+    )
     parser.add_argument("--phone", action="store_true", help="only the time until a phone can stop a run")
     args = parser.parse_args()
     if args.phone:
         measured = stops(args.stops, args.viewers, in_browser=True, on_phone=True)
-        headline("web_page_phone", "time until somebody with a phone stops a run", measured)
+        headline("web_page_phone", "time until a phone can stop a run", measured)
         return
     static = Path("gcs_autotune/web/static")
     sizes = sum(p.stat().st_size for p in static.iterdir())

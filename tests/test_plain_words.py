@@ -44,6 +44,7 @@ ROOMS = (
     "gcs_autotune/workflow",
     "gcs_autotune_files",
     "sitl",
+    "benchmarks",
 )
 """Packages whose texts are checked."""
 

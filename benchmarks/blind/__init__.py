@@ -1,16 +1,16 @@
-"""The blind suite: effects drawn at random, hidden in runs of the simulator's tank, and looked for by the diagnosis.
+"""The blind suite: it hides random effects in runs of the open-loop simulator, and diagnoses the runs.
 
 ===========  ==========================================================================================
-craft        a bare hull, its commands' sizes, its sensors and their noise, drawn at random
-flying       open-loop manoeuvres drawn at random
-sizes        how the place and the numbers of each effect of the book are drawn
-foreign      effects that are in nobody's book, kept here
-plain        the plain model fitted by hand: how much an effect matters, without asking the diagnosis
-case         one case drawn: runs with a secret
-referee      the diagnosis asked, its answer against the secret
-scoring      confusion matrix, rates with bounds, running tallies
+craft        random hull, largest commands, sensors and sampling
+manoeuvres   random open-loop manoeuvres
+recipes      random place and parameters of each effect of the catalogue
+foreign      effects that are not in the catalogue
+plain_model  fit of the plain model without the diagnosis: how large the error due to an effect is
+case         one random case: runs with hidden effects
+referee      the diagnosis of a case, compared with the hidden effects
+scoring      confusion matrix, rates with confidence bounds
 ===========  ==========================================================================================
 
-``python3 -m benchmarks.blind`` runs it; ``tests/diagnose/test_blind_small.py`` runs a small fixed part. Drawing knows
-the simulator only; the answers come from :func:`gcs_autotune.diagnose.diagnose`, which shares no code with it.
+``python3 -m benchmarks.blind`` runs it; ``tests/diagnose/test_blind_small.py`` runs a small fixed part. The cases
+come from the simulator alone. It shares no code with :func:`gcs_autotune.diagnose.diagnose`.
 """

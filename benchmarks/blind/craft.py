@@ -1,4 +1,4 @@
-"""A bare hull drawn at random: time constants from 0.1 s to 20 s, its largest commands, its sensors and sampling."""
+"""Draw a random craft: a hull with time constants from 0.1 s to 20 s, its largest commands, sensors and sampling."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ FORCE: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
 POSITION: Mapping[str, str] = {"surge": "x", "sway": "y", "heave": "z", "yaw": "psi"}
 
 FASTEST, SLOWEST = 0.1, 20.0
-"""Time constants [s] of the hulls."""
+"""Range of the time constants [s] of the hulls."""
 
 
 @dataclass(frozen=True)
 class Craft:
-    """A plain hull and what is on board.
+    """A hull with its actuators and sensors.
 
-    ``inertia``, ``linear`` per degree of freedom, SI (per radian of rudder where the input is ``delta``); ``full`` the
-    largest command of each channel; ``top`` the speed it holds; ``drives`` channel -> degree of freedom;
-    ``signals`` what is measured; ``scale`` the size of each signal that noise is a share of;
-    ``interval`` [s], ``samples`` of a run.
+    ``inertia``, ``linear`` per degree of freedom, SI (per radian of rudder if the input is ``delta``); ``full``: the
+    largest command of each channel; ``top``: the steady speed at it; ``drives``: channel -> degree of freedom;
+    ``signals``: the measured signals; ``scale``: the size of each signal, to which the noise is relative;
+    ``interval``: sampling interval [s]; ``samples``: samples of a run.
     """
 
     kind: str
@@ -43,7 +43,7 @@ class Craft:
 
     @property
     def main(self) -> str:
-        """The degree of freedom the case is about: yaw, or the first."""
+        """The degree of freedom to diagnose: yaw, or the first."""
         return "yaw" if "yaw" in self.dofs else self.dofs[0]
 
     @property
@@ -67,11 +67,11 @@ class Craft:
 
     @property
     def on_track(self) -> Craft:
-        """It with its track and heading measured, and no speed: what a camera above the basin sees."""
+        """The craft with measured track and heading and no measured speed, as with a camera above the basin."""
         return self.measuring("x", "y", "psi")
 
     def measuring(self, *signals: str) -> Craft:
-        """Return it with other signals measured."""
+        """Return the craft with other measured signals."""
         return replace(self, signals=signals)
 
 
@@ -80,8 +80,8 @@ def log_uniform(rng: Rng, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _axis(rng: Rng, dof: str, pace: float, heavy: float) -> tuple[float, float, float]:
-    """Return inertia, linear drag and the speed full command holds."""
+def _axis(rng: Rng, dof: str, pace: float, mass: float) -> tuple[float, float, float]:
+    """Return inertia, linear drag and the steady speed at full command."""
     if dof == "yaw":
         top = min(log_uniform(rng, 0.3, 3.0) / pace, 1.5)
         top = max(top, 0.03)
@@ -89,15 +89,15 @@ def _axis(rng: Rng, dof: str, pace: float, heavy: float) -> tuple[float, float, 
         top = log_uniform(rng, 0.4, 4.0)
     else:
         top = log_uniform(rng, 0.15, 1.0)
-    return heavy, heavy / pace, top
+    return mass, mass / pace, top
 
 
 def _make(rng: Rng, kind: str, dofs: tuple[str, ...], drives: Mapping[str, str], paces: Mapping[str, float]) -> Craft:
-    heavy = log_uniform(rng, 0.3, 3000.0)
+    mass = log_uniform(rng, 0.3, 3000.0)
     inertia, linear, top = {}, {}, {}
     for dof in dofs:
         share = 1.0 if len(dofs) == 1 else log_uniform(rng, 0.7, 1.5)
-        inertia[dof], linear[dof], top[dof] = _axis(rng, dof, paces[dof], heavy * share)
+        inertia[dof], linear[dof], top[dof] = _axis(rng, dof, paces[dof], mass * share)
     full = {channel: linear[dof] * top[dof] for channel, dof in drives.items()}
     if "delta" in drives:
         angle = rng.uniform(0.3, 0.6)
@@ -132,7 +132,7 @@ def _heave(rng: Rng) -> Craft:
 
 
 def _steered(rng: Rng) -> Craft:
-    """A craft that runs ahead and turns, its speed measured, its position not."""
+    """Return a craft that runs ahead and turns, with measured speed and no measured position."""
     pace = log_uniform(rng, 0.3, 10.0)
     paces = {"surge": float(np.clip(pace * log_uniform(rng, 0.7, 3.0), FASTEST, SLOWEST)), "yaw": pace}
     craft = _make(rng, "steered", ("surge", "yaw"), {"X": "surge", "N": "yaw"}, paces)
@@ -149,17 +149,17 @@ def _plane(rng: Rng, drives: Mapping[str, str], kind: str) -> Craft:
 
 
 def _boat(rng: Rng) -> Craft:
-    """Pushed ahead and turned; sway comes from coupling, current and the like only."""
+    """Return a craft with surge and yaw actuators; only coupling, current and the like make it sway."""
     return _plane(rng, {"X": "surge", "N": "yaw"}, "boat")
 
 
 def _raft(rng: Rng) -> Craft:
-    """Pushed in all three directions."""
+    """Return a craft with surge, sway and yaw actuators."""
     return _plane(rng, {"X": "surge", "Y": "sway", "N": "yaw"}, "raft")
 
 
 def _diver(rng: Rng) -> Craft:
-    """A craft that runs ahead, turns and dives."""
+    """Return a craft that runs ahead, turns and dives."""
     pace = log_uniform(rng, 0.3, 8.0)
     paces = {"yaw": pace}
     for dof, low, high in (("surge", 0.8, 3.0), ("heave", 0.5, 1.5)):

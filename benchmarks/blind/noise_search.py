@@ -1,4 +1,4 @@
-"""Blind cases for the search with process noise alone: about three seconds per case, not tens for a whole diagnosis.
+"""Run blind cases through the search with process noise alone, at about three seconds per case.
 
 Run: ``python3 -m benchmarks.blind.noise_search [--kind process-noise|mild|rough] [--seeds 101 102] [--only SLUG,..]
 [--whole] [--oracle] [--save F]``. Each seed has one case of each effect and three cases without an effect. With
@@ -10,10 +10,11 @@ Run: ``python3 -m benchmarks.blind.noise_search [--kind process-noise|mild|rough
 * first hints that are right, or name the right cause as indistinct, if no cause is reported and the improvement is
   three to ten (a lag or delay is right if the heading lags);
 * hints on craft without an effect, and the number expected by chance;
-* cases with two effects, and all counts for each of :data:`.rough.CIRCUMSTANCES`.
+* cases with two effects, and all counts for each of :data:`.rough_water.CIRCUMSTANCES`.
 
-If the heading lags, the causes of :data:`.rough.EXCUSED` are counted separately. The improvement by an effect is that
-of the search. ``--oracle`` also computes it with the disturbance known (:mod:`.oracle`).
+If the heading lags, the causes of :data:`.rough_water.EXCUSED` are counted separately. The
+improvement by an effect is that of the search. ``--oracle`` also computes it with the disturbance known
+(:mod:`.oracle`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from typing import Any
 from benchmarks.blind.case import Case, NoCase, draw_case
 from benchmarks.blind.oracle import visible
 from benchmarks.blind.process_noise import CALM, HIDDEN, MILD_HIDDEN
-from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, PAIR
+from benchmarks.blind.rough_water import CIRCUMSTANCES, EXCUSED, PAIR
 from benchmarks.blind.scoring import bounds
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
@@ -43,7 +44,7 @@ __all__ = ["main", "marked"]
 OFTEN = {CALM: 3, PAIR: 3}
 """Kind of case -> number of cases per seed; one for all others. Project choice."""
 
-WORTH, MILD = 10.0, 0.4
+LARGE, MILD = 10.0, 0.4
 """Improvement of the log-likelihood above which an effect should be reported; process noise, as a fraction of full
 command, up to which it is called mild. Project choices.
 """
@@ -76,38 +77,38 @@ def _answer(found: NoiseSearch | None) -> Row:
     """Return causes, groups and hints of a search as in a diagnosis, and the probability of a hint by chance."""
     if found is None:
         return {"named": [], "groups": [], "hints": [], "chance": 0.0}
-    told = supported(found)
+    causes = supported(found)
     return {
-        "named": [a.effect.slug for a in told.accepted],
-        "groups": [list(g) for g in told.alike()],
-        "hints": [[w.one.effect.slug, *w.alike] for w in weak_among(told)],
+        "named": [a.effect.slug for a in causes.accepted],
+        "groups": [list(g) for g in causes.alike()],
+        "hints": [[w.one.effect.slug, *w.alike] for w in weak_among(causes)],
         "chance": chance_of(FAINT, 1, found.tried),
     }
 
 
-def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
+def _run_case(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
     """Return the result row of one case, by the search with process noise or by a *whole* diagnosis."""
     case = draw_case(kind, seed, index, slug)
     begun = time.process_time()
     found: NoiseSearch | None = None
     if whole:
-        told = diagnose(list(case.runs), unseen=list(case.unseen))
+        diagnosis = diagnose(list(case.runs), unseen=list(case.unseen))
         answer: Row = {
-            "verdict": told.verdict,
-            "named": [c.effect.slug for c in told.causes],
-            "groups": [list(g) for g in told.indistinguishable],
-            "hints": [[h.cause, *h.alike] for h in told.hints],
-            "chance": chance_of(FAINT, 1, told.tried),
+            "verdict": diagnosis.verdict,
+            "named": [c.effect.slug for c in diagnosis.causes],
+            "groups": [list(g) for g in diagnosis.indistinguishable],
+            "hints": [[h.cause, *h.alike] for h in diagnosis.hints],
+            "chance": chance_of(FAINT, 1, diagnosis.tried),
         }
     else:
         found = _searched(case, list(EFFECTS))
         answer = _answer(found)
     seconds = time.process_time() - begun
-    worth = []
+    improvements = []
     for true in case.slugs:
         gain = _gain(found, true)
         # An effect that was not scored in the first step is searched alone.
-        worth.append(gain if gain is not None else _gain(_searched(case, [true]), true) or 0.0)
+        improvements.append(gain if gain is not None else _gain(_searched(case, [true]), true) or 0.0)
     row = {
         "kind": kind,
         "slug": slug,
@@ -115,8 +116,8 @@ def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
         "index": index,
         "truth": list(case.slugs),
         "circumstances": list(case.circumstances),
-        "weather": case.ratio,
-        "worth": min(worth, default=0.0),
+        "noise_share": case.ratio,
+        "improvement": min(improvements, default=0.0),
         "seconds": seconds,
         **answer,
     }
@@ -137,18 +138,18 @@ def marked(row: Row) -> Row:
     excused = [n for n in lagging if "lag" in row["circumstances"] and n not in hit]
     left = [n for n in named if n not in excused]
     true = [any(n == t or any({n, t} <= g for g in alike) for t in truth) for n in left]
-    told = sum(t in left or any(t in g and g & set(left) for g in alike) for t in truth)
+    reported = sum(t in left or any(t in g and g & set(left) for g in alike) for t in truth)
     pair = len(truth) > 1
     return {
-        "right": told == len(truth) and all(true) if pair else bool(true) and true[0],
-        "one": pair and told == 1 and all(true),
+        "right": reported == len(truth) and all(true) if pair else bool(true) and true[0],
+        "one": pair and reported == 1 and all(true),
         "wrong": not all(true) if pair else bool(true) and not true[0],
         "beside": not pair and bool(true) and true[0] and not all(true),
         "excused": excused,
     }
 
 
-def _told(what: str, hits: int, of: int, goal: str = "-") -> str:
+def _rate(what: str, hits: int, of: int, goal: str = "-") -> str:
     low, high = bounds(hits, of)
     return f"{what:58} {hits:4d} of {of:4d}  ({100 * low:.0f} to {100 * high:.0f} %)  goal {goal}"
 
@@ -161,35 +162,35 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the lines of the report: the counts of all *rows*, then by circumstances."""
     single = [r for r in rows if len(r["truth"]) == 1]
     clean, pairs = ([r for r in rows if len(r["truth"]) == n] for n in (0, 2))
-    large, mild = [r for r in single if r["worth"] >= WORTH], [r for r in single if r["weather"] <= MILD]
+    large, mild = [r for r in single if r["improvement"] >= LARGE], [r for r in single if r["noise_share"] <= MILD]
     for what, some, goal in (
         ("right cause first (alone or in a group)", single, "-"),
-        (f"  improvement of the log-likelihood by {WORTH:g} or more", large, "85 %"),
+        (f"  improvement of the log-likelihood by {LARGE:g} or more", large, "85 %"),
         (f"  process noise up to {100 * MILD:.0f} % of full command", mild, "50 %"),
     ):
-        yield _told(what, _count(some, "right"), len(some), goal)
+        yield _rate(what, _count(some, "right"), len(some), goal)
     if known := [r for r in single if r.get("visible") is not None]:
-        seen = [r for r in known if r["visible"] >= WORTH]
-        yield f"visible with known disturbance (improvement by {WORTH:g}): {len(seen)} of {len(known)} effects"
-        yield _told("  visible effects, right cause first", _count(seen, "right"), len(seen), "85 %")
-        calm = [r for r in seen if r["weather"] <= MILD]
-        yield _told(f"  visible effects in noise up to {100 * MILD:.0f} %", _count(calm, "right"), len(calm))
-    yield _told("wrong cause first", _count(single, "wrong"), len(single))
-    yield _told("wrong cause after the right one", _count(single, "beside"), len(single))
-    yield _told("cause reported without an effect", _count(clean, "wrong"), len(clean), "at most 3 %")
+        seen = [r for r in known if r["visible"] >= LARGE]
+        yield f"visible with known disturbance (improvement by {LARGE:g}): {len(seen)} of {len(known)} effects"
+        yield _rate("  visible effects, right cause first", _count(seen, "right"), len(seen), "85 %")
+        mild_seen = [r for r in seen if r["noise_share"] <= MILD]
+        yield _rate(f"  visible effects in noise up to {100 * MILD:.0f} %", _count(mild_seen, "right"), len(mild_seen))
+    yield _rate("wrong cause first", _count(single, "wrong"), len(single))
+    yield _rate("wrong cause after the right one", _count(single, "beside"), len(single))
+    yield _rate("cause reported without an effect", _count(clean, "wrong"), len(clean), "at most 3 %")
     yield from _hints(single, clean)
     if pairs:
-        seen = [r for r in pairs if r["worth"] >= WORTH]
-        yield _told("two effects: both reported, and nothing else", _count(pairs, "right"), len(pairs))
-        yield _told(f"  two effects that each improve it by {WORTH:g}: both reported", _count(seen, "right"), len(seen))
-        yield _told("two effects: one reported, and nothing else", _count(pairs, "one"), len(pairs))
-        yield _told("two effects: a wrong cause reported", _count(pairs, "wrong"), len(pairs))
+        seen = [r for r in pairs if r["improvement"] >= LARGE]
+        yield _rate("two effects: both reported, and nothing else", _count(pairs, "right"), len(pairs))
+        yield _rate(f"  two effects that each improve it by {LARGE:g}: both reported", _count(seen, "right"), len(seen))
+        yield _rate("two effects: one reported, and nothing else", _count(pairs, "one"), len(pairs))
+        yield _rate("two effects: a wrong cause reported", _count(pairs, "wrong"), len(pairs))
     lagging = [r for r in rows if "lag" in r["circumstances"]]
     if lagging:
-        yield _told("lagging heading reported as lagging commands", _count(lagging, "excused"), len(lagging))
+        yield _rate("lagging heading reported as lagging commands", _count(lagging, "excused"), len(lagging))
     if not any(r["circumstances"] for r in rows):
         return
-    yield f"\n{'':10} gain {WORTH:g}: right  single: wrong  clean: cause  pairs: both, one, wrong"
+    yield f"\n{'':10} gain {LARGE:g}: right  single: wrong  clean: cause  pairs: both, one, wrong"
     for name in (*CIRCUMSTANCES, "none"):
         one, two, none, pair = (
             [r for r in some if name in r["circumstances"] or (name == "none" and not r["circumstances"])]
@@ -204,25 +205,25 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
 
 def _hints(single: Sequence[Row], clean: Sequence[Row]) -> Iterator[str]:
     """Yield lines with the count of right first hints for weak effects, and of hints on craft without an effect."""
-    weak = [r for r in single if FAINT <= r["worth"] < WORTH and not r["named"]]
-    given, silent = [r for r in weak if r["hints"]], [r for r in clean if not r["named"]]
-    right = sum(r["hints"][0][0] in r["truth"] for r in given)
-    held = sum(
-        bool(set(r["hints"][0]) & {*r["truth"], *(EXCUSED if "lag" in r["circumstances"] else ())}) for r in given
+    weak = [r for r in single if FAINT <= r["improvement"] < LARGE and not r["named"]]
+    hinted, silent = [r for r in weak if r["hints"]], [r for r in clean if not r["named"]]
+    right = sum(r["hints"][0][0] in r["truth"] for r in hinted)
+    contained = sum(
+        bool(set(r["hints"][0]) & {*r["truth"], *(EXCUSED if "lag" in r["circumstances"] else ())}) for r in hinted
     )
-    yield _told(f"improvement by {FAINT:g} to {WORTH:g}, no cause: hint reported", len(given), len(weak))
-    yield _told("  of these, first hint right", right, len(given))
-    yield _told("  of these, right or reported as indistinct from it", held, len(given), "90 %")
-    yield _told("hint reported without an effect", sum(bool(r["hints"]) for r in silent), len(silent))
+    yield _rate(f"improvement by {FAINT:g} to {LARGE:g}, no cause: hint reported", len(hinted), len(weak))
+    yield _rate("  of these, first hint right", right, len(hinted))
+    yield _rate("  of these, right or reported as indistinct from it", contained, len(hinted), "90 %")
+    yield _rate("hint reported without an effect", sum(bool(r["hints"]) for r in silent), len(silent))
     yield f"  expected by chance: at most {sum(r['chance'] for r in silent):.1f}"
 
 
 def _line(row: Row) -> str:
     mark = next((m for m in ("wrong", "right", "one") if row[m]), "-")
-    sight = f" to be seen {row['visible']:6.1f}" if row.get("visible") is not None else ""
+    visible_gain = f" visible {row['visible']:6.1f}" if row.get("visible") is not None else ""
     return (
-        f"{mark:5} {'+'.join(row['truth']) or CALM:32} {row['seed']:4d}.{row['index']} x{row['weather']:.2f} "
-        f"worth {row['worth']:6.1f}{sight} {','.join(row['circumstances']):24} "
+        f"{mark:5} {'+'.join(row['truth']) or CALM:32} {row['seed']:4d}.{row['index']} x{row['noise_share']:.2f} "
+        f"gain {row['improvement']:6.1f}{visible_gain} {','.join(row['circumstances']):24} "
         f"-> {_outcome(row):30} {row['seconds']:5.1f} s"
     )
 
@@ -237,34 +238,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.blind.noise_search", description=__doc__)
     parser.add_argument("--kind", choices=("process-noise", "mild", "rough"), default="process-noise")
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
-    parser.add_argument("--only", default="", help=f"effects, joined by commas; {CALM} for none hidden, {PAIR} for two")
+    parser.add_argument(
+        "--only", default="", help=f"only these effects, separated by commas; {CALM}: none hidden, {PAIR}: two"
+    )
     parser.add_argument("--whole", action="store_true", help="run whole diagnoses, tens of seconds each")
     parser.add_argument(
         "--oracle", action="store_true", help="also compute the gain of each effect with known disturbance"
     )
     parser.add_argument("--save", type=Path, help="write a line per case; cases already in the file are not run again")
-    asked = parser.parse_args(arguments)
-    lines = asked.save.read_text(encoding="utf-8").splitlines() if asked.save and asked.save.exists() else []
+    options = parser.parse_args(arguments)
+    lines = options.save.read_text(encoding="utf-8").splitlines() if options.save and options.save.exists() else []
     known = {(r["kind"], r["seed"], r["index"], r["slug"]): r for r in map(json.loads, lines)}
     rows = []
-    for key in _cases(asked.kind, asked.seeds, [s for s in asked.only.split(",") if s]):
+    for key in _cases(options.kind, options.seeds, [s for s in options.only.split(",") if s]):
         before = known.get(key)
         try:
-            row = before or _asked(*key, whole=asked.whole)
-            if asked.oracle and "visible" not in row:
+            row = before or _run_case(*key, whole=options.whole)
+            if options.oracle and "visible" not in row:
                 row = {**row, "visible": visible(draw_case(*key))}
         except NoCase:
             continue
         if row is not before:
             known[key] = row
-            if asked.save:
-                with asked.save.open("a", encoding="utf-8") as stream:
+            if options.save:
+                with options.save.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(known[key]) + "\n")
         rows.append({**known[key], **marked(known[key])})
         print(_line(rows[-1]), flush=True)
     print("\n".join(report(rows)))
-    if not asked.only and not asked.whole:
-        headline(f"blind.noise_search-{asked.kind}", MEASURES[asked.kind], _figures(rows))
+    if not options.only and not options.whole:
+        headline(f"blind.noise_search-{options.kind}", MEASURES[options.kind], _figures(rows))
     return 0
 
 
@@ -277,10 +280,10 @@ MEASURES = {
 
 def _figures(rows: Sequence[Row]) -> list[Figure]:
     single, clean = ([r for r in rows if len(r["truth"]) == n] for n in (1, 0))
-    large, mild = [r for r in single if r["worth"] >= WORTH], [r for r in single if r["weather"] <= MILD]
+    large, mild = [r for r in single if r["improvement"] >= LARGE], [r for r in single if r["noise_share"] <= MILD]
     return [
         count(
-            f"effects that improve the log-likelihood by {WORTH:g} nats, reported first",
+            f"effects that improve the log-likelihood by {LARGE:g} nats, reported first",
             _count(large, "right"),
             len(large),
             least=0.85,

@@ -19,7 +19,17 @@ from benchmarks.blind.foreign import Foreign
 from sitl.effects import EffectParameter, Setting
 from sitl.sensors import SensorReading
 
-__all__ = ["BURSTS", "CALM", "HIDDEN", "MILD_HIDDEN", "WEATHER", "Weather", "drawn_weather", "mild_weather", "smoothed"]
+__all__ = [
+    "BURSTS",
+    "CALM",
+    "DISTURBANCES",
+    "HIDDEN",
+    "MILD_HIDDEN",
+    "DriftingMoment",
+    "draw_drifting_moment",
+    "draw_mild_moment",
+    "smoothed",
+]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -47,10 +57,10 @@ BURSTS = "bursts"
 """Column of the simulator's file that is not passed to the diagnosis."""
 
 
-class Weather(Foreign):
-    """A drifting moment with bursts."""
+class DriftingMoment(Foreign):
+    """A drifting moment (Ornstein-Uhlenbeck process) with bursts."""
 
-    slug = "weather"
+    slug = "drifting-moment"
     parameters = (
         EffectParameter("spread", "N m"),
         EffectParameter("memory", "s"),
@@ -59,13 +69,13 @@ class Weather(Foreign):
     )
 
     def reset(self) -> None:
-        """Begin anywhere."""
+        """Start at random."""
         self._force = self.draw.gauss(0.0, self["spread"])
         self._burst, self._left = 0.0, 0.0
         self._bursts: list[tuple[float, int]] = [(-math.inf, 0)]
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Push."""
+        """Add the moment."""
         keep = math.exp(-dt / self["memory"])
         self._force = keep * self._force + self.draw.gauss(0.0, self["spread"] * math.sqrt(1.0 - keep * keep))
         self._left -= dt
@@ -81,37 +91,38 @@ class Weather(Foreign):
         inputs[self.channel] += self._force + self._burst
 
     def alter_file(self, columns: dict[str, Array]) -> None:
-        """Write down, for referees, which burst there is: its number; that of the last one, negative, for none."""
+        """Write the number of the present burst for the scoring; without a burst, minus the number of the last one."""
         began, number = np.array(self._bursts).T
         columns[BURSTS] = number[np.searchsorted(began, columns["t"], side="right") - 1]
 
 
 class Waves(Foreign):
-    """A moment in a narrow band of frequencies, and a bow that swings with it: white noise through
-    ``s / (s^2 + 2 damping frequency s + frequency^2)``.
+    """A moment in a narrow frequency band, and a heading motion with it.
+
+    Both are white noise through ``s / (s^2 + 2 damping frequency s + frequency^2)``.
     """
 
     slug = "waves"
     parameters = (
         EffectParameter("moment", "N m"),
-        EffectParameter("swing", "rad"),
+        EffectParameter("heading", "rad"),
         EffectParameter("frequency", "rad/s"),
         EffectParameter("damping", "1"),
     )
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time of a radian of them [s]."""
+        """Return the reciprocal of the frequency [s]."""
         return 1.0 / self["frequency"]
 
     def reset(self) -> None:
-        """Begin at any phase. The second state is the sea, of unit spread, the first goes with its integral."""
-        self._sea = np.array([self.draw.gauss(0.0, 1.0), self.draw.gauss(0.0, 1.0)])
+        """Start at a random phase. The second state is the wave, of unit variance; the first follows its integral."""
+        self._wave = np.array([self.draw.gauss(0.0, 1.0), self.draw.gauss(0.0, 1.0)])
         self._dt = math.nan
         self._log: list[tuple[float, float]] = []
         self._seen: Array | None = None
 
-    def _rule(self, dt: float) -> None:
-        """Make transition and noise of a step: exact, and such that both states keep their spread."""
+    def _set_step(self, dt: float) -> None:
+        """Compute the exact transition and noise of a step. The variance of both states stays 1."""
         omega, zeta = self["frequency"], self["damping"]
         root = math.sqrt(1.0 - zeta * zeta)
         c, s, fade = math.cos(omega * root * dt), math.sin(omega * root * dt) / root, math.exp(-zeta * omega * dt)
@@ -120,43 +131,43 @@ class Waves(Foreign):
         self._dt, self._F, self._L = dt, F, L
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Push."""
+        """Add the moment."""
         if dt != self._dt:
-            self._rule(dt)
-        self._log.append((t, float(self._sea[1])))
+            self._set_step(dt)
+        self._log.append((t, float(self._wave[1])))
         inputs[self.channel] += self["moment"] * self._log[-1][1]
-        self._sea = self._F @ self._sea + self._L @ (self.draw.gauss(0.0, 1.0), self.draw.gauss(0.0, 1.0))
+        self._wave = self._F @ self._wave + self._L @ (self.draw.gauss(0.0, 1.0), self.draw.gauss(0.0, 1.0))
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Swing the bow that is seen."""
+        """Add the heading motion."""
         if self._seen is None:  # the run is over: see open_loop
             self._seen = np.array(self._log).T
-        reading.psi += self["swing"] * float(np.interp(t, *self._seen))
+        reading.psi += self["heading"] * float(np.interp(t, *self._seen))
 
 
-class Day(Foreign):
-    """What one run has of its own: a constant moment (wind, trim), and thrust of the day in shares of the usual."""
+class RunToRun(Foreign):
+    """Run-to-run differences: a constant moment (wind, trim), and a factor of the thrust."""
 
-    slug = "day"
+    slug = "run-to-run"
     parameters = (EffectParameter("moment", "N m"), EffectParameter("thrust", "1"))
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Push, and make more or less of the command."""
+        """Add the moment, and scale the command."""
         inputs[self.channel] = self["thrust"] * inputs[self.channel] + self["moment"]
 
 
 class Lag(Foreign):
-    """A heading that comes *delay* late, through a first-order filter that runs one way, as GPS and compass do it."""
+    """A heading with a delay and a first-order filter in one direction, as from a GPS or compass."""
 
     slug = "lag"
     parameters = (EffectParameter("delay", "s"), EffectParameter("time_constant", "s"))
 
     def lateness(self) -> Mapping[str, float]:
-        """Come late."""
+        """Return the delay of the heading."""
         return {"psi": self["delay"]}
 
     def alter_file(self, columns: dict[str, Array]) -> None:
-        """Filter what is written down; it begins where the first sample is."""
+        """Filter the recorded heading, starting at the first sample."""
         t, psi, time = columns["t"], columns["psi"], self["time_constant"]
         if time > 0.0:
             kept = np.exp(-np.diff(t) / time)
@@ -165,10 +176,10 @@ class Lag(Foreign):
 
 
 class Helm(Foreign):
-    """Somebody at the helm: by turns steers as planned and keeps the course that the bow had, by compass.
+    """A person at the helm who alternates between the planned commands and keeping the present heading.
 
-    ``gain``: share of full command per radian off course; ``rate``: of the turn rate [s]; ``every``: seconds between
-    two looks; ``spell``: mean seconds of a turn; ``most``: largest command.
+    ``gain``: command per heading error; ``rate``: command per turn rate; ``every``: time between two corrections [s];
+    ``spell``: mean duration of either [s]; ``most``: largest command.
     """
 
     slug = "helm"
@@ -178,36 +189,36 @@ class Helm(Foreign):
     )
 
     def reset(self) -> None:
-        """Begin as planned."""
+        """Start with the planned commands."""
         self._next, self._change, self._keeping = -math.inf, -math.inf, True
-        self._told: list[tuple[float, float]] = []
+        self._commands: list[tuple[float, float]] = []
         self._goal, self._now = 0.0, 0.0
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Take the plan or the course."""
+        """Apply the planned command, or that which keeps the heading."""
         if t >= self._next - 1e-9:
             self._next = t + self["every"]
             if t >= self._change:
                 self._change = t + self.draw.expovariate(1.0 / self["spell"])
                 self._keeping, self._goal = not self._keeping, self.state.psi
-            off = self._goal - self.state.psi
-            wanted = self["gain"] * off - self["rate"] * self.state.r
-            self._now = min(max(wanted, -self["most"]), self["most"])
+            error = self._goal - self.state.psi
+            command = self["gain"] * error - self["rate"] * self.state.r
+            self._now = min(max(command, -self["most"]), self["most"])
         if self._keeping:
             inputs[self.channel] = self._now
-        self._told.append((t, inputs[self.channel]))
+        self._commands.append((t, inputs[self.channel]))
 
     def alter_file(self, columns: dict[str, Array]) -> None:
-        """Write down what was commanded."""
-        t, told = np.array(self._told).T
-        columns[self.channel] = told[np.searchsorted(t, columns["t"] + 1e-9, side="right") - 1]
+        """Record the commands."""
+        t, commands = np.array(self._commands).T
+        columns[self.channel] = commands[np.searchsorted(t, columns["t"] + 1e-9, side="right") - 1]
 
 
-WEATHER: Mapping[str, type[Foreign]] = {kind.slug: kind for kind in (Weather, Waves, Day, Lag, Helm)}
+DISTURBANCES: Mapping[str, type[Foreign]] = {kind.slug: kind for kind in (DriftingMoment, Waves, RunToRun, Lag, Helm)}
 """Slug -> disturbance or sensor error that is added to the hidden effects."""
 
 
-def drawn_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
+def draw_drifting_moment(rng: Rng, craft: Craft) -> Mapping[str, float]:
     """Return parameters of a drifting moment of 10 to 100 % of full command.
 
     The correlation time is 0.5 to 5 time constants of the craft. The moment has bursts with a probability of 0.5.
@@ -222,7 +233,7 @@ def drawn_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
     }
 
 
-def mild_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
+def draw_mild_moment(rng: Rng, craft: Craft) -> Mapping[str, float]:
     """Return parameters of a drifting moment of 25 to 35 % of full command, without bursts.
 
     The correlation time is 0.5 to 5 time constants of the craft.

@@ -1,4 +1,4 @@
-"""The diagnosis asked about a case, and its answer held against the secret."""
+"""Run the diagnosis on a case, and compare its result with the hidden effects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.case import GIVEN, Case, NoCase, draw_case
+from benchmarks.blind.case import WITH_MODEL, Case, NoCase, draw_case
 from benchmarks.blind.craft import FORCE, SPEED
 from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.diagnose.process_noise import search_with_process_noise
@@ -24,7 +24,7 @@ from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.models.coupled import CoupledModel, Form
 from sitl.effects import BadEffect
 
-__all__ = ["LONGEST", "NEAR", "Outcome", "form_of", "given_model", "judge", "play"]
+__all__ = ["LONGEST", "NEAR", "Outcome", "form_of", "given_model", "judge", "run_case"]
 
 NEAR = 3.0
 """Standard errors within which a parameter counts as recovered."""
@@ -32,16 +32,16 @@ NEAR = 3.0
 DRIFT = "input-bias"
 """Slug of the effect that is the mean drift force of a sea.
 
-A sea for surge contains such a force as well as the waves. Both reported together are therefore right, in either order.
+In surge a sea has this force and waves. Reporting both is therefore right, in either order.
 """
 
 LONGEST = math.inf
-"""Seconds after which a diagnosis is stopped, unless asked otherwise: it is limited by its work."""
+"""Default time limit of a diagnosis [s]: none. The diagnosis limits its own work."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a case. ``pulls``: name -> (true, found, standard error) of the rightly named effects."""
+    """Result of a case. ``pulls``: parameter -> (true value, estimate, standard error) of the effects found."""
 
     kind: str
     seed: int
@@ -62,24 +62,24 @@ class Outcome:
     seconds: float = 0.0
     drawing: float = 0.0
     error: str = ""
-    numbers: list[str] = field(default_factory=list)
-    """Numbers of the given model that are wrong."""
-    doubted: list[str] = field(default_factory=list)
-    """Those that the diagnosis says are."""
+    wrong_numbers: list[str] = field(default_factory=list)
+    """Parameters of the supplied model that are wrong."""
+    reported_numbers: list[str] = field(default_factory=list)
+    """Parameters that the diagnosis reports as wrong."""
     doubts: list[str] = field(default_factory=list)
-    """Names of the doubts the diagnosis has of itself."""
-    worth: float = float("nan")
+    """Slugs of the doubts that the diagnosis reports."""
+    improvement: float = float("nan")
     """Improvement of the log-likelihood by the true effect alone, for cases with process noise."""
 
     @property
     def first(self) -> str:
-        """What the answer comes to in one word: its first cause, or its verdict."""
+        """The first cause, or the verdict if there is none."""
         return self.causes[0] if self.causes else self.verdict
 
     @property
     def strictly_right(self) -> bool:
-        """The right name first; nothing when there is nothing; both of two; no confident name for what is foreign."""
-        if self.kind in GIVEN:
+        """The true cause is first; both of two are reported; no cause without an effect or for a foreign one."""
+        if self.kind in WITH_MODEL:
             return self._numbers_right and (self.causes[:1] == self.truth if self.truth else self._nothing_else)
         if self.slug == "sea" and self.places == ["surge"]:
             both = [(slug, "surge") for slug in sorted([DRIFT, *self.truth])]
@@ -97,29 +97,29 @@ class Outcome:
 
     @property
     def _numbers_right(self) -> bool:
-        """Exactly the numbers that are wrong; of a simulator the plain model's that they change."""
+        """Exactly the wrong parameters; for a simulator, those of the plain model that they change."""
         if self.kind.endswith("simulation"):
-            return set(self.doubted) == {w for n in self.numbers for w in _as_plain(n)}
-        return set(self.doubted) == set(self.numbers)
+            return set(self.reported_numbers) == {w for n in self.wrong_numbers for w in _as_plain(n)}
+        return set(self.reported_numbers) == set(self.wrong_numbers)
 
     @property
     def _nothing_else(self) -> bool:
-        return self.verdict == ("wrong-numbers" if self.numbers else "no-effect")
+        return self.verdict == ("wrong-numbers" if self.wrong_numbers else "no-effect")
 
     @property
     def right(self) -> bool:
-        """The same when a name stands for its group of causes these runs cannot tell apart.
+        """The same, but a cause counts as every cause that the runs cannot distinguish from it.
 
-        Of a track that the plain model cannot follow a doubt said aloud is right as well.
+        For a track that the plain model does not fit, a reported doubt is also right.
         """
         if self.strictly_right or self.kind in ("clean", "clean-track", "foreign"):
             return self.strictly_right
         if self.kind == "track" and self.verdict != "effect-found" and (self.verdict != "no-effect" or self.doubts):
             return self.verdict != "error"
-        if self.kind in GIVEN and not (self._numbers_right and self.truth):
+        if self.kind in WITH_MODEL and not (self._numbers_right and self.truth):
             return False
-        named = self.causes if self.kind == "double" else self.causes[:1]
-        return all(t in named or any(t in g and set(g) & set(named) for g in self.groups) for t in self.truth)
+        causes = self.causes if self.kind == "double" else self.causes[:1]
+        return all(t in causes or any(t in g and set(g) & set(causes) for g in self.groups) for t in self.truth)
 
     def to_json(self) -> str:
         """Return one line."""
@@ -133,17 +133,17 @@ class Outcome:
 
 
 def _as_plain(number: str) -> set[str]:
-    """Return what a wrong number changes of the plain model: drag both gain and time constant, inertia the latter."""
+    """Return the parameters of the plain model that a wrong parameter changes."""
     dof = next(d for d, f in FORCE.items() if f == number[0])
     return {f"time constant of {dof}"} | (set() if number.endswith("dot") else {f"gain of {dof}"})
 
 
-def play(
+def run_case(
     kind: str, seed: int, index: int, slug: str, longest: float = LONGEST, among: Sequence[str] | None = None
 ) -> Outcome:
-    """Draw a case, ask, and return the outcome; errors of either are outcomes too.
+    """Draw a case, diagnose it, and return the outcome; an error of either is an outcome too.
 
-    longest : seconds after which the diagnosis is stopped. among : the effects it tries, None: all.
+    longest : time limit of the diagnosis [s]. among : the effects it tries; None: all.
     """
     begun = time.perf_counter()
     try:
@@ -156,7 +156,7 @@ def play(
 def judge(
     case: Case, seed: int, slug: str, drawing: float, longest: float = LONGEST, among: Sequence[str] | None = None
 ) -> Outcome:
-    """Ask the diagnosis about *case*."""
+    """Return the outcome of the diagnosis of *case*."""
     known = Outcome(
         kind=case.kind,
         seed=seed,
@@ -170,14 +170,14 @@ def judge(
         noise=case.noise,
         verdict="error",
         drawing=drawing,
-        numbers=list(case.wrong),
+        wrong_numbers=list(case.wrong),
     )
     begun = time.process_time()
     try:
-        model = None if case.kind not in GIVEN or case.simulations else given_model(case)
+        model = None if case.kind not in WITH_MODEL or case.simulations else given_model(case)
         form = form_of(case) if model is None else None
         runs, unseen = list(case.runs), list(case.unseen)
-        found = diagnose(
+        diagnosis = diagnose(
             runs,
             unseen=unseen,
             form=form,
@@ -187,16 +187,16 @@ def judge(
             max_seconds=longest,
         )
     except AutotuneError as error:
-        told = f"{type(error).__name__}: {error}"
-    except Exception:  # noqa: BLE001  a crash of the diagnosis is a wrong answer, and the suite goes on
-        told = traceback.format_exc()
+        message = f"{type(error).__name__}: {error}"
+    except Exception:  # noqa: BLE001  a crash of the diagnosis counts as wrong
+        message = traceback.format_exc()
     else:
-        return Outcome(**{**asdict(known), **_answer(found, case), "seconds": time.process_time() - begun})
-    return Outcome(**{**asdict(known), "error": told, "seconds": time.process_time() - begun})
+        return Outcome(**{**asdict(known), **_result(diagnosis, case), "seconds": time.process_time() - begun})
+    return Outcome(**{**asdict(known), "error": message, "seconds": time.process_time() - begun})
 
 
 def form_of(case: Case) -> Form | None:
-    """Return the base model's form when the plain one is not meant: without any drag."""
+    """Return the form of the base model if it is not the plain one: without drag."""
     if case.plain != "none":
         return None
     dof = case.craft.main
@@ -209,59 +209,59 @@ def form_of(case: Case) -> Form | None:
 
 
 def given_model(case: Case) -> ExtendedModel:
-    """Return the model that comes with a case: the true numbers, some of them wrong."""
+    """Return the supplied model of a case: the true parameters, some of them multiplied by a factor."""
     form = plain_form(case.runs)
     values = {}
     for dof in case.craft.dofs:
-        heavy = case.craft.inertia[dof] if dof in case.craft.drives.values() else 1.0
-        values[f"{FORCE[dof]}_{SPEED[dof]}dot"] = -heavy
-        values[f"{FORCE[dof]}_{SPEED[dof]}"] = -case.craft.linear[dof] * heavy / case.craft.inertia[dof]
+        inertia = case.craft.inertia[dof] if dof in case.craft.drives.values() else 1.0
+        values[f"{FORCE[dof]}_{SPEED[dof]}dot"] = -inertia
+        values[f"{FORCE[dof]}_{SPEED[dof]}"] = -case.craft.linear[dof] * inertia / case.craft.inertia[dof]
     values = {n: v * case.wrong.get(n, 1.0) for n, v in values.items() if n in form.parameters}
     return ExtendedModel(CoupledModel(form, values))
 
 
-def _answer(found: Diagnosis, case: Case) -> dict[str, Any]:
+def _result(diagnosis: Diagnosis, case: Case) -> dict[str, Any]:
     pulls: dict[str, list[float]] = {}
-    for cause in found.causes:
+    for cause in diagnosis.causes:
         if cause.effect.slug in case.truth:
             _, true = case.truth[cause.effect.slug]
             pulls.update(_pulls(cause.effect.slug, cause.parameters, true))
-    for number in found.wrong_numbers:
+    for number in diagnosis.wrong_numbers:
         if number.name in case.wrong:
-            true_one = given_model(case).base[number.name] / case.wrong[number.name]
-            pulls[f"number.{number.name}"] = [true_one, number.value, number.std]
+            true_value = given_model(case).base[number.name] / case.wrong[number.name]
+            pulls[f"number.{number.name}"] = [true_value, number.value, number.std]
     return {
-        "verdict": found.verdict,
-        "causes": [c.effect.slug for c in found.causes],
-        "found_at": [c.effect.place for c in found.causes],
-        "groups": [list(g) for g in found.indistinguishable],
+        "verdict": diagnosis.verdict,
+        "causes": [c.effect.slug for c in diagnosis.causes],
+        "found_at": [c.effect.place for c in diagnosis.causes],
+        "groups": [list(g) for g in diagnosis.indistinguishable],
         "pulls": pulls,
-        "gain": found.gain.ratio if found.gain is not None else float("nan"),
-        "doubts": [d.slug for d in found.doubts],
-        "doubted": [n.name for n in found.wrong_numbers],
-        "worth": _worth(case) if case.kind == "process-noise" else float("nan"),
+        "gain": diagnosis.gain.ratio if diagnosis.gain is not None else float("nan"),
+        "doubts": [d.slug for d in diagnosis.doubts],
+        "reported_numbers": [n.name for n in diagnosis.wrong_numbers],
+        "improvement": _improvement(case) if case.kind == "process-noise" else float("nan"),
     }
 
 
-def _worth(case: Case) -> float:
-    """Return what the true effect alone gains under process noise; NaN where nothing is hidden."""
+def _improvement(case: Case) -> float:
+    """Return the improvement by the true effect alone, with process noise modelled; NaN without a hidden effect."""
     if not case.truth:
         return float("nan")
     runs = list(case.runs)
     form = plain_form(runs)
     problem, base = fit_base(form, prepare_as_recorded(runs, form)[0])
-    found = search_with_process_noise(problem, base, list(case.truth), (), lambda *_: None)
-    judged = [] if found is None else [a for step in found.steps for a in step.judged if a.effect.slug in case.truth]
+    search = search_with_process_noise(problem, base, list(case.truth), (), lambda *_: None)
+    judged = [] if search is None else [a for step in search.steps for a in step.judged if a.effect.slug in case.truth]
     return max((a.gained for a in judged), default=0.0)
 
 
-def _pulls(slug: str, found: Mapping[str, Any], true: Mapping[str, float]) -> dict[str, list[float]]:
-    """Return (true, found, standard error) of every number the book knows; angles on the near side."""
+def _pulls(slug: str, estimates: Mapping[str, Any], true: Mapping[str, float]) -> dict[str, list[float]]:
+    """Return (true value, estimate, standard error) of every parameter; angles on the nearest turn."""
     pulls = {}
     for name, value in true.items():
-        if name in found:
-            got = found[name].value
+        if name in estimates:
+            estimate = estimates[name].value
             if name == "direction":
-                got = value + float(np.remainder(got - value + np.pi, 2.0 * np.pi) - np.pi)
-            pulls[f"{slug}.{name}"] = [value, got, found[name].std]
+                estimate = value + float(np.remainder(estimate - value + np.pi, 2.0 * np.pi) - np.pi)
+            pulls[f"{slug}.{name}"] = [value, estimate, estimates[name].std]
     return pulls

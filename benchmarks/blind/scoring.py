@@ -1,4 +1,4 @@
-"""What many outcomes come to: confusion matrix, rates with bounds, parameters, seconds."""
+"""Summary of many outcomes: confusion matrix, rates with confidence bounds, parameters, processor time."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from scipy.stats import beta
 
-from benchmarks.blind.case import GIVEN
+from benchmarks.blind.case import WITH_MODEL
 from benchmarks.blind.referee import NEAR, Outcome
 from benchmarks.results import Figure, count
 
 __all__ = ["bounds", "headlines", "recovered", "report", "tally"]
 
-KINDS = ("single", "environment", "clean", "double", "foreign", "track", "clean-track", "process-noise", *GIVEN)
+KINDS = ("single", "environment", "clean", "double", "foreign", "track", "clean-track", "process-noise", *WITH_MODEL)
 
 VISIBLE = 10.0
 """Improvement of the log-likelihood by the true effect above which it should be reported. Project choice."""
@@ -29,16 +29,16 @@ def bounds(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
     return low, high
 
 
-def recovered(true: float, found: float, std: float) -> bool | None:
-    """Whether a parameter is within :data:`NEAR` standard errors; chosen ones (no error) have to be equal.
+def recovered(true: float, estimate: float, std: float) -> bool | None:
+    """Whether a parameter is within :data:`NEAR` standard errors; one that was not fitted (error 0) must be equal.
 
-    None when no standard error is given: unknown.
+    None if the standard error is not known.
     """
     if std is None or not math.isfinite(std):
         return None
     if std == 0.0:
-        return math.isclose(true, found, rel_tol=1e-3)
-    return abs(found - true) <= NEAR * std
+        return math.isclose(true, estimate, rel_tol=1e-3)
+    return abs(estimate - true) <= NEAR * std
 
 
 def _rate(outcomes: Sequence[Outcome], *, strict: bool) -> str:
@@ -55,7 +55,7 @@ def _pulls(outcomes: Iterable[Outcome]) -> list[tuple[str, bool | None]]:
 
 
 def tally(outcomes: Sequence[Outcome]) -> str:
-    """Return the state of affairs in one line."""
+    """Return the numbers of right results by kind, in one line."""
     parts = []
     for kind in KINDS:
         some = [o for o in outcomes if o.kind == kind and o.verdict != "no-case"]
@@ -84,22 +84,22 @@ HEADLINES: Mapping[str, tuple[str, float | None]] = {
 
 def headlines(outcomes: Sequence[Outcome]) -> dict[str, tuple[str, list[Figure]]]:
     """Return, by kind of case, what it measures and its headline figures."""
-    found: dict[str, tuple[str, list[Figure]]] = {}
+    figures_of: dict[str, tuple[str, list[Figure]]] = {}
     for kind, (measures, goal) in HEADLINES.items():
         some = [o for o in outcomes if o.kind == kind and o.verdict != "no-case"]
         if some:
             pulls = [inside for _, inside in _pulls(some) if inside is not None]
             figures = [count("right, in a group", sum(o.right for o in some), len(some), least=goal)]
-            figures.append(count("right by the very name", sum(o.strictly_right for o in some), len(some)))
+            figures.append(count("right, first cause", sum(o.strictly_right for o in some), len(some)))
             if pulls:
                 figures.append(count("parameters within 3 standard errors", sum(pulls), len(pulls), least=0.8))
-            found[kind] = measures, figures
+            figures_of[kind] = measures, figures
     some = [o for o in outcomes if o.kind == "process-noise" and o.verdict != "no-case"]
-    hidden, calm = [o for o in some if o.truth], [o for o in some if not o.truth]
+    hidden, clean = [o for o in some if o.truth], [o for o in some if not o.truth]
     if some:
-        visible, mild = [o for o in hidden if o.worth > VISIBLE], [o for o in hidden if o.ratio <= 0.4]
+        visible, mild = [o for o in hidden if o.improvement > VISIBLE], [o for o in hidden if o.ratio <= 0.4]
         wrong = sum(bool(o.causes) and not o.right for o in hidden)
-        found["process-noise"] = (
+        figures_of["process-noise"] = (
             "diagnosis of runs with process noise and a hidden effect",
             [
                 count(
@@ -112,71 +112,72 @@ def headlines(outcomes: Sequence[Outcome]) -> dict[str, tuple[str, list[Figure]]
                 count("wrong causes", wrong, len(hidden), most=0.03),
                 count(
                     "craft without a hidden effect, no false finding",
-                    sum(not o.causes for o in calm),
-                    len(calm),
+                    sum(not o.causes for o in clean),
+                    len(clean),
                     least=0.97,
                 ),
             ],
         )
-    return found
+    return figures_of
 
 
 def report(outcomes: Sequence[Outcome]) -> str:
     """Return the whole report."""
-    played = [o for o in outcomes if o.verdict != "no-case"]
-    lines = ["rates (strict; a group that cannot be told apart counts as its members), 95 % bounds"]
+    completed = [o for o in outcomes if o.verdict != "no-case"]
+    lines = ["rates with 95 % bounds; 'in group': one of an indistinguishable group counts as its members"]
     for kind, what in (
-        ("single", "right name first"),
-        ("environment", "right name first, surroundings"),
-        ("clean", "silent on clean data"),
-        ("double", "both of two named"),
-        ("foreign", "no confident name for what is not in the book"),
-        ("track", "right name first, from positions and heading alone"),
-        ("clean-track", "silent on clean positions and heading"),
-        ("wrong-numbers", "exactly the wrong numbers, nothing else"),
-        ("wrong-numbers-and-effect", "the wrong number, and the effect"),
-        ("correct-model", "no finding on a correct model"),
-        ("correct-model-and-effect", "only the effect, on a correct model"),
-        ("simulation", "exactly what a simulator has wrong"),
-        ("correct-simulation", "no finding on a correct simulator"),
+        ("single", "right cause first"),
+        ("environment", "right cause first, environment"),
+        ("clean", "no finding without an effect"),
+        ("double", "both of two effects found"),
+        ("foreign", "no confident cause: effect not in the catalogue"),
+        ("track", "right cause first, positions and heading only"),
+        ("clean-track", "no finding, positions and heading only"),
+        ("wrong-numbers", "exactly the wrong parameters found"),
+        ("wrong-numbers-and-effect", "wrong parameter and effect found"),
+        ("correct-model", "no finding, correct model"),
+        ("correct-model-and-effect", "only the effect found, correct model"),
+        ("simulation", "exactly the wrong parameters of a simulator"),
+        ("correct-simulation", "no finding, correct simulator"),
     ):
-        some = [o for o in played if o.kind == kind]
+        some = [o for o in completed if o.kind == kind]
         if some:
             lines.append(f"  {what:48} {_rate(some, strict=True)}   in group {_rate(some, strict=False)}")
-    lines += _in_weather([o for o in played if o.kind == "process-noise"])
-    singles = [o for o in played if o.kind in ("single", "environment")]
+    lines += _with_process_noise([o for o in completed if o.kind == "process-noise"])
+    singles = [o for o in completed if o.kind in ("single", "environment")]
     if singles:
         lines += [
             "",
-            "per effect                 strict                        in group      error ratio   mistaken for",
+            "per effect                 strict                        in group      error ratio   reported instead",
         ]
         lines += [_line(slug, singles) for slug in dict.fromkeys(sorted(o.slug for o in singles))]
         lines += ["", *_matrix(singles)]
     for kind in KINDS[1:]:
-        lines += _missed([o for o in played if o.kind == kind], kind)
-    lines += _parameters(played)
-    lines += _seconds(played)
-    lines += [f"could not be drawn: {o.slug}: {o.error}" for o in outcomes if o.verdict == "no-case"]
-    crashed = [o for o in played if o.verdict == "error"]
+        lines += _missed([o for o in completed if o.kind == kind], kind)
+    lines += _parameters(completed)
+    lines += _seconds(completed)
+    lines += [f"not drawn: {o.slug}: {o.error}" for o in outcomes if o.verdict == "no-case"]
+    crashed = [o for o in completed if o.verdict == "error"]
     lines += [f"error in {o.kind} {o.slug} {o.index}: {o.error.strip().splitlines()[-1]}" for o in crashed]
     return "\n".join(lines)
 
 
-def _in_weather(some: Sequence[Outcome]) -> list[str]:
+def _with_process_noise(some: Sequence[Outcome]) -> list[str]:
     """Return the rates with process noise; ``ratio`` is the size of the noise as a fraction of full command."""
-    hidden, calm = [o for o in some if o.truth], [o for o in some if not o.truth]
-    visible = [o for o in hidden if o.worth > VISIBLE]
+    hidden, clean = [o for o in some if o.truth], [o for o in some if not o.truth]
+    visible = [o for o in hidden if o.improvement > VISIBLE]
     mild = [o for o in hidden if o.ratio <= 0.4]
-    named = sum(bool(o.causes) for o in calm)
+    reported = sum(bool(o.causes) for o in clean)
     lines = []
     if hidden:
         lines.append(f"  {f'process noise: right cause first, {VISIBLE:g} nats':48} {_rate(visible, strict=True)}")
         lines.append(f"  {'process noise up to 40 %: right cause first':48} {_rate(mild, strict=True)}")
         lines.append(f"  {'process noise: wrong cause first, of all hidden':48} {_wrongly(hidden)}")
-    if calm:
-        low, high = bounds(named, len(calm))
-        told = f"{100.0 * named / len(calm):5.1f} %  ({named}/{len(calm)}; {100.0 * low:.0f} to {100.0 * high:.0f})"
-        lines.append(f"  {'process noise without an effect: a cause':48} {told}")
+    if clean:
+        low, high = bounds(reported, len(clean))
+        rate = f"{100.0 * reported / len(clean):5.1f} %"
+        detail = f"({reported}/{len(clean)}; {100.0 * low:.0f} to {100.0 * high:.0f})"
+        lines.append(f"  {'process noise without an effect: a cause':48} {rate}  {detail}")
     return lines
 
 
@@ -195,16 +196,16 @@ def _line(slug: str, singles: Sequence[Outcome]) -> str:
 
 
 def _matrix(singles: Sequence[Outcome]) -> list[str]:
-    """Return the confusion matrix: truth down, first name across, only the columns that occur."""
+    """Return the confusion matrix: true effects as rows, first causes as columns, only the columns that occur."""
     counts = Counter((o.slug, o.first) for o in singles)
     truths = sorted({o.slug for o in singles})
-    named = sorted({o.first for o in singles})
-    marks = [chr(97 + i) if i < 26 else chr(65 + i - 26) for i in range(len(named))]
-    lines = ["confusion: truth down, first name (or verdict) across"]
-    lines += [f"  {mark} = {name}" for mark, name in zip(marks, named, strict=True)]
+    columns = sorted({o.first for o in singles})
+    marks = [chr(97 + i) if i < 26 else chr(65 + i - 26) for i in range(len(columns))]
+    lines = ["confusion matrix: rows are true effects, columns are first causes or verdicts"]
+    lines += [f"  {mark} = {name}" for mark, name in zip(marks, columns, strict=True)]
     lines.append(f"  {'':24} " + " ".join(f"{m:>2}" for m in marks))
     for truth in truths:
-        cells = [counts[truth, name] for name in named]
+        cells = [counts[truth, name] for name in columns]
         lines.append(f"  {truth:24} " + " ".join(f"{c:2d}" if c else " ." for c in cells))
     return lines
 
@@ -218,12 +219,12 @@ def _missed(some: Sequence[Outcome], kind: str) -> list[str]:
         for slug in sorted({o.slug for o in some}):
             own = [o for o in some if o.slug == slug]
             lines.append(
-                f"  {slug:20} {_counted(o.verdict for o in own)}; named {_counted(c for o in own for c in o.causes)}"
+                f"  {slug:20} {_counted(o.verdict for o in own)}; causes {_counted(c for o in own for c in o.causes)}"
             )
         return lines
     lines += [
-        f"  {o.index:4d} {'+'.join([*o.numbers, *o.truth]) or 'nothing'}: "
-        f"{o.verdict} {'+'.join([*o.doubted, *o.causes])}"
+        f"  {o.index:4d} {'+'.join([*o.wrong_numbers, *o.truth]) or 'nothing'}: "
+        f"{o.verdict} {'+'.join([*o.reported_numbers, *o.causes])}"
         for o in wrong
     ]
     return lines
@@ -233,28 +234,28 @@ def _counted(names: Iterable[str]) -> str:
     return ", ".join(f"{name} {n}" for name, n in Counter(names).most_common()) or "nothing"
 
 
-def _parameters(played: Sequence[Outcome]) -> list[str]:
-    found = _pulls(played)
-    known = [(name, ok) for name, ok in found if ok is not None]
-    if not found:
+def _parameters(completed: Sequence[Outcome]) -> list[str]:
+    pulls = _pulls(completed)
+    known = [(name, ok) for name, ok in pulls if ok is not None]
+    if not pulls:
         return []
     good = sum(bool(ok) for _, ok in known)
     lines = [
         "",
-        f"parameters of rightly named effects within {NEAR:g} standard errors: {good}/{len(known)}"
+        f"parameters of effects found, within {NEAR:g} standard errors: {good}/{len(known)}"
         + (f" = {100.0 * good / len(known):.1f} %" if known else "")
-        + f"; without a standard error {len(found) - len(known)}",
+        + f"; without a standard error {len(pulls) - len(known)}",
     ]
-    for name in sorted({n for n, _ in found}):
+    for name in sorted({n for n, _ in pulls}):
         some = [ok for n, ok in known if n == name]
-        lacking = sum(n == name for n, _ in found) - len(some)
+        lacking = sum(n == name for n, _ in pulls) - len(some)
         lines.append(f"  {name:36} {sum(map(bool, some))}/{len(some)}" + (f", unknown {lacking}" if lacking else ""))
     return lines
 
 
-def _seconds(played: Sequence[Outcome]) -> list[str]:
-    lines = ["", "processor seconds per diagnosis (median, 95 %, most)"]
-    for craft in sorted({o.craft for o in played}):
-        s = np.array([o.seconds for o in played if o.craft == craft])
+def _seconds(completed: Sequence[Outcome]) -> list[str]:
+    lines = ["", "processor time of a diagnosis, s (median, 95 %, longest)"]
+    for craft in sorted({o.craft for o in completed}):
+        s = np.array([o.seconds for o in completed if o.craft == craft])
         lines.append(f"  {craft:8} {np.median(s):6.1f} {np.quantile(s, 0.95):6.1f} {s.max():6.1f}   of {len(s)}")
     return lines

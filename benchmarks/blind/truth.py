@@ -1,8 +1,8 @@
-"""The true extension fitted: does the book's effect, at the right place, explain what the simulator's did?
+"""Fit the true effect to blind cases, to compare the effects of the catalogue with those of the simulator.
 
 ``python3 -m benchmarks.blind.truth [--cases N] [--seed S] [--only SLUG,..]`` draws single cases and fits the base model
-with the hidden effect, begun at the true numbers. Where all is well the error over the noise is 1 and the numbers come
-back. What is not points at the simulator's effect, at the book's, or at the fit, but not at the reasoning.
+with the hidden effect, starting at the true parameters. An error over the noise of 1 is correct. A larger one is a
+fault of the simulator's effect, of the catalogue's or of the fit, but not of the search for causes.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.blind.case import Case, NoCase, draw_case
+from benchmarks.blind.recipes import RECIPES
 from benchmarks.blind.referee import form_of
-from benchmarks.blind.sizes import RECIPES
 from benchmarks.results import count, headline
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import AutotuneError
@@ -29,7 +29,7 @@ __all__ = ["fit_truth", "main"]
 
 
 def fit_truth(case: Case) -> tuple[Fitted | None, EffectInstance]:
-    """Return the base model with the true effect fitted to *case*'s runs, begun at the truth."""
+    """Return the base model with the true effect, fitted to the runs of *case* from the true parameters."""
     form = form_of(case) or plain_form(case.runs)
     segments, _ = prepare_as_recorded(case.runs, form)
     values = {}
@@ -43,28 +43,30 @@ def fit_truth(case: Case) -> tuple[Fitted | None, EffectInstance]:
         theta[form.parameters.index("Y_v")] /= case.craft.inertia["sway"]
     summary = data_summary_of(form, segments, known)
     problem = Problem(form, segments, summary, base_limits(form))
-    own = _applied(case, summary)
+    own = _true_effect(case, summary)
     return problem.fit(theta, (own,), problem.first_states(segments), trials=60), own
 
 
-def _applied(case: Case, summary: DataSummary) -> EffectInstance:
-    """Return the truth as the book writes it: its name for the place, its constants, all its parameters."""
+def _true_effect(case: Case, summary: DataSummary) -> EffectInstance:
+    """Return the true effect as an instance of the catalogue, with its place, constants and all parameters."""
     ((slug, (place, values)),) = case.truth.items()
     entry = EFFECTS[slug]
     places = entry.places(summary)
     everything = {"all": "+".join(summary.form.dofs if slug == "mass-change" else summary.signals)}
-    wanted = everything.get(place, place)
-    named = [p for p in places if p == wanted] or [p for p in places if set(p.split("+")) == set(wanted.split("+"))]
-    if not named:
-        raise AutotuneError(f"the book offers {slug} at {', '.join(places) or 'no place'} here, not at {wanted}")
-    start = dict(entry.starts(named[0], summary)[0])
+    required = everything.get(place, place)
+    matching = [p for p in places if p == required] or [
+        p for p in places if set(p.split("+")) == set(required.split("+"))
+    ]
+    if not matching:
+        raise AutotuneError(f"{slug} is available at {', '.join(places) or 'no place'}, not at {required}")
+    start = dict(entry.starts(matching[0], summary)[0])
     return EffectInstance(
-        slug, named[0], {n: values.get(n, v) for n, v in start.items()}, entry.constants(named[0], summary)
+        slug, matching[0], {n: values.get(n, v) for n, v in start.items()}, entry.constants(matching[0], summary)
     )
 
 
 def _rms(fitted: Fitted, name: str) -> float:
-    """Return what is left of a signal, samples that a disturbance accounts for left out."""
+    """Return the rms residual of a signal."""
     left = np.concatenate([r.judged for r in fitted.rests if r.signal == name])
     return float(np.sqrt(np.nanmean(left**2)))
 
@@ -77,7 +79,7 @@ def _line(case: Case) -> str:
     except AutotuneError as error:
         return f"{head}  {error}"
     if fitted is None:
-        return f"{head}  runs away"
+        return f"{head}  diverged"
     levels = np.array([_rms(fitted, name) / case.levels[name] for name in fitted.levels])
     now = next(e for e in fitted.effects if e.slug == slug)
     numbers = ", ".join(f"{n} {v:.4g} (true {own.values[n]:.4g})" for n, v in now.values.items())
@@ -86,24 +88,24 @@ def _line(case: Case) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print one line per case."""
+    """Print one line per case, and return 0."""
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.blind.truth", description=__doc__)
-    parser.add_argument("--cases", type=int, default=1, help="per effect (1)")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", default="")
-    asked = parser.parse_args(arguments)
+    parser.add_argument("--cases", type=int, default=1, help="cases of each effect (1)")
+    parser.add_argument("--seed", type=int, default=1, help="seed of all random numbers (1)")
+    parser.add_argument("--only", default="", help="only these effects; slugs, separated by commas")
+    options = parser.parse_args(arguments)
     lines: list[str] = []
     for slug in RECIPES:
-        if asked.only and slug not in asked.only.split(","):
+        if options.only and slug not in options.only.split(","):
             continue
-        for index in range(asked.cases):
+        for index in range(options.cases):
             try:
-                lines.append(_line(draw_case("single", asked.seed, index, slug)))
+                lines.append(_line(draw_case("single", options.seed, index, slug)))
                 print(lines[-1], flush=True)
             except NoCase as error:
                 print(error, flush=True)
     right = sum("error/noise" in line and "<-- error" not in line for line in lines)
-    if not asked.only:
+    if not options.only:
         headline(
             "blind.truth", "the true effect fitted to blind cases", [count("error at the noise", right, len(lines))]
         )

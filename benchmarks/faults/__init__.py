@@ -1,8 +1,8 @@
-"""Everything that can go wrong between a ground station and a vehicle, on purpose and by seed.
+"""Random faults of the link, the vehicle and the computer during whole tunes, by seed.
 
-``fault`` says what goes wrong and when, ``link`` makes it so on any transport (lock-stepped or real), ``vehicle`` is a
-simulated vehicle in this process that can be asked directly, ``case`` draws whole tunes with faults, ``referee`` plays
-one and judges it by what the vehicle holds afterwards. ``python3 -m benchmarks.faulted_tunes`` plays many.
+``fault`` defines the kinds of faults. ``link`` applies them to a transport. ``vehicle`` is a simulated vehicle in this
+process whose state can be read directly. ``case`` draws whole tunes with faults. ``referee`` runs one and checks the
+final state of the vehicle. ``python3 -m benchmarks.faulted_tunes`` runs many.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from benchmarks.faults.case import Case, draw_case, draw_station_case
 from benchmarks.faults.fault import KINDS, STATION_KINDS, Fault
 from benchmarks.faults.link import FaultyLink, Killed
-from benchmarks.faults.referee import Outcome, play
+from benchmarks.faults.referee import Outcome, run_case
 from benchmarks.faults.vehicle import Condition, VehicleAsFound
 
 __all__ = [
@@ -25,5 +25,5 @@ __all__ = [
     "VehicleAsFound",
     "draw_case",
     "draw_station_case",
-    "play",
+    "run_case",
 ]

@@ -1,4 +1,4 @@
-"""A tune with faults, drawn by seed."""
+"""Random tunes with faults, by seed."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["FLEET", "STATION_MODES", "Case", "Subject", "draw_case", "draw_stati
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A vehicle and an axis of it.
+    """A vehicle and one of its axes.
 
-    ``model``: alpha, beta, beta_quadratic per fraction of full output; ``lasts`` [s]: about how long a short tune
-    takes; ``parameters`` so poor that there is something to tune; ``modes`` it may be found in.
+    ``model``: alpha, beta, beta_quadratic per fraction of full output; ``lasts``: typical duration of a short tune [s];
+    ``parameters``: poor initial ones; ``modes``: its possible initial modes.
     """
 
     vehicle: str
@@ -51,7 +51,7 @@ _MOMENTS = (
     ("PARAM_SET", 4),
     ("PARAM_SET", 8),
 )
-"""Messages of ours after whose n-th a fault may begin: how often, at most, we send them in a short tune."""
+"""Messages of the tool after which a fault may start, and how many of them a short tune sends at most."""
 
 _SIZES: Mapping[str, tuple[float, float]] = {
     "loss": (0.05, 0.7),
@@ -68,10 +68,10 @@ _HAPPEN_TWICE = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One tune: which subject, found how, what goes wrong, and what goes wrong while restoring afterwards.
+    """One tune: its subject, initial state, faults, and the faults while restoring.
 
-    ``has_receiver``: sticks at rest on a radio of its own (without one a boat
-    does not stay in a pilot's mode, so it is found in HOLD).
+    ``has_receiver``: it has a radio with centred sticks. A boat without one does not stay in a pilot's mode, and starts
+    in HOLD.
     """
 
     seed: int
@@ -86,7 +86,7 @@ class Case:
     has_station: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, for the file of outcomes."""
+        """Return plain data, for the file of outcomes."""
         return {
             "seed": self.seed,
             "index": self.index,
@@ -101,7 +101,7 @@ class Case:
 
     @classmethod
     def of(cls, subject: Subject, *faults: Fault, **options: Any) -> Self:
-        """Return a case made by hand."""
+        """Return a case with chosen faults."""
         plain: dict[str, Any] = {
             "seed": 0,
             "index": 0,
@@ -114,7 +114,7 @@ class Case:
 
 
 def draw_case(seed: int, index: int, kinds: Sequence[str] = ()) -> Case:
-    """Return the *index*-th case of *seed*; only with faults of *kinds*, when given."""
+    """Return the *index*-th case of *seed*; *kinds*: the only kinds of faults."""
     draw = random.Random(f"{seed}-{index}")
     subject = draw.choice(FLEET)
     is_full = draw.random() < _FULL_SHARE
@@ -136,10 +136,10 @@ STATION_MODES: Mapping[str, tuple[int, ...]] = {"charlie": (4, 4, 1, 3), "": (0,
 
 
 def draw_station_case(seed: int, index: int, kinds: Sequence[str] = ()) -> Case:
-    """Return the *index*-th case of *seed* in which another station interferes, at any moment of a whole tune.
+    """Return the *index*-th case of *seed* in which another station interferes at a random time of a whole tune.
 
-    In half of them the tool's own computer stalls just then, for a time that failsafes act on or not; in one of ten the
-    link is silent around it.
+    In half of the cases the tool's computer also pauses then, with or without a failsafe. In one of ten the link is
+    silent then.
     """
     draw = random.Random(f"station-{seed}-{index}")
     subject = draw.choice((FLEET[0], FLEET[0], FLEET[0], *FLEET[1:]))

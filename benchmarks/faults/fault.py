@@ -1,4 +1,4 @@
-"""What goes wrong, when, for how long and how badly."""
+"""Faults: kind, time, duration and size."""
 
 from __future__ import annotations
 
@@ -10,41 +10,41 @@ __all__ = ["KINDS", "LASTING", "STATION_KINDS", "Fault"]
 
 KINDS = {
     "loss": "frames are lost with probability size",
-    "delay": "frames come size seconds late, in order",
-    "reorder": "a third of the frames come up to size seconds late and are overtaken",
-    "duplicate": "a third of the frames come twice, the second time up to size seconds later",
-    "corrupt": "bytes of frames are changed, cut off or put in with probability size per frame",
-    "silence": "nothing passes at all",
-    "stuck": "only heartbeats pass; size 1: the other messages go on with their last contents",
-    "wrong-system": "the vehicle's messages come under another system id",
-    "forged-foreign": "wrong PARAM_VALUEs from another system come before the right ones",
-    "forged-own": "wrong PARAM_VALUEs under the vehicle's own id come before (some of) the right ones",
-    "unplugged": "every call of the link fails, as when a serial adapter is pulled out",
-    "killed": "the tool ends at once and nothing of it runs any more, as by kill -9 or a power cut",
-    "reboot": "the autopilot restarts, silent for size seconds; parameters are kept",
-    "disk-full": "every file that would grow fails to",
-    "operator": "somebody presses Ctrl-C",
+    "delay": "frames are size seconds late, in order",
+    "reorder": "a third of the frames are up to size seconds late, out of order",
+    "duplicate": "a third of the frames are repeated up to size seconds later",
+    "corrupt": "bytes of a frame are changed, removed or inserted with probability size",
+    "silence": "no frame passes",
+    "stuck": "only heartbeats pass; size 1: other messages repeat their last contents",
+    "wrong-system": "the vehicle's messages have another system id",
+    "forged-foreign": "wrong PARAM_VALUEs of another system precede the right ones",
+    "forged-own": "wrong PARAM_VALUEs with the vehicle's id precede some of the right ones",
+    "unplugged": "every call of the link fails, as with a removed serial adapter",
+    "killed": "the tool ends at once, as by kill -9 or a power cut",
+    "reboot": "the autopilot restarts and is silent for size seconds; it keeps its parameters",
+    "disk-full": "no file can grow",
+    "operator": "the operator presses Ctrl-C",
 }
-"""Kind -> what it does. The last four happen; the others last."""
+"""Kind -> description. The first ten last for a time; the others are events."""
 
 STATION_KINDS = {
-    "station-mode": "another station, on its own wire, orders a mode",
+    "station-mode": "another station, on its own link, orders a mode",
     "station-disarm": "it disarms the vehicle",
-    "station-sticks": "under the tool's own system id it sends overrides for duration seconds",
+    "station-sticks": "it sends overrides with the tool's system id for duration seconds",
     "station-write": "it writes a gain",
-    "stall": "the tool's computer stands still for size seconds",
+    "stall": "the tool's computer pauses for size seconds",
 }
-"""Kind -> what another station, or the tool's own computer, does. These are drawn with ``draw_station_case`` only."""
+"""Kind -> description, for faults of another station or the tool's computer. ``draw_station_case`` draws them."""
 
 LASTING = tuple(KINDS)[:10]
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that goes wrong.
+    """One fault.
 
-    Begins ``after`` seconds of link time from the moment that the ``count``-th ``sent`` message left us (``sent``
-    empty: from the start), lasts ``duration`` seconds. ``way``: ``up`` (from us), ``down``, ``both``.
+    It starts ``after`` seconds after the tool sent its ``count``-th message ``sent`` (empty: after the start), and
+    lasts ``duration`` seconds. ``way``: ``up`` (from the tool), ``down``, ``both``.
     """
 
     kind: str
@@ -57,19 +57,19 @@ class Fault:
 
     def __post_init__(self) -> None:
         if self.kind not in {*KINDS, *STATION_KINDS}:
-            raise ValueError(f"no fault called {self.kind}: {', '.join(KINDS)}")
+            raise ValueError(f"unknown fault {self.kind}; known are {', '.join(KINDS)}")
 
     def concerns(self, way: str) -> bool:
-        """Whether frames going that way are hit."""
+        """Return whether it affects frames in this direction."""
         return self.way in (way, "both")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data; an endless duration is None."""
+        """Return plain data; an endless duration is None."""
         return {**asdict(self), "duration": None if math.isinf(self.duration) else self.duration}
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Self:
-        """The inverse of :meth:`to_dict`."""
+        """Read :meth:`to_dict`."""
         return cls(**{**data, "duration": math.inf if data["duration"] is None else data["duration"]})
 
     def __str__(self) -> str:

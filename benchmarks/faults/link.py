@@ -1,4 +1,4 @@
-"""A transport around another one, on which things go wrong by plan."""
+"""A transport that applies faults to another one."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _HEARTBEAT, _PARAM_VALUE = mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG
 
 
 class Killed(BaseException):
-    """The tool is gone; what still unwinds finds every door locked."""
+    """The tool was killed; every later call of the link raises this too."""
 
 
 class FaultyLink(Transport):
-    """Pass bytes to and from *inner*, frame by frame, with *faults*; the same seed does the same.
+    """Pass bytes to and from *inner*, frame by frame, with *faults*; the same seed has the same effects.
 
-    ``acts`` : kind of a fault that happens (``reboot``, ``disk-full``, ``operator``, ``killed``) -> what is called
-    then. ``patience`` : seconds of link time after which it gives up on whoever uses it.
+    ``actions`` : kind of an event (``reboot``, ``disk-full``, ``operator``, ``killed``) -> function to call then.
+    ``patience`` : link time [s] after which it raises TimeoutError.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class FaultyLink(Transport):
         faults: Sequence[Fault],
         *,
         seed: int = 0,
-        acts: Mapping[str, Callable[[Fault], None]] | None = None,
+        actions: Mapping[str, Callable[[Fault], None]] | None = None,
         patience: float = math.inf,
     ) -> None:
         super().__init__(inner.description, inner.clock)
@@ -46,7 +46,7 @@ class FaultyLink(Transport):
         self.sent: dict[str, int] = {}
         self._inner = inner
         self._random = random.Random(seed)
-        self._acts = dict(acts or {})
+        self._actions = dict(actions or {})
         self._begins = {i: f.after if not f.sent else math.inf for i, f in enumerate(faults)}
         self._faults = dict(enumerate(faults))
         self._acted: set[int] = set()
@@ -62,40 +62,40 @@ class FaultyLink(Transport):
     # --- Transport ----------------------------------------------------------------------------------------
 
     def follow_tick(self, at: float, period: float) -> None:
-        """Pass it on."""
+        """Call the same of the inner transport."""
         self._inner.follow_tick(at, period)
 
     def _read_available(self, timeout: float) -> bytes:
-        self._happen()
+        self._act()
         self._flush_up()
         data = self._inner.read(max(0.0, min(timeout, self._next_moment() - self._now())))
-        self._happen()
+        self._act()
         for frame in self._split(data):
             for each in self._forged(frame):
                 self._pass("down", each)
         return b"".join(self._due("down"))
 
     def _write(self, data: bytes) -> None:
-        self._happen()
+        self._act()
         name = self._names.get(_number(data), "?")
         self.sent[name] = self.sent.get(name, 0) + 1
         for i, fault in self._faults.items():
             if fault.sent == name and fault.count == self.sent[name]:
                 self._begins[i] = self._now() + fault.after
         self._pass("up", data)
-        self._happen()
+        self._act()
         self._flush_up()
 
     def _close(self) -> None:
         self._inner.close()
 
-    # --- what happens -------------------------------------------------------------------------------------
+    # --- events -----------------------------------------------------------------------------------------------
 
     def _now(self) -> float:
         return self.clock.now() - self._origin
 
-    def _happen(self) -> None:
-        """Let what is due happen, and let a link that is gone be gone."""
+    def _act(self) -> None:
+        """Start the events that are due; raise if the link is lost."""
         if self._dead is not None:
             raise self._dead
         now = self._now()
@@ -103,17 +103,17 @@ class FaultyLink(Transport):
             if fault.kind in LASTING or i in self._acted or now < self._begins[i]:
                 continue
             self._acted.add(i)
-            self._acts.get(fault.kind, _nothing)(fault)
+            self._actions.get(fault.kind, _nothing)(fault)
             if fault.kind == "unplugged":
                 self._dead = self.lost("the serial port stopped working (device disconnected)", "check the cable")
             elif fault.kind == "killed":
                 self._dead = Killed(f"killed at {now:.2f} s")
         if now > self._patience and self._dead is None:
-            self._dead = TimeoutError(f"still at it after {now:.0f} s of link time")
+            self._dead = TimeoutError(f"not finished after {now:.0f} s of link time")
         if self._dead is not None:
             raise self._dead
 
-    def _is_on(self, kind: str, way: str) -> Fault | None:
+    def _active(self, kind: str, way: str) -> Fault | None:
         now = self._now()
         for i, fault in self._faults.items():
             if fault.kind == kind and fault.concerns(way) and 0.0 <= now - self._begins[i] < fault.duration:
@@ -121,7 +121,7 @@ class FaultyLink(Transport):
         return None
 
     def _silent(self) -> bool:
-        """An autopilot that boots neither hears nor speaks."""
+        """Return whether the autopilot is booting, and thus silent."""
         now = self._now()
         return any(f.kind == "reboot" and 0.0 <= now - self._begins[i] < f.size for i, f in self._faults.items())
 
@@ -133,7 +133,7 @@ class FaultyLink(Transport):
     # --- frames -------------------------------------------------------------------------------------------
 
     def _split(self, data: bytes) -> list[bytes]:
-        """Cut into frames; what is no whole frame yet waits for the rest."""
+        """Return the complete frames; keep an incomplete one."""
         self._rest += data
         frames, position = [], 0
         while position < len(self._rest):
@@ -148,23 +148,23 @@ class FaultyLink(Transport):
         return frames
 
     def _pass(self, way: str, frame: bytes) -> None:
-        """Hand on one frame: now, later, twice, changed, or not at all."""
+        """Queue one frame: in time, late, twice, damaged, or not at all."""
         draw, now = self._random, self._now()
-        if self._silent() or self._is_on("silence", way):
+        if self._silent() or self._active("silence", way):
             return
-        stuck = self._is_on("stuck", way)
+        stuck = self._active("stuck", way)
         if stuck and _number(frame) != _HEARTBEAT:
             frame = self._frozen.get(_number(frame), frame) if stuck.size and way == "down" else b""
         elif way == "down":
             self._frozen[_number(frame)] = frame
-        if way == "down" and self._is_on("wrong-system", way):
+        if way == "down" and self._active("wrong-system", way):
             frame = _as_system(frame, _FOREIGN)
-        lost, corrupt = self._is_on("loss", way), self._is_on("corrupt", way)
+        lost, corrupt = self._active("loss", way), self._active("corrupt", way)
         if not frame or (lost and draw.random() < lost.size):
             return
         if corrupt and draw.random() < corrupt.size:
             frame = self._damaged(frame)
-        delay, mixed, twice = (self._is_on(kind, way) for kind in ("delay", "reorder", "duplicate"))
+        delay, mixed, twice = (self._active(kind, way) for kind in ("delay", "reorder", "duplicate"))
         due = now + (delay.size if delay else 0.0)
         if mixed and draw.random() < _SHARE:
             due += draw.uniform(0.0, mixed.size)
@@ -202,12 +202,12 @@ class FaultyLink(Transport):
         return bytes(data)
 
     def _forged(self, frame: bytes) -> list[bytes]:
-        """Put forgeries before a PARAM_VALUE."""
+        """Return forged frames before a PARAM_VALUE."""
         if _number(frame) != _PARAM_VALUE:
             return [frame]
         frames = [frame]
         for kind, system in (("forged-foreign", _FOREIGN), ("forged-own", None)):
-            fault = self._is_on(kind, "down")
+            fault = self._active(kind, "down")
             if fault and self._random.random() < fault.size:
                 frames.insert(0, _forged_value(frame, self._random, system))
         return frames
@@ -218,7 +218,7 @@ def _nothing(fault: Fault) -> None:
 
 
 def _number(frame: bytes) -> int:
-    """The message number of a frame; -1 when it is none."""
+    """Return the message number of a frame; -1 if it is not a frame."""
     if frame[:1] == b"\xfd" and len(frame) >= 10:
         return int.from_bytes(frame[7:10], "little")
     return frame[5] if frame[:1] == b"\xfe" and len(frame) >= 6 else -1
@@ -243,8 +243,8 @@ def _forged_value(frame: bytes, draw: random.Random, system: int | None) -> byte
     if message is None:
         return b""
     value = draw.choice((message.param_value * draw.uniform(0.2, 3.0) + draw.uniform(0.05, 1.0), draw.gauss(0.0, 10.0)))
-    lie = mavlink.MAVLink_param_value_message(
+    forged = mavlink.MAVLink_param_value_message(
         message.param_id.encode(), value, message.param_type, message.param_count, message.param_index
     )
     sender = message.get_srcSystem() if system is None else system
-    return bytes(lie.pack(mavlink.MAVLink(None, srcSystem=sender, srcComponent=message.get_srcComponent())))
+    return bytes(forged.pack(mavlink.MAVLink(None, srcSystem=sender, srcComponent=message.get_srcComponent())))

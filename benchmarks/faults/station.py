@@ -1,4 +1,4 @@
-"""Another ground station on a wire of its own, and what the tool did against its orders."""
+"""Another ground station on its own link, and a check that the tool does not undo its orders."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from benchmarks.faults.fault import Fault
 if TYPE_CHECKING:
     from benchmarks.faults.vehicle import VehicleAsFound
 
-__all__ = ["STICK_PERIOD", "Order", "OtherStation", "misattributed", "order_in", "overruled"]
+__all__ = ["STICK_PERIOD", "Order", "OtherStation", "misattributed", "order_in", "undone_orders"]
 
 _SYSTEM, _TWIN = 200, 255
 STICK_PERIOD = 0.05
 _TIE = 0.3
-"""Seconds: an order of the tool that was under way when the other station's arrived, or that answers its own question
-for the vehicle's state of just before. No station can prevent that; such cases are counted by themselves."""
+"""Time [s] after another station's order within which an order of the tool is a tie.
+
+It was already on its way, or was based on the vehicle's state just before. No station can prevent this.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What was ordered, of the vehicle: its time [s], ``mode``, ``armed`` or ``write``, and the value.
+    """An order to the vehicle: its time [s], ``mode``, ``armed`` or ``write``, and the value.
 
-    ``seen`` is the mode that the vehicle was in when an order of the tool arrived, None if unknown.
+    ``seen``: mode of the vehicle when an order of the tool arrived; None if unknown.
     """
 
     t: float
@@ -38,7 +40,7 @@ class Order:
 
 
 def order_in(message: Any, t: float, mode: int | None = None) -> Order | None:
-    """Return the order of mode or armed state, or the write, that *message* is at time *t* [s]; else None."""
+    """Return the order of mode or armed state or the write in *message* at time *t* [s]; else None."""
     name = message.get_type()
     if name == "PARAM_SET":
         return Order(t, "write", float(message.param_value), str(message.param_id), mode)
@@ -50,7 +52,7 @@ def order_in(message: Any, t: float, mode: int | None = None) -> Order | None:
 
 
 class OtherStation:
-    """Gives orders to a vehicle at a port of its own; the tool never sees what the vehicle answers there."""
+    """A station with its own port of the vehicle. The tool does not receive the replies at this port."""
 
     def __init__(self, vehicle: VehicleAsFound, gain: str) -> None:
         self._vehicle = vehicle
@@ -66,7 +68,7 @@ class OtherStation:
         now, mode = self._vehicle.server.now, int(fault.size)
         autopilot = self._vehicle.server.vehicle.autopilot
         if fault.kind == "station-mode" and autopilot.mode.number == mode:
-            return  # it changes nothing, and so can be seen by nobody
+            return  # changes nothing, so it cannot be noticed
         if fault.kind == "station-disarm" and not autopilot.armed:
             return
         if fault.kind == "station-mode":
@@ -83,7 +85,7 @@ class OtherStation:
             self.sticks_until = now + fault.duration
 
     def steer(self) -> None:
-        """Send the sticks, where they are in this station's hand just now."""
+        """Send stick overrides, if this station steers at present."""
         now = self._vehicle.server.now
         if now < self.sticks_until and now >= self._next_stick:
             self._next_stick = now + STICK_PERIOD
@@ -99,11 +101,11 @@ class OtherStation:
         self._vehicle.server.receive_elsewhere(message.pack(self._packer))
 
 
-def overruled(orders: Sequence[Order], ours: Sequence[Order], stops_in: Sequence[int]) -> tuple[list[str], int]:
-    """Return in words which *orders* of the station the tool's own undid, and how many ties there were.
+def undone_orders(orders: Sequence[Order], ours: Sequence[Order], stops_in: Sequence[int]) -> tuple[list[str], int]:
+    """Return descriptions of the station's *orders* that the tool's orders undid, and the number of ties.
 
-    Disarming a vehicle that the station has stopped (a mode of *stops_in*) undoes nothing. Nor does what comes after
-    the vehicle's own failsafe has replaced the mode.
+    Disarming a vehicle that the station has stopped (a mode of *stops_in*) undoes nothing. Neither does an order after
+    a failsafe of the vehicle has replaced the mode.
     """
     found, ties = [], 0
     for order in orders:
@@ -121,7 +123,7 @@ def overruled(orders: Sequence[Order], ours: Sequence[Order], stops_in: Sequence
 
 def _undoes(own: Order, order: Order, stops_in: Sequence[int]) -> bool:
     if order.what == "mode" and own.seen is not None and own.seen != order.value:
-        return False  # something else had replaced it before
+        return False  # something else had replaced the mode before
     if order.what == "mode":
         disarms = own.what == "armed" and own.value == 0.0 and int(order.value) not in stops_in
         return disarms or (own.what == "mode" and own.value != order.value)
@@ -130,7 +132,7 @@ def _undoes(own: Order, order: Order, stops_in: Sequence[int]) -> bool:
     return order.what == "write" and own.what == "write" and own.name == order.name
 
 
-BLAME: Mapping[str, tuple[str, ...]] = {
+CAUSE_TEXTS: Mapping[str, tuple[str, ...]] = {
     "station-mode": ("not by this tool", "another station may have ordered", "was armed, not by this tool"),
     "station-disarm": ("not by this tool", "another station may have ordered"),
     "station-sticks": ("overrides of another sender", "the sticks were moved"),
@@ -145,13 +147,13 @@ BLAME: Mapping[str, tuple[str, ...]] = {
         "its messages were lost",
     ),
 }
-"""Kind of fault -> words by which it is told."""
+"""Kind of fault -> texts of the program that report it."""
 
 
-def misattributed(said: str, kinds: Sequence[str]) -> str:
-    """Return what is wrong with the causes in what was *said* of a run that ended early; only *kinds* can be them."""
-    fitting = [words for kind in kinds for words in BLAME.get(kind, ())]
-    wrong = [words for group in BLAME.values() for words in group if words in said and words not in fitting]
+def misattributed(text: str, kinds: Sequence[str]) -> str:
+    """Return what is wrong with the causes in *text* of a run that ended early; *kinds*: the possible causes."""
+    fitting = [words for kind in kinds for words in CAUSE_TEXTS.get(kind, ())]
+    wrong = [words for group in CAUSE_TEXTS.values() for words in group if words in text and words not in fitting]
     if wrong:
-        return f"names {wrong[0]!r}, where only {', '.join(kinds)} can be the cause"
-    return "" if any(words in said for words in fitting) else f"names nothing of {', '.join(kinds)}"
+        return f"reports {wrong[0]!r}, but the cause is one of {', '.join(kinds)}"
+    return "" if any(words in text for words in fitting) else f"reports none of {', '.join(kinds)}"

@@ -1,4 +1,4 @@
-"""A simulated vehicle in this process, as found, and asked directly instead of over the link."""
+"""A simulated vehicle in this process, whose state can be read directly instead of over the link."""
 
 from __future__ import annotations
 
@@ -16,20 +16,23 @@ from gcs_autotune.mavlink import Framer
 from gcs_autotune.workflow import Connection
 from sitl import Server, open_vehicle
 
-__all__ = ["Condition", "Moored", "VehicleAsFound"]
+__all__ = ["Condition", "FaultyConnection", "VehicleAsFound"]
 
 _NEUTRAL = 1500
 _WIDTH, _OWN_WIDTH = 5, 50
-"""Microseconds that still count as neutral; of a craft found armed in a mode in which its own loops steer, a tenth of
-full: what they hold against wind and drift is nobody's leftover."""
+"""Largest distance from neutral [us] that counts as neutral. The second holds if the autopilot's loops steer.
+
+It is a tenth of full output, which these loops may need against wind and drift.
+"""
 _STEERS_ITSELF = {"rover": frozenset({1}), "sub": frozenset({0, 2})}
-"""Modes in which the autopilot's own loops drive the outputs, sticks at rest: ACRO; STABILIZE, ALT_HOLD."""
+"""Modes in which the autopilot's loops steer with centred sticks: ACRO; STABILIZE, ALT_HOLD."""
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What a vehicle holds: ``mode`` number, armed or not, outputs [us], every parameter, whether anybody overrides its
-    sticks, and whether its own loops steer.
+    """State of a vehicle: ``mode`` number, armed or not, outputs [us] and all parameters.
+
+    ``overridden``: its sticks are overridden. ``steers_itself``: the autopilot's loops steer.
     """
 
     mode: int
@@ -41,12 +44,12 @@ class Condition:
 
     @property
     def is_neutral(self) -> bool:
-        """No output off neutral (0: no pulse at all)."""
+        """Return whether all outputs are neutral (0: no pulse)."""
         width = _OWN_WIDTH if self.steers_itself else _WIDTH
         return all(pwm == 0 or abs(pwm - _NEUTRAL) <= width for pwm in self.outputs)
 
     def differs_from(self, found: Condition, proved: Mapping[str, float]) -> list[str]:
-        """Return in words what is neither as *found* nor, for parameters, as *proved*."""
+        """Return descriptions of what differs from the state *found*, and for parameters also from *proved*."""
         differences = [] if self.is_neutral else [f"outputs {self.outputs}"]
         if self.overridden:
             differences.append("sticks overridden")
@@ -59,16 +62,16 @@ class Condition:
                 differences.append(f"{name} {value:g}, found {found.parameters[name]:g}")
         held = {n: self.parameters[n] for n in proved}
         if proved and held != proved and any(held[n] == v != found.parameters[n] for n, v in proved.items()):
-            differences.append("only some of what was proved")
+            differences.append("only some of the proved parameters")
         return differences
 
 
 class VehicleAsFound:
-    """One vehicle in the water. Time on it goes on from one connection to the next.
+    """One simulated vehicle. Its time continues from one connection to the next.
 
-    ``writes`` : (name, value, journal as it was on disk at that moment) of every PARAM_SET that arrived; ``deaf_to`` :
-    names whose PARAM_SET (and what came with it) is left unheard. ``station`` : another one, on its own wire;
-    ``ordered`` : what the tool was heard to order, as far as it may undo orders of that one.
+    ``writes`` : (name, value, journal on disk at that moment) of every received PARAM_SET. ``deaf_to`` : parameters
+    whose PARAM_SET is ignored, with all that arrived with it. ``station`` : another station on its own link.
+    ``ordered`` : orders of the tool that may undo orders of this station.
     """
 
     def __init__(self, name: str, *, seed: int, parameters: Mapping[str, float] | None = None) -> None:
@@ -80,8 +83,8 @@ class VehicleAsFound:
         self.ordered: list[Order] = []
         self._framer = Framer()
 
-    def hears(self, data: bytes) -> None:
-        """Take bytes from the ground; note what they write."""
+    def receive(self, data: bytes) -> None:
+        """Receive bytes from the ground station, and record orders and writes."""
         frames = list(self._framer.feed(data))
         now, mode = self.server.now, self.server.vehicle.autopilot.mode.number
         self.ordered += [order for f in frames if (order := order_in(f.message, now, mode)) is not None]
@@ -94,7 +97,7 @@ class VehicleAsFound:
             self.server.receive(data)
 
     def condition(self) -> Condition:
-        """Ask the vehicle itself."""
+        """Return the state of the vehicle."""
         vehicle = self.server.vehicle
         autopilot = vehicle.autopilot
         return Condition(
@@ -107,16 +110,16 @@ class VehicleAsFound:
         )
 
     def wait(self, seconds: float) -> None:
-        """Let time pass with nobody connected; what the firmware does by itself, it does."""
+        """Simulate *seconds* without a connection."""
         self.server.advance_to(self.server.now + seconds)
 
-    def connection(self, faults: Sequence[Fault] = (), **options: Any) -> Moored:
-        """Return a connection to it; every opening begins at time zero of its own."""
-        return Moored(vehicle=self, faults=tuple(faults), options=options)
+    def connection(self, faults: Sequence[Fault] = (), **options: Any) -> FaultyConnection:
+        """Return a connection to the vehicle. Its clock starts at zero at every opening."""
+        return FaultyConnection(vehicle=self, faults=tuple(faults), options=options)
 
 
 class _Peer:
-    """The vehicle as a peer of a link whose clock starts at zero now."""
+    """The vehicle as the peer of a link whose clock starts at zero now."""
 
     def __init__(self, vehicle: VehicleAsFound) -> None:
         self._vehicle = vehicle
@@ -124,7 +127,7 @@ class _Peer:
         self._offset = vehicle.server.now
 
     def receive(self, data: bytes) -> None:
-        self._vehicle.hears(data)
+        self._vehicle.receive(data)
 
     def advance_to(self, t: float) -> bytes:
         station, until, data = self._vehicle.station, self._offset + t, b""
@@ -135,8 +138,8 @@ class _Peer:
 
 
 @dataclass(frozen=True)
-class Moored(Connection):
-    """A connection in this process, with faults."""
+class FaultyConnection(Connection):
+    """A connection within this process, with faults."""
 
     uri: str = "memory"
     vehicle: Any = None
@@ -151,7 +154,7 @@ class Moored(Connection):
 
 
 def events(journal: str) -> list[dict[str, Any]]:
-    """Return the whole lines of a journal."""
+    """Return the events of the complete lines of a journal."""
     found = []
     for line in journal.splitlines():
         try:

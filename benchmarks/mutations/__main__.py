@@ -1,4 +1,4 @@
-"""Small faults put into the code one at a time: how many do the tests that mirror the file notice?
+"""Insert small faults into the code one at a time, and count those that the tests of the file detect.
 
 Run: ``python3 -m benchmarks.mutations [--count 30] [--seed 1] [--budget 20] [--only PART,..]``; whole: ``--count 110``.
 
@@ -29,7 +29,7 @@ GOAL = 0.9
 
 
 def drawn(seed: int, count: int, only: Sequence[str] = (), root: Path = ROOT) -> list[Mutant]:
-    """Return *count* faults (fewer where there are no more), by turns of the areas and of the files in each."""
+    """Return *count* faults, or all if there are fewer, evenly from the areas and their files."""
     draw = random.Random(seed)
     queues = []
     for files in files_by_area(root).values():
@@ -56,14 +56,14 @@ def _by_turns(queues: Sequence[Iterator[Mutant]]) -> Iterator[Mutant]:
 
 
 def word(verdict: Verdict) -> str:
-    """Return ``noticed``, ``not noticed``, or ``no fault`` of a change that nobody can notice."""
+    """Return ``noticed``, ``not noticed``, or ``no fault`` for a change without an effect."""
     if verdict.noticed_by:
         return "noticed"
     return "no fault" if verdict.mutant.key in NO_FAULT else "not noticed"
 
 
 def table(found: Sequence[Verdict]) -> str:
-    """Return what was noticed by area and by kind of fault, and every survivor."""
+    """Return the detected faults by area and by kind, and every undetected one."""
     area_of = {file: area for area, files in files_by_area(ROOT).items() for file in files}
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for v in found:
@@ -80,7 +80,7 @@ def table(found: Sequence[Verdict]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw, try, tell."""
+    """Draw faults, run the tests, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=30)
     parser.add_argument("--seed", type=int, default=1)

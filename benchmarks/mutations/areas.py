@@ -1,4 +1,4 @@
-"""What matters, by area, and the faults that are none."""
+"""Files to mutate, by area, and changes that are not faults."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ AREAS: dict[str, tuple[str, ...]] = {
     ),
 }
 """Area -> patterns of the files in ``gcs_autotune`` that faults are put into; a file is in the first area that has it.
-Rooms, or names in whatever room they are, so that a file may move; what matches nothing is an error."""
+The patterns are packages, or names in any package, so that a file may move. A pattern without a file is an error."""
 
 ONLY_WITH: dict[str, str] = {"kernels": "import njit"}
-"""Area -> what must stand in a file: kernels are wherever something is compiled."""
+"""Area -> text that a file must contain: kernels are in all files with compiled functions."""
 
 WITHOUT: tuple[str, ...] = (
-    "**/__init__.py",  # doors
-    "manoeuvres/*_messages.py",  # words, which goldens hold
+    "**/__init__.py",  # exports
+    "manoeuvres/*_messages.py",  # texts, checked by golden files
     "manoeuvres/table.py",  # data
-    "link/vehicle/commands.py",  # what is sent and when, tried against a whole vehicle
+    "link/vehicle/commands.py",  # messages, tested with a whole vehicle
     "link/vehicle/mavlink_craft.py",
     "link/vehicle/rates.py",
     "link/vehicle/bandwidth.py",
@@ -66,7 +66,7 @@ def files_by_area(root: Path) -> dict[str, list[str]]:
     Raises
     ------
     LookupError
-        A pattern matches no file: it has been renamed, and so must the pattern be.
+        A pattern matches no file.
     """
     package = root / "gcs_autotune"
     taken = {file for pattern in WITHOUT for file in _matching(package, pattern)}
@@ -84,7 +84,7 @@ def files_by_area(root: Path) -> dict[str, list[str]]:
 def _matching(package: Path, pattern: str) -> list[Path]:
     files = list(package.glob(pattern))
     if not files:
-        raise LookupError(f"no file of {package.name} is called {pattern} any more: say in {__file__} what it is now")
+        raise LookupError(f"{package.name} has no file {pattern}: update {__file__}")
     return files
 
 
@@ -96,4 +96,4 @@ NO_FAULT: dict[str, str] = {
         "the craft only checks whether the count has grown"
     ),
 }
-"""Fault (``Mutant.key``) -> why nobody could notice it: it changes nothing that anybody may rely on. Judged by hand."""
+"""Fault (``Mutant.key``) -> reason why it is not a fault: it changes no documented behaviour. Judged by hand."""

@@ -1,4 +1,4 @@
-"""A scratch copy of the tree in which one fault at a time meets its tests; the work tree is never touched."""
+"""A scratch copy of the tree, in which one fault at a time is tested; the work tree stays unchanged."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from benchmarks.mutations.mutant import Mutant
 __all__ = ["Bench", "TestsFail", "Verdict"]
 
 NEAREST = (9, 3, 1)
-"""Most test files that are asked; fewer where they take longer than the budget."""
+"""Largest number of test files per fault; fewer if they exceed the budget."""
 SLOWER = 3.0
-"""A fault makes its tests hang when they take this many times as long as without it, and :data:`STARTING` more."""
+"""Tests hang if they take this many times as long as without the fault, plus :data:`STARTING`."""
 STARTING = 5.0
-"""Processor seconds that Python, numpy and pytest may take to start."""
+"""Processor time [s] for the start of Python, numpy and pytest."""
 ASLEEP = 20.0
-"""Times its processor time that a run may last: some tests wait for a link."""
+"""Largest ratio of wall time to processor time of a run: some tests wait for a link."""
 NONE_FOUND = 5
-"""Pytest's exit code where there is nothing to run."""
+"""Pytest's exit code without tests."""
 HANGS = "tests that hang"
 
 
 class TestsFail(Exception):
-    """Tests fail without any fault, or cannot be run within the budget."""
+    """Tests fail without a fault, or exceed the budget."""
 
     __test__ = False
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What became of a fault: the test that noticed it ("" for none), after how many processor seconds."""
+    """Result of a fault: the test that detected it ("" for none), and the processor time [s]."""
 
     mutant: Mutant
     noticed_by: str
@@ -57,7 +57,7 @@ class Bench:
         self.without_fault = cache(self._without_fault)
 
     def judge(self, mutant: Mutant) -> Verdict:
-        """Put the fault in, ask its tests, the slow ones only if the others see nothing, and take it out again."""
+        """Insert the fault, run its tests (the slow ones only if the others pass), and remove it."""
         path = self.tree / mutant.path
         source, stamp = path.read_text(encoding="utf-8"), path.stat()
         spent = 0.0
@@ -70,7 +70,7 @@ class Bench:
                 code, seconds, failed = self._run(mutant.path, tests, slow, SLOWER * usual + STARTING)
             finally:
                 path.write_text(source, encoding="utf-8")
-                os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # what was compiled of it holds again
+                os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # its compiled functions are valid again
             spent += seconds
             if code not in (0, NONE_FOUND):
                 return Verdict(mutant, failed if code is not None else HANGS, spent)
@@ -99,7 +99,7 @@ class Bench:
     def _run(self, path: str, tests: Sequence[str], slow: bool, budget: float) -> tuple[int | None, float, str]:
         """Return pytest's exit code, None of tests that used up their budget, processor seconds, and what failed.
 
-        Counted is processor time, so that a busy machine does not make a fault noticed, or a test too slow.
+        The limit is on processor time, so that a busy machine has no effect.
         """
         environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(self.tree)}
         if "import njit" in (self.tree / path).read_text(encoding="utf-8"):
@@ -125,6 +125,6 @@ class Bench:
             return None, budget, HANGS
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        told = [line for line in done.stdout.splitlines() if line.startswith(("FAILED ", "ERROR "))]
-        failed = told[0].split()[1] if told else f"pytest's exit code {done.returncode}"
+        failures = [line for line in done.stdout.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+        failed = failures[0].split()[1] if failures else f"pytest's exit code {done.returncode}"
         return (done.returncode if done.returncode >= 0 else None), seconds, failed

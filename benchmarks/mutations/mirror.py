@@ -1,4 +1,4 @@
-"""Which tests mirror a file: those called after it, those that import it, those that import what it gives its room."""
+"""Tests that mirror a file: those named after it, those that import it, and those that import its exported names."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 __all__ = ["mirroring"]
 
 FEWEST = 3
-"""Of fewer, the tests of what imports the file are asked too."""
+"""With fewer test files, those of the importing modules run too."""
 
 
 def mirroring(path: str, root: Path) -> list[str]:
@@ -60,7 +60,7 @@ def _file_of(module: str, root: Path) -> str:
 
 @cache
 def _imports(path: Path) -> set[tuple[str, str]]:
-    """Return (module, name) of every import, ("module", "") of plain ones; names of a room's modules as modules too."""
+    """Return (module, name) of every import, ("module", "") of plain ones; modules of a package as modules too."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module and not node.level:

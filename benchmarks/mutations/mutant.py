@@ -1,6 +1,6 @@
-"""Small faults of one file: those that cosmic-ray knows, and physical ones of our own.
+"""Small faults of one file: those of cosmic-ray, and physical ones.
 
-Left alone: what only words things (``raise`` statements, texts), and how a function is compiled or a record declared.
+Texts, ``raise`` statements, and the declarations of records and compiled functions are not changed.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ OPERATORS = (
     "AddNot",
     "ZeroIterationForLoop",
 )
-"""Of cosmic-ray's operators those whose change would still run: it also puts every operator in the place of every
-other one, and nine of ten of its changes are of that kind (``a << 0.5``), which any test notices."""
+"""Operators of cosmic-ray whose changed code still runs.
+
+Nine of ten of all its changes replace an operator by an unrelated one (``a << 0.5``), which any test detects.
+"""
 
 _WORDS = ("raise_stmt", "fstring", "tfpdef")
 _DECLARED = ("njit(", "_LEAN", "@dataclass(")
@@ -120,13 +122,13 @@ PHYSICAL: tuple[tuple[str, str, str, str], ...] = (
     ("frames.py", "north * c + east * s, east * c - north * s", "north * c - east * s, east * c + north * s",
      "the body turned against its heading"),
     ("identify/relay/iso.py", "2.0 * C / (math.pi * X_m)", "4.0 * C / (math.pi * X_m)", "describing function doubled"),
-    ("link/vehicle/vehicle_config.py", "self.high if wanted > 0 else self.low", "self.high",
+    ("link/vehicle/vehicle_config.py", "else self.low", "else self.high",
      "uneven servo ends taken as even"),
     ("link/vehicle/latency.py", "(t - sent - 0.5 * trip)", "(t - sent - trip)", "half a round trip taken as whole"),
     ("manoeuvres/envelope.py", "abs(o.psi - a.psi)", "abs(o.psi)", "a turn counted from north, not from the start"),
     ("design/verdict.py", "before.overshoot, over)", "after.overshoot, over)", "gains judged against themselves"),
 )  # fmt: skip
-"""(file, text, what stands in its first place, the physics of it): mistakes that people make, not machines."""
+"""(file, text, replacement of its first occurrence, physical meaning): typical mistakes of people."""
 
 
 def physical_mutants(root: Path) -> Iterator[Mutant]:
@@ -141,7 +143,7 @@ def physical_mutants(root: Path) -> Iterator[Mutant]:
         path = f"gcs_autotune/{file}"
         source = (root / path).read_text(encoding="utf-8")
         if text not in source:
-            raise LookupError(f"{path} has no {text!r} any more: say in {__file__} what it is now ({meaning})")
+            raise LookupError(f"{path} no longer contains {text!r}: update {__file__} ({meaning})")
         changed = source.replace(text, instead, 1)
         line, before, after = _difference(source, changed)
         yield Mutant(path, meaning, "physical", line, before, after, changed)

@@ -1,6 +1,6 @@
-"""Every published number of ``../shared/data/published_tables.json`` beside ours.
+"""Compare published numbers of ``../shared/data/published_tables.json`` with ours.
 
-Run: ``python3 -m benchmarks.published [--tables FILE] [--only NAME ...]``. One small file per kind of table;
-``sections`` lists them. What can be computed from printed inputs is; the rest is simulated in the tests' own water,
-which shares nothing with the code under test, and says so.
+Run: ``python3 -m benchmarks.published [--tables FILE] [--only NAME ...]``. There is one module per kind of table;
+``sections`` lists them. Ours are computed from printed inputs where possible. All others come from the simulator of the
+tests, which shares no code with the package, and are marked so.
 """

@@ -1,4 +1,4 @@
-"""Print every published number beside ours: ``python3 -m benchmarks.published``. Exit status 1: a goal is missed."""
+"""Compare published numbers with ours: ``python3 -m benchmarks.published``. Exit status 1: a goal is missed."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ TABLES = Path(__file__).parents[3] / "shared" / "data" / "published_tables.json"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Compute, print, judge."""
+    """Compute and print the tables, and return the exit status."""
     parser = argparse.ArgumentParser(prog="benchmarks.published", description=__doc__)
     parser.add_argument("--tables", type=Path, default=TABLES, help="the JSON file of published tables")
     parser.add_argument("--only", nargs="+", choices=list(SECTIONS), metavar="NAME", help=", ".join(SECTIONS))
-    parser.add_argument("--brief", action="store_true", help="one line per table")
+    parser.add_argument("--brief", action="store_true", help="print one line per table")
     chosen = parser.parse_args(arguments)
     if not chosen.tables.is_file():
-        print(f"{chosen.tables} is not there: give the file of published tables with --tables", file=sys.stderr)
+        print(f"{chosen.tables} does not exist: set the file of published tables with --tables", file=sys.stderr)
         return 2
     tables = json.loads(chosen.tables.read_text(encoding="utf-8"))
     found: list[Section] = []

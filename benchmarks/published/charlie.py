@@ -1,4 +1,4 @@
-"""Miskovic2010, table 7.12: Charlie's yaw by least squares; every row made the truth of simulated self-oscillations."""
+"""Miskovic2010, table 7.12: Charlie's yaw by least squares, from self-oscillations simulated with each row."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from gcs_autotune.identify import fit_axis
 __all__ = ["charlie"]
 
 GOAL = 2.0
-"""[%]. Two runs of 0.5 s sampling with 0.5 deg of compass noise; Miskovic2010 states neither length nor noise."""
+"""Largest error [%]. Two runs sampled at 0.5 s with 0.5 deg of compass noise, as Miskovic2010 states neither."""
 
 
 def charlie(tables: Mapping[str, Any]) -> list[Section]:
-    """Relays of 15 and 25 deg, hysteresis 10 deg, sampled every 0.5 s as aboard; inertia and drag found again."""
+    """Return inertia and drag from relays of 15 and 25 deg with 10 deg of hysteresis, sampled every 0.5 s."""
     rows = tables["charlie_ls_table_7_12"]["rows"]
     return [
         _section(rows, "linear", 2, "instrumental-variables"),

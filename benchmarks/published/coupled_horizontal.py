@@ -1,4 +1,4 @@
-"""Miskovic2007: the VideoRay's horizontal model, tables I and II, from S-manoeuvres seen by a camera."""
+"""Miskovic2007: the VideoRay's horizontal model, tables I and II, from S-manoeuvres measured by a camera."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GOAL = 3.0
 
 
 def videoray_horizontal(tables: Mapping[str, Any]) -> list[Section]:
-    """Couplings free of one another as for table I, and tied as for table II; the truth flown is the final model."""
+    """Return fits with independent couplings (table I) and with related ones (table II) of runs of the final model."""
     table = tables["videoray_coupled_seed_000"]
     runs = [camera_run(i, 1.5 + 0.2 * i, 0.05 + 0.01 * i) for i in range(6)]
     tied = Form("tied", "", DOFS, ("m", "N_rdot", "X_u", "Y_v", "N_r"), {}, HORIZONTAL_INPUTS)

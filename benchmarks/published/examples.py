@@ -1,4 +1,4 @@
-"""Miskovic2010, examples 6.2, 6.3 and 7.1 to 7.3: relays flown here, identified and decided by our functions."""
+"""Miskovic2010, examples 6.2, 6.3 and 7.1 to 7.3: simulated relays, identified by our functions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.trial import Trial
 __all__ = ["delay_and_sampling", "falcon", "nonlinear_yaw"]
 
 GOAL = 6.0
-"""[%]. The printed cycles are read off Miskovic2010's own simulation with a step it does not state."""
+"""Largest error [%]. The printed cycles come from Miskovic2010's simulation with an unknown step."""
 
 PROCESS: Plant = (0.3 / 50.0, 1.0 / 50.0, 0.0, 0.0)
 """50 / (s (0.3 s + 1)) of examples 6.2 and 6.3."""
@@ -27,7 +27,7 @@ FALCON: Mapping[str, Plant] = {"yaw": (80.0, 300.0, 10.0, 0.0), "heave": (130.0,
 NONLINEAR: Plant = (1.018, 0.0, 1.257, 0.0)
 
 PRINTED_ERRORS = {"K, no delay correction": 53.96, "T, no delay correction": 101.2, "K": 10.0, "T": 15.0}
-"""Example 6.2 [%], Table 6.1; its K without correction is printed as +156.6 % but its own value 76.98 is +54 %."""
+"""Example 6.2 [%], Table 6.1. K without correction is printed as +156.6 %, but its value 76.98 is +54 %."""
 
 PRINTED_SAMPLED = {"K, switching as set": 35.0, "T, switching as set": 75.0, "K": 6.0, "T": 4.0}
 """Example 6.3 [%]."""
@@ -54,7 +54,7 @@ def delay_and_sampling(_: Mapping[str, Any]) -> list[Section]:
 
 
 def _points(printed: Mapping[str, float], ours: Sequence[float]) -> tuple[Row, ...]:
-    """Compare errors as final values (100 % + error), so that a few points stay a few percent."""
+    """Return errors as final values (100 % + error), so that a few points are a few percent."""
     return tuple(
         Row(f"100 % + error of {n}", 100.0 + p, 100.0 + o) for (n, p), o in zip(printed.items(), ours, strict=True)
     )
@@ -81,7 +81,7 @@ def _verdict(runs: Sequence[Trial], dof: str) -> str:
 
 
 def _refined(plant: Plant, runs: Sequence[Trial], dof: str, structure: Structure) -> Section:
-    """Fit the same runs by output error: the truth, not the printed approximation, is the mark."""
+    """Return the fit of the same runs by output error, compared with the true parameters."""
     model = fit_axis([_thinned(r) for r in runs], dof=dof, structure=structure, delay=0.0).model
     ours = (model.alpha, model.beta, model.beta_quadratic)
     rows = [r for r in rows_of(dof, ("alpha", "beta", "beta_quadratic"), plant[:3], ours) if r.published]
@@ -89,14 +89,14 @@ def _refined(plant: Plant, runs: Sequence[Trial], dof: str, structure: Structure
 
 
 def _thinned(run: Trial) -> Trial:
-    """Keep the position at 10 Hz; inputs keep their stamps."""
+    """Return the run with its position at 10 Hz."""
     names = [n for n in run.channels if n in ("psi", "z", "x")]
     thin = {n: replace(run[n], t=run[n].t[::50], values=run[n].values[::50]) for n in names}
     return replace(run, channels={**run.channels, **thin})
 
 
 def falcon(tables: Mapping[str, Any]) -> list[Section]:
-    """Examples 7.1 and 7.2."""
+    """Return examples 7.1 and 7.2."""
     sections = []
     for dof, title in (("yaw", "Example 7.1: FALCON yaw"), ("heave", "Example 7.2: FALCON heave")):
         rows, runs = _flown(FALCON[dof], tables["falcon_seed_002"][f"{dof}_iso"], dof)
@@ -106,7 +106,7 @@ def falcon(tables: Mapping[str, Any]) -> list[Section]:
 
 
 def nonlinear_yaw(tables: Mapping[str, Any]) -> list[Section]:
-    """Example 7.3, tables 7.5 and 7.6."""
+    """Return example 7.3, tables 7.5 and 7.6."""
     rows, runs = _flown(NONLINEAR, tables["nonlinear_yaw_tables_7_5_7_6"]["iso"], "yaw")
     basis = f"relay simulated here; decided: {_verdict(runs, 'yaw')} (Miskovic2010: nonlinear)"
     title = "Example 7.3: nonlinear yaw, tables 7.5 and 7.6"

@@ -1,4 +1,4 @@
-"""ZhaoUSV, table 3: the paper's filter and least squares beside ours on a model of the same kind, at stated noise."""
+"""ZhaoUSV, table 3: the paper's filter and least squares compared with ours, at known noise."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ TAPE = np.arange(10.0, 100.1, 5.0)
 
 
 def laser(tables: Mapping[str, Any]) -> list[Section]:
-    """Find the printed coefficients again from the pixels they put the printed distances at."""
+    """Return the coefficients calibrated from pixels that the printed ones give for the printed distances."""
     rows: list[Row] = []
     for side in ("right", "left"):
         printed = tables["laser_calibration_table_3_1"][side]
@@ -33,7 +33,7 @@ def laser(tables: Mapping[str, Any]) -> list[Section]:
 
 
 def surge(tables: Mapping[str, Any]) -> list[Section]:
-    """Fly the craft that IS-O reads off the printed oscillation: it must oscillate as printed.
+    """Return the limit cycle of the craft that IS-O identifies from the printed one: both must agree.
 
     Miskovic2010 prints neither C nor the parameters, so they are per unit of C.
     """
@@ -43,5 +43,5 @@ def surge(tables: Mapping[str, Any]) -> list[Section]:
     run = relay_run((got.alpha, 0.0, got.beta_quadratic, 0.0), Relay(1.0, x_s / 100.0), 300.0, "surge", dt=0.01, h=0.01)
     (cycle,) = find_cycles(run, "surge")
     rows = rows_of("surge", ("X_m [cm]", "omega [rad/s]"), (X_m, omega), (100.0 * cycle.X_m, cycle.omega))
-    basis = f"flown here with IS-O's own answer: alpha {got.alpha:.3g}, beta_uu {got.beta_quadratic:.3g} per unit of C"
+    basis = f"simulated with the result of IS-O: alpha {got.alpha:.3g}, beta_uu {got.beta_quadratic:.3g} per unit of C"
     return [Section("Section 7.6: VideoRay surge by distance", basis, tuple(rows), 5.0)]

@@ -52,7 +52,7 @@ def beside_steps(tables: Mapping[str, Any]) -> list[Section]:
     return [
         Section(
             "7.4.3: AutoMarine, self-oscillation beside step responses",
-            "computed from the printed parameters; largest of 32 experiments. The text says about 30 % of alpha_r",
+            "computed from the printed parameters; largest of 32 experiments. The text states about 30 % of alpha_r",
             (
                 Row("alpha_r apart [%]", 30.0, max(inertia), counts=False),
                 Row("beta_rr apart [%]", 25.0, max(drag)),

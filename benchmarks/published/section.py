@@ -1,4 +1,4 @@
-"""One published table as rows of published and found, with the goal it is judged by."""
+"""A published table: rows of published and our numbers, and its goal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 __all__ = ["Compute", "Row", "Section", "rows_of"]
 
 Compute = Callable[[Mapping[str, Any]], Sequence["Section"]]
-"""What a section's file offers: the whole JSON -> one or more tables."""
+"""Function of a section: the whole JSON -> one or more tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A published table against ours.
+    """A published table compared with ours.
 
     ``basis`` says where ours come from; ``goal`` is the largest difference allowed [%], infinite when the table is only
     compared; ``exact``: rows must be equal; ``below``: ours is an error that must not exceed the published one.
@@ -47,13 +47,13 @@ class Section:
 
     @property
     def worst(self) -> Row:
-        """The counted row that differs most (of errors: the one least below)."""
+        """Return the counted row with the largest difference (of errors: the one least below)."""
         counted = [r for r in self.rows if r.counts]
         return max(counted, key=lambda r: r.difference if self.below else abs(r.difference))
 
     @property
     def met(self) -> bool:
-        """Whether every counted row reaches the goal."""
+        """Return whether every counted row reaches the goal."""
         if not all(math.isfinite(r.ours) for r in self.rows if r.counts):
             return False
         if self.exact:

@@ -1,4 +1,4 @@
-"""The table of sections: key in the JSON (or example) -> what computes it."""
+"""The sections: key in the JSON (or example) -> function that computes it."""
 
 from __future__ import annotations
 

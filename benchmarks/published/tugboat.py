@@ -1,4 +1,4 @@
-"""Erunsal2017, table 1: the tugboat's sequence of experiments, all parameters found again."""
+"""Erunsal2017, table 1: all parameters of the tugboat, identified from the sequence of experiments."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gcs_autotune.identify.plan.plan import PLANS
 __all__ = ["tugboat"]
 
 GOAL = 15.0
-"""[%] per parameter at the stated noise, which the seed does not give."""
+"""Largest error of a parameter [%], at the noise of the simulation."""
 
 TINY = 1e-3
-"""Printed values below it (Y_r) are zero but for their last digit."""
+"""Printed values below this (Y_r) are not compared."""
 
 
 def tugboat(tables: Mapping[str, Any]) -> list[Section]:
-    """Run the shipped plan on simulated sea trials; the truth is table 1 with what the errata mend."""
+    """Run the shipped plan on simulated sea trials; the truth is table 1 with the errata."""
     printed = tables["tugboat_seed_004_table_1"]
     found = run_plan(PLANS["usv_6dof"], sea_trials(1)).parameters
     rows = tuple(Row(n, truth, found[n].value, abs(truth) > TINY) for n, truth in TUG.items())

@@ -1,4 +1,4 @@
-"""The tests' own water, reached from here: integrators that share nothing with the code under test."""
+"""Simulators of the tests, which share no code with the package."""
 
 from __future__ import annotations
 

@@ -20,17 +20,19 @@ from gcs_autotune.errors import AutotuneError
 from gcs_autotune.report import hint_notes, hint_title, lead_sentence
 from gcs_autotune.trial import Trial
 
-__all__ = ["main", "told"]
+__all__ = ["lines_of_diagnosis", "main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Diagnose and print."""
+    """Diagnose the cases, print the results, and return 0."""
     about = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser("benchmarks.real_diagnosis", description=package.__doc__, formatter_class=about)
     parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
     parser.add_argument("--no-tables", action="store_true")
-    parser.add_argument("--max-seconds", type=float, default=math.inf, help="stop a case after so long (no limit)")
-    parser.add_argument("--page", action="store_true", help="renew docs/measured-data.md from what is kept, and end")
+    parser.add_argument("--max-seconds", type=float, default=math.inf, help="time limit of a case (none)")
+    parser.add_argument(
+        "--page", action="store_true", help="only write docs/measured-data.md from the recorded results"
+    )
     chosen = parser.parse_args(arguments)
     if chosen.page:
         keep({})
@@ -39,21 +41,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in chosen.case:
         case = CASES[name]
         if case.lacking:
-            print(f"\n{name} ({case.dof}): skipped, no data: {case.lacking} is not there", flush=True)
+            print(f"\n{name} ({case.dof}): skipped: {case.lacking} does not exist", flush=True)
             continue
         unseen_words = ", ".join(case.unseen) or "each in turn"
-        print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; foretold: {unseen_words}", flush=True)
+        print(f"\n{name} ({case.dof}): {', '.join(case.runs)}; held out: {unseen_words}", flush=True)
         runs, unseen = case.load()
-        found = None
+        diagnosis = None
         try:
-            found = diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds)
-            lines, answer = told(found), answer_of(found)
-            if found.causes:
-                figures += [Figure(f"{name}, error of {g.signal}, ratio with causes", g.ratio) for g in found.gains]
+            diagnosis = diagnose(runs, unseen=unseen, dof=case.dof, max_seconds=chosen.max_seconds)
+            lines, answer = lines_of_diagnosis(diagnosis), answer_of(diagnosis)
+            if diagnosis.causes:
+                figures += [Figure(f"{name}, error of {g.signal}, ratio with causes", g.ratio) for g in diagnosis.gains]
         except AutotuneError as error:
-            lines, answer = [f"refused: {error}"], answer_of(str(error))
+            lines, answer = [f"rejected: {error}"], answer_of(str(error))
         if case.dof == "yaw":
-            lines += beside([*runs, *unseen], found)
+            lines += comparison([*runs, *unseen], diagnosis)
         print("\n".join(f"  {line}" for line in lines), flush=True)
         if os.environ.get(RECORD):
             keep({name: answer})
@@ -67,12 +69,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 AHEAD = 5.0
-"""Seconds ahead of the fit by hand where a diagnosis tells none."""
+"""Prediction horizon [s] of the fit by hand, if the diagnosis has none."""
 
 
-def beside(runs: Sequence[Trial], found: Diagnosis | None) -> list[str]:
-    """Return what a plain fit by hand predicts of each run, left out, beside what the diagnosis does."""
-    gains = [] if found is None else [g for g in found.gains if g.signal == "psi"]
+def comparison(runs: Sequence[Trial], diagnosis: Diagnosis | None) -> list[str]:
+    """Return the prediction errors of a fit by hand on each held-out run, with those of the diagnosis."""
+    gains = [] if diagnosis is None else [g for g in diagnosis.gains if g.signal == "psi"]
     both = {run: pair for g in gains for run, pair in {**g.each, ALL: (g.before, g.after)}.items()}
     ours = {run: (math.degrees(a), math.degrees(b)) for run, (a, b) in both.items()}
     words = gains[0].metric.split() if gains else []
@@ -80,14 +82,14 @@ def beside(runs: Sequence[Trial], found: Diagnosis | None) -> list[str]:
     return lines_by_hand(by_hand(runs, seconds), ours)
 
 
-def told(diagnosis: Diagnosis) -> list[str]:
-    """Return a diagnosis in a few lines."""
+def lines_of_diagnosis(diagnosis: Diagnosis) -> list[str]:
+    """Return the summary of a diagnosis."""
     lines = [lead_sentence(diagnosis)]
     lines.append(f"{diagnosis.verdict}, {diagnosis.seconds:.0f} s, {diagnosis.tried} candidates")
     for cause in diagnosis.causes:
         numbers = ", ".join(f"{n} = {v.value:.3g} +- {v.std:.1g} {v.unit}" for n, v in cause.parameters.items())
         lines.append(f"{cause.effect.slug} at {cause.effect.place}: {numbers}")
-    lines += ["cannot be told apart: " + ", ".join(group) for group in diagnosis.indistinguishable]
+    lines += ["indistinguishable: " + ", ".join(group) for group in diagnosis.indistinguishable]
     for g in diagnosis.gains:
         low, high = g.ci95
         lines.append(

@@ -1,8 +1,8 @@
-"""What was diagnosed of each real craft: one JSON file, and the blocks of ``docs/measured-data.md`` made from it.
+"""Recorded diagnoses of real craft: a JSON file, and the blocks of ``docs/measured-data.md`` generated from it.
 
-With ``BENCHMARKS_RECORD=1`` in the environment ``python3 -m benchmarks.real_diagnosis`` writes the answers of the cases
-it played and renews the page. ``python3 -m benchmarks.real_diagnosis --page`` renews the page alone. The words between
-the blocks are written by hand; every number of a case stands in its block.
+With ``BENCHMARKS_RECORD=1`` in the environment ``python3 -m benchmarks.real_diagnosis`` records the results and writes
+the page. ``python3 -m benchmarks.real_diagnosis --page`` only writes the page. The text between the blocks is written
+by hand; the numbers of a case are in its block.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ BLOCK = re.compile(
 
 
 class Finding(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A cause or a hint in words: what it is with its numbers, what supports it, and what it gains."""
+    """Texts on a cause or hint: its parameters, its evidence, and the error reduction."""
 
     what: str
     evidence: str
@@ -41,7 +41,7 @@ class Finding(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defa
 
 
 class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A diagnosis of one case. ``refused``: why there is none."""
+    """A recorded diagnosis of one case. ``refused``: the reason if there is none."""
 
     lead: str = ""
     verdict: str = ""
@@ -56,13 +56,13 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     samples: float = 0.0
     refused: str = ""
     origin: str = ""
-    """Where it was copied from, where the benchmark did not write it."""
+    """Source, if the benchmark did not write it."""
     date: str = ""
     commit: str = ""
 
 
 def answer_of(diagnosis: Diagnosis | str) -> Answer:
-    """Return what the page shows of a diagnosis, or of a refusal in words."""
+    """Return the record of a diagnosis, or of the reason why there is none."""
     when = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), "commit": commit()}
     if isinstance(diagnosis, str):
         return Answer(refused=diagnosis, **when)
@@ -107,7 +107,7 @@ def _numbers(values: Mapping[str, Value]) -> str:
 
 
 def _plain(diagnosis: Diagnosis) -> str:
-    """Return the plain model: its time constants, or that none is seen."""
+    """Return the title and time constants of the plain model."""
     model, found = diagnosis.base_model.base, []
     for i, dof in enumerate(model.form.dofs):
         damping = f"{DOFS[dof].force}_{DOFS[dof].velocity}"
@@ -132,12 +132,12 @@ def _gain(gain: ErrorReduction) -> str:
 
 
 def load() -> dict[str, Answer]:
-    """Return the answers that are kept, by case."""
+    """Return the recorded answers by case."""
     return conform(read(FILE), dict[str, Answer]) if FILE.exists() else {}
 
 
 def keep(answers: Mapping[str, Answer]) -> None:
-    """Write *answers* beside those that are kept, and renew the page."""
+    """Add *answers* to the recorded ones, and write the page."""
     every = {**load(), **answers}
     ordered = {name: every[name] for name in CASES if name in every}
     FILE.write_bytes(msgspec.json.format(msgspec.json.encode(ordered), indent=1) + b"\n")
@@ -145,7 +145,7 @@ def keep(answers: Mapping[str, Answer]) -> None:
 
 
 def page() -> str:
-    """Return :data:`PAGE` with the blocks of the answers there are."""
+    """Return :data:`PAGE` with the blocks of the recorded answers."""
     kept = load()
 
     def block(found: re.Match[str]) -> str:
@@ -157,7 +157,7 @@ def page() -> str:
 
 
 def _block(name: str, case: Case, answer: Answer | None) -> str:
-    """Return the lead, a table of figures, and the longer sentences as a list."""
+    """Return the lead sentence, a table of figures, and a list of notes."""
     command = f"`BENCHMARKS_RECORD=1 python3 -m benchmarks.real_diagnosis --case {name}`"
     if answer is None:
         return f"Not recorded yet: {command}.\n"

@@ -1,8 +1,8 @@
-"""A plain least-squares fit of the heading, as a hydrodynamicist writes it in an afternoon: the peer of a diagnosis.
+"""A plain least-squares fit of the heading, to compare with the diagnosis.
 
-``r_dot = a tau + N_r r + N_0`` and a few terms more, per unit of inertia, integrated from the measured heading and turn
-rate over pieces of some seconds, fitted by SciPy with whole runs left out, parts of an only run. No filter, no force
-that drifts, no search.
+The model is ``r_dot = a tau + N_r r + N_0`` plus a few terms, per unit of inertia. It is integrated from the measured
+heading and turn rate over some seconds, and fitted by SciPy. Each run is held out in turn, or each part of a single
+run. There is no filter, no process noise and no search.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ __all__ = ["ALL", "STRUCTURES", "HandFit", "by_hand", "lines_by_hand"]
 Array = NDArray[np.float64]
 
 INTERVAL, STEPS = 0.1, 50
-"""Step [s] of the integration (Euler) at least, and the number of steps of a piece at most."""
+"""Smallest step [s] of the integration (Euler), and largest number of steps of a piece."""
 
 PARTS = 4
-"""Parts of an only run, left out in turn."""
+"""Parts of a single run, held out in turn."""
 
 STEP, FITTED_EVERY = 10, 5
-"""Steps between the starts of pieces, and between the samples of a piece that are fitted."""
+"""Steps between the starts of pieces, and between the fitted samples of a piece."""
 
 LIMIT = 1e3
-"""Turn rates [rad/s] beyond which a fit has run away."""
+"""Turn rate [rad/s] at which a simulation is clipped."""
 
 Term = Callable[[Array, Array, Array], Array]
 
@@ -40,7 +40,7 @@ TERMS: Mapping[str, Term] = {
     "N_v": lambda u, v, r: v,
     "N_|r|r": lambda u, v, r: np.abs(r) * r,
 }
-"""Derivative -> what it multiplies, of measured ``u`` and ``v`` and the integrated ``r``."""
+"""Derivative -> its factor, from measured ``u`` and ``v`` and simulated ``r``."""
 
 STRUCTURES: Mapping[str, tuple[str, ...]] = {
     "linear": (),
@@ -51,14 +51,14 @@ STRUCTURES: Mapping[str, tuple[str, ...]] = {
     "N_|u|r, N_ur": ("N_|u|r", "N_ur"),
     "N_ur, N_v, N_|r|r": ("N_ur", "N_v", "N_|r|r"),
 }
-"""Name -> its terms beside the linear ones."""
+"""Name -> terms in addition to the linear ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandFit:
-    """Rms error [deg] of the heading ``seconds`` ahead on each run, left out of the fit: structure -> run -> error.
+    """Rms error [deg] of the heading ``seconds`` ahead on each held-out run: structure -> run -> error.
 
-    The last, :data:`ALL`, is that of all samples.
+    The last run, :data:`ALL`, has the error of all samples.
     """
 
     seconds: float
@@ -66,7 +66,7 @@ class HandFit:
 
 
 ALL = "all"
-"""Name of the row of all samples."""
+"""Name of the row for all samples."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,17 +81,17 @@ class _Record:
     v: Array
 
     def starts(self, ahead: int) -> NDArray[np.int64]:
-        """Return where pieces of *ahead* steps begin."""
+        """Return the first samples of the pieces of *ahead* steps."""
         return np.arange(0, len(self.psi) - ahead - 1, STEP)
 
     def parts(self, count: int) -> list[_Record]:
-        """Cut it into *count* parts."""
+        """Return *count* equal parts."""
         columns = [np.array_split(c, count) for c in (self.command, self.psi, self.r, self.u, self.v)]
         return [_Record(self.dt, *own) for own in zip(*columns, strict=True)]
 
 
 def _record(run: Trial, dt: float) -> _Record | None:
-    """Return a run on a grid; its turn rate summed where no heading was measured. None where neither was."""
+    """Return a run on a grid, with the integrated turn rate if no heading was measured; None without either."""
     if "psi" not in run and "r" not in run:
         return None
     own = run["psi"] if "psi" in run else run["r"]
@@ -112,7 +112,7 @@ def _record(run: Trial, dt: float) -> _Record | None:
 
 
 def _errors(record: _Record, theta: Array, terms: Sequence[Term], ahead: int) -> Array:
-    """Return the errors (ahead, pieces) of the heading [deg] along all pieces."""
+    """Return the errors (ahead, pieces) of the heading [deg] of all pieces."""
     at = record.starts(ahead)
     r, psi = record.r[at].copy(), np.zeros(len(at))
     found = np.zeros((ahead, len(at)))
@@ -128,7 +128,7 @@ def _errors(record: _Record, theta: Array, terms: Sequence[Term], ahead: int) ->
 
 
 def by_hand(runs: Sequence[Trial], seconds: float = 5.0) -> HandFit:
-    """Fit every structure to all runs but one, in turn, and return the error on that one."""
+    """Fit every structure with each run held out in turn, and return the errors on the held-out runs."""
     dt = max(INTERVAL, seconds / STEPS)
     ahead = round(seconds / dt)
     records = {run.name: record for run in runs if (record := _record(run, dt)) is not None}
@@ -165,14 +165,14 @@ def _fitted(records: Sequence[_Record], terms: Sequence[Term], ahead: int) -> Ar
 
 
 def lines_by_hand(fit: HandFit, ours: Mapping[str, tuple[float, float]]) -> list[str]:
-    """Return a table: per run the error by hand with each structure, and ours of the plain model and with causes.
+    """Return a table: the error on each run by hand with each structure, by our plain model, and with causes.
 
-    ours : run -> rms error [deg] before and after, where a diagnosis tells it.
+    ours : run -> rms error [deg] without and with the causes.
     """
     runs = list(next(iter(fit.errors.values()), {}))
     width = max([len("run"), *map(len, runs)])
     head = "  ".join(f"{s:>12}" for s in fit.errors)
-    lines = [f"heading {fit.seconds:g} s ahead on each run left out [deg], fitted by hand (SciPy), and ours"]
+    lines = [f"error of the heading {fit.seconds:g} s ahead on held-out runs [deg], fitted by hand (SciPy), and ours"]
     lines.append(f"{'run':{width}}  {head}  {'ours: plain':>12}  {'with causes':>12}")
     for run in runs:
         cells = "  ".join(f"{fit.errors[s][run]:12.1f}" for s in fit.errors)

@@ -1,4 +1,4 @@
-"""The cases: which runs are diagnosed, which are only foretold, which degrees of freedom."""
+"""The cases: runs to diagnose, held-out runs, and degrees of freedom."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from benchmarks.real_diagnosis.clones import ESSO, FERRY, KVLCC2, READERS, ROV, TANK, clone_of
+from benchmarks.real_diagnosis.clones import BASIN, ESSO, FERRY, KVLCC2, READERS, ROV, clone_of
 from gcs_autotune.trial import Trial, load_trial
 
 __all__ = ["CASES", "DATA", "Case"]
@@ -16,18 +16,20 @@ DATA = Path(__file__).parents[3] / "shared" / "data"
 ROVER = {"t_sim": "t[s]", "heading_deg": "psi[deg]", "yawrate_dps": "r[deg/s]", "cmd": "N[1]"}
 SUB_YAW = {"t_sim": "t[s]", "y": "psi[deg]", "ydot": "r[deg/s]", "cmd": "N[1]"}
 SUB_DEPTH = {"t_sim": "t[s]", "y": "z[m]", "ydot": "w[m/s]", "cmd": "Z[1]", "z": "true_z", "vz": "true_w"}
-"""Heads of the recorder's own names."""
+"""Columns of the recorder -> columns of this package."""
 SUB_YAW_FULL, SUB_DEPTH_FULL = {"N": 2000.0}, {"Z": 1000.0}
-"""The sub's commands are axes of MANUAL_CONTROL, in thousandths (the vertical one of half its range), of which the
-autopilot took half (JS_GAIN_DEFAULT 0.5): 1000 gave 200 of the motors' 400 us, 250 down gave 100, as the files' own
-servo columns show. This is what full output would take."""
+"""Commands for full output.
+
+The sub's commands are axes of MANUAL_CONTROL in thousandths (the vertical one of half its range). The autopilot uses
+half of them (JS_GAIN_DEFAULT 0.5). In the servo columns of the files, 1000 gives 200 of 400 us, and 250 down gives 100.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Runs of one craft: file names without ending, degrees of freedom as for ``--dof``, heads to be renamed.
+    """Runs of one craft: file names without extension, degrees of freedom as for ``--dof``, columns to rename.
 
-    Without ``unseen`` ones the runs are left out in turn. ``full``: channel -> its number at full output.
+    Without ``unseen`` ones each run is held out in turn. ``full``: channel -> its value at full output.
     ``folder``: below :data:`DATA`, or a repository that is read from a clone (:mod:`.clones`).
     """
 
@@ -40,13 +42,13 @@ class Case:
 
     @property
     def lacking(self) -> str:
-        """Where the data should lie and does not, in words; empty where it does."""
+        """Return the place of the missing data; empty if they exist."""
         if self.folder in READERS:
             return "" if clone_of(self.folder) else f"a clone of {self.folder} below $REAL_DIAGNOSIS_CLONES"
         return "" if (DATA / self.folder).is_dir() else str(DATA / self.folder)
 
     def load(self) -> tuple[list[Trial], list[Trial]]:
-        """Return the runs to diagnose and those to foretell."""
+        """Return the runs to diagnose and the held-out ones."""
         found = [[self._load(name) for name in names] for names in (self.runs, self.unseen)]
         return found[0], found[1]
 
@@ -80,8 +82,8 @@ CASES: Mapping[str, Case] = {
         SUB_DEPTH_FULL,
     ),
     "milliampere-yaw": Case(FERRY, "yaw", ("maneuvering1",), ()),
-    "tank-yaw": Case(TANK, "yaw", ("11_10_52_sync_0_3dof", "11_57_50_0_3dof"), ()),
-    "tank-surge": Case(TANK, "surge", ("11_10_52_sync_0_3dof", "11_57_50_0_3dof"), ()),
+    "tank-yaw": Case(BASIN, "yaw", ("11_10_52_sync_0_3dof", "11_57_50_0_3dof"), ()),
+    "tank-surge": Case(BASIN, "surge", ("11_10_52_sync_0_3dof", "11_57_50_0_3dof"), ()),
     "kvlcc2-marin-yaw": Case(KVLCC2, "yaw", ("10", "-10", "20", "-20"), ()),
     "esso-yaw": Case(ESSO, "yaw", ("13_29_19", "14_03_39", "14_10_05"), ()),
     "rov-yaw": Case(
@@ -91,4 +93,4 @@ CASES: Mapping[str, Case] = {
         ("act_3_4_test_3_2016-03-21-15-09-30",),
     ),
 }
-"""Name -> case. More runs of the same craft exist elsewhere; these are for looking at, not for tuning to."""
+"""Name -> case. Do not tune the diagnosis to these runs."""

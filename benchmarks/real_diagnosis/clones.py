@@ -1,7 +1,7 @@
-"""Runs read from clones of the repositories that publish them, in their own formats.
+"""Read runs from clones of the repositories that publish them.
 
-A clone lies at ``$REAL_DIAGNOSIS_CLONES/<owner>+<name>``: a work tree, a git directory, or a folder ``repo`` that is
-either. Files are read by ``git show`` of the newest commit there. Nothing of them is kept.
+A clone is at ``$REAL_DIAGNOSIS_CLONES/<owner>+<name>``: a work tree, a git directory, or a folder ``repo`` that is
+either. Files are read by ``git show`` from the newest commit. They are not stored.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from numpy.typing import NDArray
 from gcs_autotune.logs import load_runs
 from gcs_autotune.trial import Channel, Trial, load_trial
 
-__all__ = ["ESSO", "FERRY", "KVLCC2", "READERS", "ROV", "TANK", "clone_of"]
+__all__ = ["BASIN", "ESSO", "FERRY", "KVLCC2", "READERS", "ROV", "clone_of"]
 
 Array = NDArray[np.float64]
 
-FERRY, TANK, KVLCC2, ESSO, ROV = (
+FERRY, BASIN, KVLCC2, ESSO, ROV = (
     "Andeshog/milliampere_data",
     "SAABmarine-MEX/saabmarineMEX_learning",
     "martinlarsalbert/System-identification-of-Vessel-Manoeuvring-Models",
     "NAOE-5thLab/FRT-DS-ESSO",
     "MrEkelund/ExjobbROV",
 )
-"""Repositories: a passenger ferry that keeps its place, a BlueROV2 in a tank, a tanker model free running, another on a
-pond in the wind, a BlueROV whose thrusters were switched at random."""
+"""Repositories: a passenger ferry in station keeping, a BlueROV2 in a basin, two free-running tanker models (the second
+on a pond in wind), and a BlueROV with randomly switched thrusters."""
 
 STEP = 0.1
-"""Interval [s] that the ferry's topics, each with stamps of its own, are brought to."""
+"""Common sampling interval [s] of the ferry's topics."""
 
 UNITS = {"psi": "rad", "x": "m", "y": "m", "u": "m/s", "v": "m/s", "w": "m/s", "r": "rad/s", "X": "N", "Y": "N"}
 
 
 def clone_of(repository: str) -> Path | None:
-    """Return the git directory of a clone, None where there is none."""
+    """Return the git directory of a clone; None without one."""
     place = os.environ.get("REAL_DIAGNOSIS_CLONES")
     if not place:
         return None
@@ -51,8 +51,8 @@ def clone_of(repository: str) -> Path | None:
     return next((p for p in reversed(found) if (p / "HEAD").is_file()), None)
 
 
-def _shown(repository: str, path: str) -> bytes:
-    """Return a file of the newest commit; FileNotFoundError where there is no clone."""
+def _file_bytes(repository: str, path: str) -> bytes:
+    """Return a file of the newest commit; raise FileNotFoundError without a clone."""
     place = clone_of(repository)
     if place is None:
         raise FileNotFoundError(f"no clone of {repository} below $REAL_DIAGNOSIS_CLONES")
@@ -67,8 +67,8 @@ def _trial(name: str, t: Array, values: Mapping[str, Array], units: Mapping[str,
 
 
 def _topic(test: str, topic: str) -> tuple[Array, dict[str, Array]]:
-    """Return stamps [s] and columns (n,) of a topic, a stamp once."""
-    lines = _shown(FERRY, f"{test}/{topic}.csv").decode().splitlines()
+    """Return times [s] and columns (n,) of a topic, without repeated times."""
+    lines = _file_bytes(FERRY, f"{test}/{topic}.csv").decode().splitlines()
     heads = lines[0].split(",")
     numbers = [i for i, head in enumerate(heads) if head not in ("time", "header_frame_id")]
     rows = np.array([[float(cells[i]) for i in numbers] for cells in (line.split(",") for line in lines[1:])])
@@ -80,7 +80,7 @@ def _topic(test: str, topic: str) -> tuple[Array, dict[str, Array]]:
 
 
 def ferry(name: str) -> Trial:
-    """Return a test of the ferry: heading and velocities interpolated, the wrench that its thrusters gave held."""
+    """Return a test of the ferry, with interpolated heading and velocities and the held moment of its thrusters."""
     test = f"physical_tests/{name}/{name}"
     (at, pose), (by, twist), (on, wrench) = (
         _topic(test, topic) for topic in ("navigation/pose", "navigation/twist_body", "tau_actual")
@@ -97,18 +97,18 @@ def ferry(name: str) -> Trial:
     return _trial(name, t - t[0], values, {**UNITS, "N": "N m"})
 
 
-# -- a BlueROV2 in a tank (arrays of a motion-capture system)
+# -- a BlueROV2 in a basin (arrays of a motion-capture system)
 
 RECORDED = "residual_modelling/data_and_plots/dictfiles_plot_noacc/rosbag2_2025_05_27-{}_data_all.npz"
 COLUMNS = {"u": 0, "v": 1, "w": 2, "r": 5}
 """Velocity -> column of ``velocities``."""
 CONTROLS = {"X": 4, "Z": 2, "N": 5}
-"""Channel -> column of ``scaled_controls``, of full output: each goes with its own velocity by 0.5 to 0.8."""
+"""Channel -> column of ``scaled_controls`` (normalised output). Its correlation with the velocity is 0.5 to 0.8."""
 
 
-def tank(name: str) -> Trial:
-    """Return a run in the tank: velocities, and the commands as shares of full output."""
-    data = np.load(io.BytesIO(_shown(TANK, RECORDED.format(name))), allow_pickle=False)
+def basin(name: str) -> Trial:
+    """Return a run in the basin: velocities and normalised commands."""
+    data = np.load(io.BytesIO(_file_bytes(BASIN, RECORDED.format(name))), allow_pickle=False)
     n = len(data["scaled_controls"])
     t = 1e-9 * (data["timestamps"][:n] - data["timestamps"][0])
     once = np.append(True, np.diff(t) > 0.0)
@@ -121,8 +121,10 @@ def tank(name: str) -> Trial:
 
 
 def marin(name: str) -> Trial:
-    """Return a zig-zag of the KVLCC2 at MARIN: the file's speeds are rates of x and y, here turned to the ship."""
-    lines = _shown(KVLCC2, f"data/01_raw/kvlcc2/MARIN_FREE_KVLCC2_zz_{name}_m.dat").decode("latin-1").splitlines()[3:]
+    """Return a zig-zag of the KVLCC2 at MARIN, with the speeds rotated from north and east to the ship."""
+    lines = (
+        _file_bytes(KVLCC2, f"data/01_raw/kvlcc2/MARIN_FREE_KVLCC2_zz_{name}_m.dat").decode("latin-1").splitlines()[3:]
+    )
     rows = np.array([[float(cell) for cell in line.split()] for line in lines if line.strip()])
     psi, r, delta = (np.radians(rows[:, k]) for k in (4, 8, 9))
     north, east = rows[:, 5], rows[:, 6]
@@ -136,7 +138,7 @@ def marin(name: str) -> Trial:
     return _trial(f"zz_{name}", rows[:, 0], values, {**UNITS, "delta": "rad"})
 
 
-# -- a tanker model on a pond (a table), and a ROV (a ROS bag), as any user's files are read
+# -- a tanker model on a pond (a table), and an ROV (a ROS bag), read as files of a user
 
 ESSO_COLUMNS = {
     "t [s]": "t[s]",
@@ -150,7 +152,7 @@ ESSO_COLUMNS = {
 
 
 def esso(name: str) -> Trial:
-    """Return a zig-zag of the Esso Osaka model, from where its propeller turns on."""
+    """Return a zig-zag of the Esso Osaka model, from the time when its propeller turns."""
     with _file(ESSO, f"data/zigzag/zigzag_31-Jul-2020_{name}.csv") as path:
         run = load_trial(path, ESSO_COLUMNS)
     begin = float(run["n"].t[np.flatnonzero(run["n"].values > 0.0)[0]]) + SETTLED
@@ -159,17 +161,17 @@ def esso(name: str) -> Trial:
 
 
 SETTLED = 5.0
-"""Seconds after its start in which the propeller speeds up."""
+"""Time [s] in which the propeller speeds up."""
 
 GYRO, LEFT, RIGHT = "sensor_fusion_states_6", "rovio_thrusters_3", "rovio_thrusters_4"
 EVERY = 11
-"""Of 224 samples a second one of so many is used."""
+"""One of so many samples is used; the file has 224 per second."""
 
 
 def rov(name: str) -> Trial:
-    """Return a test of the ROV: turn rate (deg/s), and the two thrusters ahead as shares of full output.
+    """Return a test of the ROV: turn rate, and the normalised outputs of the two forward thrusters.
 
-    Its compass is left out: it does not follow the gyro where the vehicle pitches by 15 degrees.
+    The compass is not used: it deviates from the gyro when the vehicle pitches by 15 degrees.
     """
     with _file(ROV, f"simulink/Estimation/bag/{name}.bag") as path:
         (run,) = load_runs(path)
@@ -187,12 +189,12 @@ def rov(name: str) -> Trial:
 
 @contextmanager
 def _file(repository: str, path: str) -> Iterator[Path]:
-    """Write a file of the newest commit into a folder that is removed afterwards, and yield where it is."""
+    """Write a file of the newest commit to a temporary folder, and yield its path."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / Path(path).name
-        place.write_bytes(_shown(repository, path))
+        place.write_bytes(_file_bytes(repository, path))
         yield place
 
 
-READERS: Mapping[str, Callable[[str], Trial]] = {FERRY: ferry, TANK: tank, KVLCC2: marin, ESSO: esso, ROV: rov}
-"""Repository -> how one of its runs is read."""
+READERS: Mapping[str, Callable[[str], Trial]] = {FERRY: ferry, BASIN: basin, KVLCC2: marin, ESSO: esso, ROV: rov}
+"""Repository -> reader of its runs."""

@@ -1,4 +1,4 @@
-"""The published tables of identified parameters, asked whether they describe one craft."""
+"""Check whether published tables of identified parameters describe one craft."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def tables_of(published: Mapping[str, Any]) -> list[ParameterTable]:
 
 
 def lines_of(table: ParameterTable) -> list[str]:
-    """Return what is told of one table: every question but single levels and rows that are as they should be."""
+    """Return the findings on one table, without single levels and rows that are consistent."""
     findings = diagnose_table(table)
     quiet = [f for f in findings if f.question == "level" and f.answer != "yes"]
     lines = [_line(f) for f in findings if f not in quiet]
-    hidden = sum(f.answer == "cannot tell" for f in quiet)
-    lines.append(f"  {len(quiet)} other level questions: {len(quiet) - hidden} 'no', {hidden} 'cannot tell'")
+    undecided = sum(f.answer == "cannot tell" for f in quiet)
+    lines.append(f"  {len(quiet)} other level questions: {len(quiet) - undecided} 'no', {undecided} undecided")
     return [f"{table.name} ({len(table.level)} rows)", *lines, *_readings(findings)]
 
 
@@ -57,5 +57,7 @@ def _line(f: TableFinding) -> str:
 
 
 def _readings(findings: Sequence[TableFinding]) -> list[str]:
-    told = dict.fromkeys(f.reading for f in findings if f.reading and (f.answer == "yes" or f.question == "drag-order"))
-    return [f"  -> {reading}" for reading in told]
+    readings = dict.fromkeys(
+        f.reading for f in findings if f.reading and (f.answer == "yes" or f.question == "drag-order")
+    )
+    return [f"  -> {reading}" for reading in readings]

@@ -1,4 +1,4 @@
-"""Real measured runs: models trained on some, let loose on others they have not seen, beside SciPy and the peers.
+"""Measured runs of real craft: simulation of held-out runs, compared with SciPy and other packages.
 
 Run: ``python3 -m benchmarks.real_runs [--craft NAME ...] [--methods NAME ...] [--peers] [--python FILE]``.
 

@@ -27,9 +27,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser("benchmarks.real_runs", description=package.__doc__, formatter_class=about)
     parser.add_argument("--craft", nargs="+", choices=list(CRAFTS), default=list(CRAFTS))
     parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=[n for n in METHODS if n not in PEERS])
-    parser.add_argument("--peers", action="store_true", help=f"also {', '.join(PEERS)} (pip install '.[bench]')")
-    parser.add_argument("--python", default=sys.executable, help="interpreter the peers are installed for")
-    parser.add_argument("--limit", type=float, default=1800.0, help="seconds after which a method is given up")
+    parser.add_argument("--peers", action="store_true", help=f"also run {', '.join(PEERS)} (pip install '.[bench]')")
+    parser.add_argument("--python", default=sys.executable, help="Python interpreter with the other packages")
+    parser.add_argument("--limit", type=float, default=1800.0, help="time limit of a method [s]")
     chosen = parser.parse_args(arguments)
     if not DATA.is_dir():
         print(f"no measured runs at {DATA}", file=sys.stderr)

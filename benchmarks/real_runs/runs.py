@@ -1,4 +1,4 @@
-"""The crafts: which files, which are trained on and which held out, which form."""
+"""The craft: their files, training and held-out runs, and model forms."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 STEP = 0.1
-"""Sampling of the common grid [s]: that of both data sets."""
+"""Sampling interval of both data sets [s]."""
 
 FIRST = 10
-"""Samples of motion a method is shown of a held-out run: one second."""
+"""Samples of a held-out run that a method gets: one second."""
 
 OUTPUTS = ("u", "v", "r")
 
@@ -75,7 +75,7 @@ def load(craft: Craft, name: str) -> Trial:
 
 
 def gridded(trial: Trial, inputs: tuple[str, ...]) -> Run:
-    """Put *trial* on the grid: inputs held, motion interpolated; gaps above three steps count as not measured."""
+    """Return *trial* on the grid: inputs held, motion interpolated; longer gaps than three steps are not measured."""
     psi = trial["psi"]
     t = np.arange(psi.t[0], psi.t[-1] + 1e-9, STEP)
     held = [np.maximum(np.searchsorted(trial[c].t, t + 1e-9, side="right") - 1, 0) for c in inputs]

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def fit_percents(run: Run, Y: Array, psi: Array | None) -> dict[str, float]:
-    """Return ``100 (1 - rms/std)`` of u, v, r and psi after the first second; -inf for what ran away.
+    """Return ``100 (1 - rms/std)`` of u, v, r and psi after the first second; -inf for a diverged simulation.
 
     Without a predicted heading it is the predicted r integrated from the measured heading.
     """

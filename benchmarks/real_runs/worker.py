@@ -1,4 +1,4 @@
-"""One method on one craft, in a process of its own: ``python -m benchmarks.real_runs.worker CRAFT METHOD``.
+"""Run one method on one craft in its own process: ``python -m benchmarks.real_runs.worker CRAFT METHOD``.
 
 Writes one line of JSON: CPU seconds and memory of the training, fit percent per held-out run and signal.
 """

@@ -1,1 +1,1 @@
-"""Against the rivals, on ArduPilot's own firmware with our hydrodynamics: ``python3 -m benchmarks.rivals``."""
+"""Other tuning rules on ArduPilot's firmware with simulated hulls: ``python3 -m benchmarks.rivals``."""

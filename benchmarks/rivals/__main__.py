@@ -1,24 +1,24 @@
-"""Heading and depth steps under the gains of every rival: ``python3 -m benchmarks.rivals``.
+"""Heading and depth steps with the gains of several tuning rules: ``python3 -m benchmarks.rivals``.
 
 Needs ArduPilot's own SITL: ``ARDUPILOT_ROVER`` and ``ARDUPILOT_SUB`` name the binaries. It is the study
-``benchmarks/studies/rivals.toml``; a stopped run continues. The hulls are ours, served as external physics. Step and
-measurement are the same for all. The gains come from
+``benchmarks/studies/rivals.toml``; a stopped run continues. Our simulator supplies the hulls as external physics. Step
+and measurement are the same for all. The gains come from
 
 * the firmware's defaults,
-* QuikTune's published rule, computed from the ratio measured in a steady circle (boats; there is none for ROVs),
-* Ziegler-Nichols from our own first relay,
-* ``gcs-autotune tune``, from start to what it left on the vehicle,
-* an oracle, free and held to the overshoot that a tune's proof allows: Nelder-Mead on the steps themselves, with the
-  firmware's loop, inside the documented ranges, from all the others' gains and from the best of a global search on a
-  simulation of the true hull.
+* QuikTune's published rule, with the ratio measured in a steady circle (boats only),
+* Ziegler-Nichols from the first relay of the tune,
+* ``gcs-autotune tune``: the gains that a whole tune leaves on the vehicle,
+* an oracle, without a limit of the overshoot and with that of a tune's proof. It is a Nelder-Mead search on the steps
+  themselves, with the firmware's loop and inside the documented ranges. It starts at the gains of all others and at the
+  best gains of a global search on a simulation of the true hull.
 
-It prints the error over time (ITAE per unit step, mean of step and step back; errors below 0.1 deg or 1 cm count as
-none), overshoot (the worse), settling to 5 %, actuator travel, and vehicle time spent. Goal: ours best of all but the
-oracle, or within 10 % of it, on every vessel, and not worse than the defaults. Exit status 1 when it is missed, 2
+It prints ITAE per unit step (mean of step and step back; errors below 0.1 deg or 1 cm count as zero), the larger
+overshoot, settling time to 5 %, actuator travel and vehicle time. Goal on every vessel: our gains are the best except
+for the oracle, or within 10 % of it, and not worse than the defaults. The exit status is 1 if the goal is missed, and 2
 without ArduPilot.
 
-The steps begin with the integral that calm gains have left, so gains without integral action look as good as any.
-``--again`` flies the stored gains once more from an empty integral.
+The steps start with the integral that soft gains have left. Gains without integral action thus do not show this
+weakness. ``--again`` flies the stored gains again with an empty integral.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from pathlib import Path
 
 from benchmarks.results import Figure, count, headline
 from benchmarks.rivals.contest import Entry, entries_of, flown_again, has_goal, is_first
+from benchmarks.rivals.firmware_loop import BINARIES
 from benchmarks.rivals.fleet import FLEET
-from benchmarks.rivals.sea import BINARIES
 from benchmarks.studies import rows_of
 
 _ROW = "{:16} {:8} {:16} {:>9} {:>7} {:>6} {:>8} {:>8} {:>8}  {}"
@@ -43,7 +43,7 @@ def _number(value: float, form: str = ".3g") -> str:
 
 
 def _show(vessel: str, axis: str, entries: list[Entry]) -> Figure:
-    """Print the entries and whether the goal is met; return our error beside that of the held oracle."""
+    """Print the entries and whether the goal is met; return our ITAE, with that of the limited oracle in its name."""
     oracle = entries[-1].metrics
     assert oracle is not None
     for entry in entries:
@@ -61,7 +61,9 @@ def _show(vessel: str, axis: str, entries: list[Entry]) -> Figure:
     assert ours is not None
     assert held is not None
     good, first = has_goal(entries), is_first(entries)
-    words = [f"{ours.itae / oracle.itae - 1.0:+.0%} of the oracle, {ours.itae / held.itae - 1.0:+.0%} of the held one"]
+    words = [
+        f"{ours.itae / oracle.itae - 1.0:+.0%} to the oracle, {ours.itae / held.itae - 1.0:+.0%} to the limited one"
+    ]
     words += ["best of the others" if first else "not the best"]
     print(f"{'':26}goal {'met' if good else 'missed'}: ours {', '.join(words)}\n", flush=True)
     name = f"{vessel}, {axis}, our ITAE (best gains with limited overshoot: {held.itae:.3g})"
@@ -71,19 +73,19 @@ def _show(vessel: str, axis: str, entries: list[Entry]) -> Figure:
 def main() -> int:
     """Run the contest and return the exit status."""
     parser = argparse.ArgumentParser(prog="benchmarks.rivals", description=__doc__.splitlines()[0])
-    parser.add_argument("--only", default=",".join(FLEET), help=f"of {', '.join(FLEET)}, joined by commas")
+    parser.add_argument("--only", default=",".join(FLEET), help=f"vessels, separated by commas: {', '.join(FLEET)}")
     parser.add_argument("--axis", choices=("heading", "depth"), help="only this axis")
-    parser.add_argument("--budget", type=int, default=120, help="steps the oracles may fly together; default 120")
-    parser.add_argument("--workers", type=int, default=1, help="contests at a time; default 1")
-    parser.add_argument("--again", action="store_true", help="fly the stored gains once more, from an empty integral")
+    parser.add_argument("--budget", type=int, default=120, help="steps that both oracles may fly together (120)")
+    parser.add_argument("--workers", type=int, default=1, help="contests at a time (1)")
+    parser.add_argument("--again", action="store_true", help="fly the stored gains again with an empty integral")
     args = parser.parse_args()
-    wanted = [name for name in args.only.split(",") if name in FLEET]
-    needed = {BINARIES[FLEET[name].data.firmware] for name in wanted}
+    chosen = [name for name in args.only.split(",") if name in FLEET]
+    needed = {BINARIES[FLEET[name].data.firmware] for name in chosen}
     lacking = sorted(name for name in needed if not Path(os.environ.get(name) or ".").is_file())
     if lacking:
-        print(f"benchmarks.rivals flies ArduPilot's own firmware: set {' and '.join(lacking)} to its binaries")
+        print(f"benchmarks.rivals needs ArduPilot's firmware: set {' and '.join(lacking)} to its binaries")
         return 2
-    jobs = tuple(f"{n} {j.axis}" for n in wanted for j in FLEET[n].jobs if args.axis in (None, j.axis))
+    jobs = tuple(f"{n} {j.axis}" for n in chosen for j in FLEET[n].jobs if args.axis in (None, j.axis))
     fixed = {"argument.budget": args.budget}
     rows = rows_of("rivals", args.workers, only={"argument.job": jobs}, fixed=fixed)
     header = ("vessel", "axis", "rival", "ITAE s^2", "/oracle", "over %", "settle s", "travel/s", "flown s", "")

@@ -1,4 +1,4 @@
-"""One axis of one vessel: every rival gets its gains, and all fly the same step on the true hull."""
+"""One axis of one vessel: compute the gains of every rule, and fly the same step with each on the true hull."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.rivals.firmware_loop import FirmwareLoop
 from benchmarks.rivals.fleet import FLEET, Job, Vessel
 from benchmarks.rivals.flights import circle_ratio, fly_step, get_ready
+from benchmarks.rivals.global_search import SIMULATED_LAWS, best_simulated
 from benchmarks.rivals.oracle import search
-from benchmarks.rivals.rehearsal import REHEARSED, rehearse
 from benchmarks.rivals.rules import Cycle, quiktune, ziegler_nichols
-from benchmarks.rivals.sea import Sea
 from gcs_autotune.design import StepMetrics
 from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 
 __all__ = [
     "HELD",
     "Entry",
-    "compete",
-    "competed",
+    "all_entries",
     "entries_of",
     "flown_again",
     "has_goal",
     "is_first",
+    "run_row",
 ]
 
 _FILTERS = ("ATC_STR_RAT_FLTT", "ATC_STR_RAT_FLTD")
 _WORKING_DEPTH = 3.0
 HELD = 0.15
-"""Overshoot that the held oracle is allowed: what the proof of a tune allows."""
+"""Largest overshoot of the limited oracle, as in the proof of a tune."""
 
 
 @dataclass(slots=True)
 class Entry:
-    """One rival: its gains, what it cost in vehicle time [s], how its step went; ``note``: what is odd about it."""
+    """Result of one rule: its gains, the vehicle time [s], the metrics of its step, and a ``note``."""
 
     rival: str
     gains: Mapping[str, float]
@@ -67,30 +67,30 @@ def job_of(name: str) -> tuple[Vessel, Job]:
 
 
 @contextmanager
-def _sea(vessel: Vessel) -> Iterator[Sea]:
+def _firmware_of(vessel: Vessel) -> Iterator[FirmwareLoop]:
     """Yield the firmware on the hull of *vessel*, on the first instance number whose ports are free."""
     for instance in _INSTANCES:
         first = 14700 + 3 * (instance - _INSTANCES.start)
         try:
-            sea = Sea(vessel.data, instance=instance, ports=range(first, first + 3))
+            firmware = FirmwareLoop(vessel.data, instance=instance, ports=range(first, first + 3))
         except OSError:
             if instance == _INSTANCES[-1]:
                 raise
             continue
         break
     try:
-        yield sea
+        yield firmware
     finally:
-        sea.close()
+        firmware.close()
 
 
-def competed(seed: int, job: str, budget: int) -> dict[str, Any]:
+def run_row(seed: int, job: str, budget: int) -> dict[str, Any]:
     """Return the results of a case of the study: all entries as JSON, the ITAE of each rival, and whether the goal is
-    met. The firmware draws its own noise, so *seed* has no effect.
+    The firmware draws its own noise, so *seed* has no effect.
     """
     vessel, axis = job_of(job)
-    with _sea(vessel) as sea:
-        entries = compete(sea, vessel, axis, budget=budget)
+    with _firmware_of(vessel) as firmware:
+        entries = all_entries(firmware, vessel, axis, budget=budget)
     itae = {entry.rival: entry.metrics.itae for entry in entries if entry.metrics is not None}
     return {
         "goal": has_goal(entries),
@@ -101,7 +101,7 @@ def competed(seed: int, job: str, budget: int) -> dict[str, Any]:
 
 
 def entries_of(text: str) -> list[Entry]:
-    """Return the entries in a result ``entries`` of :func:`competed`."""
+    """Return the entries in a result ``entries`` of :func:`run_row`."""
     plain = json.loads(text)
     return [Entry(**{**one, "metrics": one["metrics"] and StepMetrics(**one["metrics"])}) for one in plain]
 
@@ -109,11 +109,11 @@ def entries_of(text: str) -> list[Entry]:
 def flown_again(job: str, entries: Sequence[Entry]) -> list[Entry]:
     """Return *entries* with their steps flown once more on a new firmware, from an empty integral."""
     vessel, axis = job_of(job)
-    with _sea(vessel) as sea:
-        sea.run_while(lambda: sea.t < 50.0)
-        get_ready(sea, axis)
-        base = sea.psi if axis.axis == "heading" else _WORKING_DEPTH
-        return [replace(one, metrics=fly_step(sea, axis, one.gains, base, fresh=True)) for one in entries]
+    with _firmware_of(vessel) as firmware:
+        firmware.run_while(lambda: firmware.t < 50.0)
+        get_ready(firmware, axis)
+        base = firmware.psi if axis.axis == "heading" else _WORKING_DEPTH
+        return [replace(one, metrics=fly_step(firmware, axis, one.gains, base, fresh=True)) for one in entries]
 
 
 def is_first(entries: Sequence[Entry]) -> bool:
@@ -136,58 +136,58 @@ def has_goal(entries: Sequence[Entry]) -> bool:
     return (close or is_first(entries)) and itae["ours"] <= _SAME * itae["defaults"]
 
 
-def _axis(sea: Sea, vessel: Vessel, job: Job) -> Axis:
+def _axis(firmware: FirmwareLoop, vessel: Vessel, job: Job) -> Axis:
     """Return the firmware's loop, with the ranges documented for the names that this vehicle has."""
     axis = FIRMWARE[f"ardu{vessel.data.firmware}"].axes[job.axis]
-    spelled, _ = read_named(sea, [gain.parameter for gain in axis.gains])
+    spelled, _ = read_named(firmware, [gain.parameter for gain in axis.gains])
     return axis.called(spelled)
 
 
-def compete(sea: Sea, vessel: Vessel, job: Job, *, budget: int) -> list[Entry]:
-    """Return every rival's entry, flown."""
-    sea.run_while(lambda: sea.t < 50.0)
-    axis = _axis(sea, vessel, job)
+def all_entries(firmware: FirmwareLoop, vessel: Vessel, job: Job, *, budget: int) -> list[Entry]:
+    """Return the entries of all rules with their flown steps."""
+    firmware.run_while(lambda: firmware.t < 50.0)
+    axis = _axis(firmware, vessel, job)
     names = [*(gain.parameter for gain in axis.gains), *(_FILTERS if vessel.data.is_boat else ())]
-    default = sea.get(names)
+    default = firmware.get(names)
     entries = [Entry("defaults", default, 0.0)]
-    ours, cycle = _tune(sea, job, default, names)
-    sea.set(default)
-    get_ready(sea, job)
+    ours, cycle = _tune(firmware, job, default, names)
+    firmware.set(default)
+    get_ready(firmware, job)
     if vessel.data.is_boat:
-        entries.append(_quiktune(sea, vessel, default))
-        sea.rest()
-        get_ready(sea, job)
+        entries.append(_quiktune(firmware, vessel, default))
+        firmware.rest()
+        get_ready(firmware, job)
     if cycle is not None:
         speed = vessel.data.parameters.get("CRUISE_SPEED", 0.0)
         gains = ziegler_nichols(axis.law, cycle[0], speed, default)
         entries.append(Entry("Ziegler-Nichols", {**default, **gains}, cycle[1]))
     entries.append(ours)
-    base = sea.psi if job.axis == "heading" else _WORKING_DEPTH
+    base = firmware.psi if job.axis == "heading" else _WORKING_DEPTH
     for entry in entries:
-        entry.metrics = fly_step(sea, job, entry.gains, base)
-    return [*entries, *_oracles(sea, vessel, job, axis, entries, base, budget)]
+        entry.metrics = fly_step(firmware, job, entry.gains, base)
+    return [*entries, *_oracles(firmware, vessel, job, axis, entries, base, budget)]
 
 
 def _tune(
-    sea: Sea, job: Job, default: Mapping[str, float], names: list[str]
+    firmware: FirmwareLoop, job: Job, default: Mapping[str, float], names: list[str]
 ) -> tuple[Entry, tuple[Cycle, float] | None]:
-    """Let ``gcs-autotune tune`` do its work over its own link, then read what it left on the vehicle."""
-    sea.set(dict(default))
-    sea.armed_seconds = 0.0
+    """Run ``gcs-autotune tune`` over its own link, and read the gains that it left on the vehicle."""
+    firmware.set(dict(default))
+    firmware.armed_seconds = 0.0
     with tempfile.TemporaryDirectory(prefix="rivals-tune-") as folder:
         run = Path(folder) / "run"
-        command = ["tune", job.axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
-        command += ["--max-distance", "2000"] if sea.data.is_boat else []
-        status = sea.host([*command, "--step-duration", f"{job.duration:g}"], Path(folder) / "said")
+        command = ["tune", job.axis, "--connect", firmware.tuner_uri, "--yes", "--out", str(run)]
+        command += ["--max-distance", "2000"] if firmware.data.is_boat else []
+        status = firmware.host([*command, "--step-duration", f"{job.duration:g}"], Path(folder) / "said")
         cycle, note = _cycle(run), f"ended with {status}"
         if (run / "summary.json").exists():
-            told = json.loads((run / "summary.json").read_text())
-            note = told["ending"] if told["ending"] == "kept" else f"{told['ending']}: {told['reason']}"
-    return Entry("ours", sea.get(names), sea.armed_seconds, note=note), cycle
+            summary = json.loads((run / "summary.json").read_text())
+            note = summary["ending"] if summary["ending"] == "kept" else f"{summary['ending']}: {summary['reason']}"
+    return Entry("ours", firmware.get(names), firmware.armed_seconds, note=note), cycle
 
 
 def _cycle(run: Path) -> tuple[Cycle, float] | None:
-    """Return the first relay's limit cycle and how long it was flown, from a run directory."""
+    """Return the limit cycle of the first relay in a run directory, and its duration [s]."""
     if not (run / "fit.json").exists():
         return None
     cycles = json.loads((run / "fit.json").read_text()).get("iso") or []
@@ -199,35 +199,35 @@ def _cycle(run: Path) -> tuple[Cycle, float] | None:
     return Cycle(c["C"], c["X_m"], c["x_a_star"], c["omega"]), t[1] - t[0]
 
 
-def _quiktune(sea: Sea, vessel: Vessel, default: Mapping[str, float]) -> Entry:
+def _quiktune(firmware: FirmwareLoop, vessel: Vessel, default: Mapping[str, float]) -> Entry:
     throttle = vessel.data.parameters["CRUISE_THROTTLE"] / 100.0
-    demand, rate, seconds = circle_ratio(sea, throttle, 0.5)
-    gains = quiktune(demand / rate, sea.get(["INS_GYRO_FILTER"])["INS_GYRO_FILTER"])
-    shut = rate < math.radians(10.0)
-    note = "its own gate of 10 deg/s would not open at half rudder" if shut else ""
+    demand, rate, seconds = circle_ratio(firmware, throttle, 0.5)
+    gains = quiktune(demand / rate, firmware.get(["INS_GYRO_FILTER"])["INS_GYRO_FILTER"])
+    is_refused = rate < math.radians(10.0)
+    note = "QuikTune refuses turn rates below 10 deg/s at half rudder" if is_refused else ""
     return Entry("QuikTune's rule", {**default, **gains}, seconds, note=note)
 
 
 def _oracles(
-    sea: Sea, vessel: Vessel, job: Job, axis: Axis, entries: list[Entry], base: float, budget: int
+    firmware: FirmwareLoop, vessel: Vessel, job: Job, axis: Axis, entries: list[Entry], base: float, budget: int
 ) -> list[Entry]:
-    """Return the oracle held to an overshoot of ``HELD``, and the free one; all flights are shared by both."""
-    began = sea.t
+    """Return the oracle with an overshoot of at most ``HELD`` and the free one, which share all flights."""
+    began = firmware.t
     ranges = {gain.parameter: (gain.low, gain.high) for gain in axis.gains}
     others = {name: value for name, value in entries[0].gains.items() if name not in ranges}
     starts = [entry.gains for entry in entries]
     limits = (HELD, math.inf)
-    if axis.law in REHEARSED:
-        context = sea.get(axis.context)
-        starts += [rehearse(axis.law, vessel, job, ranges, {**context, **others}, limit) for limit in limits]
+    if axis.law in SIMULATED_LAWS:
+        context = firmware.get(axis.context)
+        starts += [best_simulated(axis.law, vessel, job, ranges, {**context, **others}, limit) for limit in limits]
 
     def fly(gains: Mapping[str, float]) -> StepMetrics:
-        return fly_step(sea, job, {**others, **gains}, base)
+        return fly_step(firmware, job, {**others, **gains}, base)
 
     found, flown = search(fly, ranges, starts, budget, limits)
     answers = []
     for name, flight in zip(("oracle, held", "oracle"), found, strict=True):
-        entry = Entry(name, {**others, **flight.gains}, sea.t - began, note=f"{flown} steps flown")
+        entry = Entry(name, {**others, **flight.gains}, firmware.t - began, note=f"{flown} steps flown")
         entry.metrics = fly(flight.gains)
         answers.append(entry)
     return answers

@@ -1,4 +1,4 @@
-"""The vessels: boats of one shape in five sizes, a BlueROV2 light and loaded.
+"""The vessels: boats of one shape in five sizes, and a light and a loaded BlueROV2.
 
 Boats of one shape have the same Nomoto K' = K L/U and T' = T U/L, so that K T is the same for all at one speed: a boat
 that takes longer to turn also turns slower. Charlie (T = 3.3 s, 12 deg/s at full rudder) sets the product.
@@ -22,24 +22,26 @@ CHARLIE_TURN = math.radians(12.2) * 3.3
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One axis of one vessel: what is stepped, by how much [rad or m], for how long each way [s]."""
+    """One axis of one vessel: its step [rad or m], and the duration of step and step back [s] each."""
 
     axis: str
     step: float
     duration: float
     calm: Mapping[str, float]
-    """Gains on which the vessel waits quietly for the step."""
+    """Soft gains for the wait before the step."""
     settle: float
     near: float
-    """How near to what is asked the vessel must wait, as a share of the step: what a rival left in the integral, or
-    behind a dead band, must not be held against the next."""
+    """Largest error before the step, as a fraction of it.
+
+    The integral or dead-band error of one flight must not affect the next.
+    """
     pairs: int = 1
-    """Steps and steps back that are averaged: more where thrusters that stick make each one end elsewhere."""
+    """Pairs of steps that are averaged: more for sticking thrusters, whose steps are less repeatable."""
 
 
 @dataclass(frozen=True, slots=True)
 class Vessel:
-    """A vessel and what is tuned on it."""
+    """A vessel and its axes to tune."""
 
     name: str
     data: VehicleData

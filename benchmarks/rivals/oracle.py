@@ -1,4 +1,4 @@
-"""The oracle: gains searched for on the truth, with the firmware's own loop, as long as it takes."""
+"""The oracle: a search for the best gains on the true hull with the firmware's own loop."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from gcs_autotune.design import StepMetrics
 __all__ = ["Flight", "search"]
 
 _AGAIN = 3
-"""The best so many are flown once more: one lucky step must not win."""
+"""Number of best gains that are flown again, so that a single lucky step does not win."""
 _LEAST = 1e-3
-"""Of the upper end of a range: what stands for 0 where gains are searched by their logarithm."""
+"""Substitute for 0 in the search over logarithms, as a fraction of the upper end of a range."""
 _SPREAD = 0.4
-"""First simplex, in logarithms of gains: half as much again."""
+"""Size of the first simplex, in logarithms of the gains."""
 _RESTART = 0.8
-"""The same where the search begins again about the best so far."""
+"""Size of the simplex of a search that restarts at the best gains."""
 _PRICE = 20.0
-"""Overshoot beyond the limit: each 1 % counts like 20 % more error."""
-_STRAY = 1e6
-"""Stands in for an error that could not be measured."""
+"""Penalty of overshoot beyond the limit: each 1 % counts as 20 % more ITAE."""
+_NO_ITAE = 1e6
+"""Substitute for an ITAE that could not be measured."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """Gains, and the steps they gave: the mean of all flights of them."""
+    """Gains, and the mean metrics of their flights."""
 
     gains: Mapping[str, float]
     itae: float
     overshoot: float
 
     def cost(self, max_overshoot: float) -> float:
-        """Return the error, raised where the overshoot is beyond *max_overshoot* (a share of the step)."""
-        error = self.itae if math.isfinite(self.itae) else _STRAY
+        """Return the ITAE, with a penalty for overshoot beyond *max_overshoot* (fraction of the step)."""
+        error = self.itae if math.isfinite(self.itae) else _NO_ITAE
         return error * (1.0 + _PRICE * max(0.0, self.overshoot - max_overshoot))
 
 
-class _Book:
-    """Every flight, by where it was in the logarithms of the gains."""
+class _Flights:
+    """All flights, by the logarithms of their gains."""
 
     def __init__(
         self, fly: Callable[[Mapping[str, float]], StepMetrics], ranges: Mapping[str, tuple[float, float]]
@@ -56,13 +56,13 @@ class _Book:
         self.flights: dict[tuple[float, ...], Flight] = {}
 
     def at(self, gains: Mapping[str, float]) -> Array:
-        """Return where *gains* are, moved into the ranges."""
-        wish = [gains.get(n, low) for n, low in zip(self.names, self.low, strict=True)]
-        place: Array = np.log(np.clip(wish, self.low, self.high))
+        """Return the logarithms of *gains*, clipped to the ranges."""
+        values = [gains.get(n, low) for n, low in zip(self.names, self.low, strict=True)]
+        place: Array = np.log(np.clip(values, self.low, self.high))
         return place
 
     def flight(self, x: Array) -> Flight:
-        """Return the flight of the gains nearest to *x* (n,) inside the ranges, flown now if it was not before."""
+        """Return the flight of the gains closest to *x* (n,) inside the ranges; fly it if there is none yet."""
         inside = np.clip(np.exp(x), self.low, self.high)
         key = tuple(np.round(np.log(inside), 6))
         if key not in self.flights:
@@ -88,45 +88,47 @@ def search(
 ) -> tuple[list[Flight], int]:
     """Return (the best gains for each of *limits* of overshoot, steps flown).
 
-    fly : flies a step under gains. ranges : of the gains. starts : gains flown first, the rivals' among them, so that
-    none of them inside the ranges can beat the oracle by more than two flights of the same gains differ.
-    limits : overshoot [share of the step] each answer is held to, ``inf`` for free. Nelder-Mead on the logarithms of
-    the gains, for each limit from its best start and then again, with a wider simplex, from the best so far, until the
-    *budget* of flights is spent; all flights count for all limits. The best few of each are flown again.
+    fly : flies a step with given gains. ranges : of the gains. starts : gains that are flown first, those of the other
+    rules among them. None of these inside the ranges can thus beat the oracle by more than two flights of the same
+    gains differ. limits : largest overshoot [fraction of the step] of each result; ``inf``: none.
+
+    The search is Nelder-Mead on the logarithms of the gains. For each limit it starts at the best start, and restarts
+    with another simplex at the best gains until the *budget* of flights is used. All flights count for all limits. The
+    best few of each are flown again.
     """
-    book = _Book(fly, ranges)
+    flights = _Flights(fly, ranges)
     for start in starts:
-        book.flight(book.at(start))
+        flights.flight(flights.at(start))
     for k, limit in enumerate(limits):
-        share = len(book.flights) + (budget - len(book.flights)) // (len(limits) - k)
+        share = len(flights.flights) + (budget - len(flights.flights)) // (len(limits) - k)
         spread = _SPREAD
-        while share - len(book.flights) > len(book.names) + 1:
-            before = len(book.flights)
-            _descend(book, limit, spread, share - before)
+        while share - len(flights.flights) > len(flights.names) + 1:
+            before = len(flights.flights)
+            _descend(flights, limit, spread, share - before)
             spread = _RESTART if spread == _SPREAD else _SPREAD
-            if len(book.flights) == before:
+            if len(flights.flights) == before:
                 break
-    flown = len(book.flights)
+    flown = len(flights.flights)
     answers = []
     for limit in limits:
-        best = sorted(book.flights, key=lambda key: book.flights[key].cost(limit))[:_AGAIN]
+        best = sorted(flights.flights, key=lambda key: flights.flights[key].cost(limit))[:_AGAIN]
         for key in best:
-            first, again = book.flights[key], book.fly(book.flights[key].gains)
+            first, again = flights.flights[key], flights.fly(flights.flights[key].gains)
             flown += 1
-            book.flights[key] = Flight(
+            flights.flights[key] = Flight(
                 first.gains, 0.5 * (first.itae + again.itae), max(first.overshoot, again.overshoot)
             )
-        answers.append(min((book.flights[key] for key in best), key=lambda flight: flight.cost(limit)))
+        answers.append(min((flights.flights[key] for key in best), key=lambda flight: flight.cost(limit)))
     return answers, flown
 
 
-def _descend(book: _Book, limit: float, spread: float, most: int) -> None:
-    start = book.at(min(book.flights.values(), key=lambda flight: flight.cost(limit)).gains)
+def _descend(flights: _Flights, limit: float, spread: float, most: int) -> None:
+    start = flights.at(min(flights.flights.values(), key=lambda flight: flight.cost(limit)).gains)
     n = len(start)
-    inward = np.where(start + spread <= np.log(book.high), spread, -spread)
+    inward = np.where(start + spread <= np.log(flights.high), spread, -spread)
     simplex = np.vstack([start, start + np.diag(inward)])
     minimize(
-        lambda x: book.flight(x).cost(limit) * (1.0 + book.outside(x)),
+        lambda x: flights.flight(x).cost(limit) * (1.0 + flights.outside(x)),
         start,
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "maxfev": most, "xatol": 0.02, "fatol": 1e-3, "adaptive": n > 4},

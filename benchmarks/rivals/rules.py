@@ -1,4 +1,4 @@
-"""The rivals' rules, as published. Gains are canonical, as in :mod:`gcs_autotune.firmware`."""
+"""Published tuning rules. Gains have canonical names (:mod:`gcs_autotune.firmware`)."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ _SPEED_SCALING_BASE = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """A relay's limit cycle: output [share], swing and hysteresis [rad or m], frequency [rad/s]."""
+    """A relay's limit cycle: normalised output, amplitude and hysteresis [rad or m], frequency [rad/s]."""
 
     output: float
-    swing: float
+    amplitude: float
     hysteresis: float
     omega: float
 
     @property
     def ultimate(self) -> tuple[float, float]:
-        """Ultimate gain [share per rad or m] and period [s]: the relay's describing function, hysteresis and all."""
-        across = math.sqrt(max(self.swing**2 - self.hysteresis**2, 1e-12))
+        """Return ultimate gain [1/rad or 1/m] and period [s], by the relay's describing function."""
+        across = math.sqrt(max(self.amplitude**2 - self.hysteresis**2, 1e-12))
         return 4.0 * self.output / (math.pi * across), math.tau / self.omega
 
 
 def quiktune(ratio: float, gyro_filter: float) -> dict[str, float]:
-    """Return what ArduPilot's rover-quicktune sets: FF = 0.9 of the measured ratio [s], P = I = 0.5 FF, filters."""
+    """Return the gains of ArduPilot's rover-quicktune: FF = 0.9 of the measured ratio [s], P = I = 0.5 FF, filters."""
     ff = 0.9 * ratio
     return {
         "ATC_STR_RAT_FF": ff,
@@ -43,11 +43,11 @@ def quiktune(ratio: float, gyro_filter: float) -> dict[str, float]:
 
 
 def ziegler_nichols(law: str, cycle: Cycle, speed: float, present: Mapping[str, float]) -> dict[str, float]:
-    """Return ArduPilot's gains that make the classic Ziegler-Nichols PID (0.6 Ku, Tu/2, Tu/8) of its cascade.
+    """Return ArduPilot's gains with which its cascade is the classic Ziegler-Nichols PID (0.6 Ku, Tu/2, Tu/8).
 
     Heading: u = P (A e - r) + I int(A e - r) is a PID with Kp = P A + I, Ki = I A, Kd = P; no feed-forward. A boat's
     output is scaled by MOT_SPD_SCA_BASE/V, so its Ku is that of the servo times V over it. Depth: the climb-rate gain
-    stays; position and acceleration gains make the PID (in shares per m/s^2 they are a fifth).
+    stays; position and acceleration gains give the PID (a fifth of them per m/s^2).
     """
     ku, tu = cycle.ultimate
     if law == "rover-heading":

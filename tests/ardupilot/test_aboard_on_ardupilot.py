@@ -11,7 +11,7 @@ import pytest
 from firmware_process import KINDS, binary_of
 from tuning import free_ports
 
-from benchmarks.rivals.sea import Sea
+from benchmarks.rivals.firmware_loop import FirmwareLoop
 from sitl import load_vehicle
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(2000)]
@@ -28,12 +28,12 @@ def test_a_script_aboard_identifies_a_boat_and_leaves_nothing_behind(tmp_path: P
         pytest.skip(f"{KINDS[data.firmware].variable} is not set")
     data = replace(data, parameters={**data.parameters, "SCR_ENABLE": 1})
     run, said = tmp_path / "run", tmp_path / "said.txt"
-    sea = Sea(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
+    sea = FirmwareLoop(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
     try:
         sea.run(WARM_UP)
         words = ["aboard", "heading", "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
         words += ["--silence", "60"]  # of vehicle time, on a machine that may be busy
-        status = sea.host(words, said, meanwhile=lambda pid: None)  # scripts have no lock step: at the wall's pace
+        status = sea.host(words, said, while_running=lambda pid: None)  # scripts have no lock step: at the wall's pace
         assert status == 0, said.read_text()[-2000:]
         sea.run(5.0)
         assert not sea.armed

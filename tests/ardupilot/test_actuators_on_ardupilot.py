@@ -9,7 +9,7 @@ import pytest
 from firmware_process import KINDS, binary_of
 from tuning import free_ports, summary_of
 
-from benchmarks.rivals.sea import Sea
+from benchmarks.rivals.firmware_loop import FirmwareLoop
 from sitl import load_vehicle
 from sitl.effects import parse_effect
 
@@ -24,7 +24,7 @@ def test_thrust_follows_the_command_after_a_tune_of_the_actuators(tmp_path: Path
     run, said = tmp_path / "run", tmp_path / "said.txt"
     instance = int(os.environ.get("ARDUPILOT_INSTANCE", "10"))
     effects = [parse_effect("dead-zone@X.width=0.1")]
-    sea = Sea(load_vehicle("blueboat"), instance=instance, ports=free_ports(3), effects=effects)
+    sea = FirmwareLoop(load_vehicle("blueboat"), instance=instance, ports=free_ports(3), effects=effects)
     try:
         sea.run(WARM_UP)
         line = ["tune", "actuators", "--connect", sea.tuner_uri, "--yes", "--out", str(run)]

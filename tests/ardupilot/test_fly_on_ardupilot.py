@@ -12,7 +12,7 @@ import pytest
 from firmware_process import KINDS, binary_of
 from tuning import free_ports
 
-from benchmarks.rivals.sea import Sea
+from benchmarks.rivals.firmware_loop import FirmwareLoop
 from benchmarks.zig_zag_accuracy import truth
 from sitl import load_vehicle
 
@@ -28,7 +28,7 @@ def flown(vehicle: str, folder: Path, *words: str) -> tuple[Path, str]:
     if binary_of(KINDS[data.firmware]) is None:
         pytest.skip(f"{KINDS[data.firmware].variable} is not set")
     run, said = folder / "run", folder / "said.txt"
-    sea = Sea(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
+    sea = FirmwareLoop(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
     try:
         sea.run(WARM_UP)
         found, ready = (sea.armed, sea.mode), sea.armed_seconds

@@ -17,7 +17,7 @@ import pytest
 from firmware_process import KINDS, binary_of
 from tuning import command_line, free_ports
 
-from benchmarks.rivals.sea import Sea
+from benchmarks.rivals.firmware_loop import FirmwareLoop
 from sitl import load_vehicle
 from sitl.effects import parse_effect
 
@@ -46,7 +46,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
     run, onboard = folder / "run", folder / "onboard.bin"
     effect = parse_effect(f"{HIDDEN}.delay={DELAY:g}")
     instance = int(os.environ.get("ARDUPILOT_INSTANCE", "10"))
-    sea = Sea(load_vehicle("charlie"), instance=instance, ports=free_ports(3), effects=[effect])
+    sea = FirmwareLoop(load_vehicle("charlie"), instance=instance, ports=free_ports(3), effects=[effect])
     try:
         sea.run(WARM_UP)
         flown = sea.host(

@@ -9,7 +9,7 @@ import pytest
 from firmware_process import KINDS, binary_of
 from tuning import free_ports, summary_of
 
-from benchmarks.rivals.sea import Sea
+from benchmarks.rivals.firmware_loop import FirmwareLoop
 from sitl import load_vehicle
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(900)]
@@ -24,7 +24,7 @@ def fly(name: str, folder: Path, *words: str) -> tuple[int, str]:
     kind = "rover" if data.is_boat else "sub"
     if binary_of(KINDS[kind]) is None:
         pytest.skip(f"{KINDS[kind].variable} is not set")
-    sea = Sea(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
+    sea = FirmwareLoop(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
     try:
         sea.run(WARM_UP[kind])
         command = [*words, "--connect", sea.tuner_uri, "--yes", "--quiet", "--out", str(folder / "run")]

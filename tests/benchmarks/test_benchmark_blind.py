@@ -1,4 +1,4 @@
-"""The blind suite itself: what it draws, how it weighs, how it scores. The diagnosis is not asked here."""
+"""The blind suite: its random cases and its scoring, without the diagnosis."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from benchmarks.blind import __main__ as blind
 from benchmarks.blind.__main__ import main, tasks
 from benchmarks.blind.case import LEAST_RATIO, TRACK, draw_case
 from benchmarks.blind.craft import FASTEST, KINDS, SLOWEST, draw_craft
-from benchmarks.blind.flying import MANOEUVRES, draw_commands, turns_round
 from benchmarks.blind.foreign import FOREIGN
-from benchmarks.blind.plain import misfit, whitened
+from benchmarks.blind.manoeuvres import MANOEUVRES, can_turn_fully, draw_commands
+from benchmarks.blind.plain_model import misfit, whitened
+from benchmarks.blind.recipes import ENVIRONMENT, NOT_DRAWN, RECIPES
 from benchmarks.blind.referee import Outcome
 from benchmarks.blind.scoring import bounds, recovered, report
-from benchmarks.blind.sizes import NOT_DRAWN, RECIPES, SURROUNDINGS
 from gcs_autotune.effects import EFFECTS
 from sitl.effects import EFFECTS as SIMULATED
 from sitl.open_loop import Hull, open_loop
@@ -45,12 +45,12 @@ def test_the_mean_drift_of_a_sea_may_be_reported_beside_its_waves(
     assert replace(sea, causes=causes, found_at=found_at).right is right
 
 
-def test_every_effect_of_the_book_and_of_the_simulator_has_a_recipe_or_a_reason() -> None:
-    assert len({*RECIPES, *SURROUNDINGS, *NOT_DRAWN}) == len(RECIPES) + len(SURROUNDINGS) + len(NOT_DRAWN)
-    assert {*RECIPES, *SURROUNDINGS, *NOT_DRAWN} - {"sea"} == set(EFFECTS) == set(SIMULATED)
+def test_every_effect_of_the_catalogue_and_of_the_simulator_has_a_recipe_or_a_reason() -> None:
+    assert len({*RECIPES, *ENVIRONMENT, *NOT_DRAWN}) == len(RECIPES) + len(ENVIRONMENT) + len(NOT_DRAWN)
+    assert {*RECIPES, *ENVIRONMENT, *NOT_DRAWN} - {"sea"} == set(EFFECTS) == set(SIMULATED)
 
 
-def test_foreign_effects_are_in_no_book() -> None:
+def test_foreign_effects_are_not_in_the_catalogue() -> None:
     assert len(FOREIGN) >= 6
     assert not set(FOREIGN) & (set(EFFECTS) | set(SIMULATED))
 
@@ -71,7 +71,7 @@ def test_commands_with_full_turns_turn_the_bow_right_round() -> None:
     rng, turned = np.random.default_rng(5), []
     while len(turned) < 20:
         craft = draw_craft("yaw", rng)
-        if not turns_round(craft):
+        if not can_turn_fully(craft):
             continue
         commands = draw_commands(rng, craft, "steps", turns=True)
         hull = Hull(craft.dofs, craft.inertia, craft.linear)
@@ -88,7 +88,7 @@ def test_a_case_is_the_same_every_time_and_another_for_another_index() -> None:
 
 
 @pytest.mark.parametrize("slug", ["quadratic-drag", "time-offset", "gyro-bias"])
-def test_a_case_counts_when_the_plain_model_errs_a_quarter_more_than_the_noise(slug: str) -> None:
+def test_a_case_counts_when_the_error_of_the_plain_model_exceeds_the_noise_by_a_quarter(slug: str) -> None:
     case = draw_case("single", 11, 0, slug)
     assert case.ratio >= LEAST_RATIO
     assert case.slugs == (slug,)
@@ -180,45 +180,47 @@ def test_outcomes_survive_the_file() -> None:
     assert Outcome.from_json(RIGHT.to_json()).to_json() == RIGHT.to_json()
 
 
-def test_a_case_is_a_row_and_is_not_played_again(
+def test_a_case_is_a_row_and_is_not_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked: list[tuple[object, ...]] = []
+    run: list[tuple[object, ...]] = []
 
-    def play(*task: object) -> Outcome:
-        asked.append(task)
+    def run_case(*task: object) -> Outcome:
+        run.append(task)
         return replace(RIGHT, index=task[2], doubts=["a doubt " * 50])
 
     monkeypatch.setattr(studies, "OUT", tmp_path)
-    monkeypatch.setattr(blind, "play", play)
+    monkeypatch.setattr(blind, "run_case", run_case)
     line = ["--kind", "single", "--cases", "2", "--only", "dead-zone", "--jobs", "1", "--quiet"]
     assert main(line) == 0
     assert main(line) == 0
-    assert asked == [("single", 1, index, "dead-zone", math.inf, None) for index in (0, 1)]
+    assert run == [("single", 1, index, "dead-zone", math.inf, None) for index in (0, 1)]
     assert "100.0 %  (2/2" in capsys.readouterr().out
     assert main([*line, "--cases", "1"]) == 0
     assert "100.0 %  (1/1" in capsys.readouterr().out
-    assert len(asked) == 2
+    assert len(run) == 2
 
 
-def test_effects_come_by_turns() -> None:
+def test_effects_come_in_turn() -> None:
     drawn = tasks("single", 2 * len(RECIPES), 1, ())
     assert [t[3] for t in drawn[: len(RECIPES)]] == list(RECIPES)
     assert drawn[len(RECIPES)][2] == 1
     assert len(tasks("all", 100, 1, ())) == 100
 
 
-def test_wrong_numbers_count_when_exactly_they_are_told_and_nothing_else() -> None:
-    wrong = replace(RIGHT, kind="wrong-numbers", slug="", truth=[], causes=[], verdict="wrong-numbers", numbers=["N_r"])
-    assert replace(wrong, doubted=["N_r"]).right
-    assert not wrong.right and not replace(wrong, doubted=["N_r", "N_rdot"]).right
-    assert not replace(wrong, doubted=["N_r"], verdict="partly-explained").right
-    beside = replace(RIGHT, kind="wrong-numbers-and-effect", numbers=["N_r"], doubted=["N_r"])
-    assert beside.right and not replace(beside, causes=[]).right and not replace(beside, doubted=[]).right
-    honest = replace(wrong, kind="correct-model", numbers=[], verdict="no-effect")
-    assert honest.right and not replace(honest, doubted=["N_r"], verdict="wrong-numbers").right
-    theirs = replace(wrong, kind="simulation", doubted=["gain of yaw", "time constant of yaw"])
-    assert theirs.right and not replace(theirs, doubted=["gain of yaw"]).right
+def test_wrong_numbers_count_when_exactly_they_are_reported_and_nothing_else() -> None:
+    wrong = replace(
+        RIGHT, kind="wrong-numbers", slug="", truth=[], causes=[], verdict="wrong-numbers", wrong_numbers=["N_r"]
+    )
+    assert replace(wrong, reported_numbers=["N_r"]).right
+    assert not wrong.right and not replace(wrong, reported_numbers=["N_r", "N_rdot"]).right
+    assert not replace(wrong, reported_numbers=["N_r"], verdict="partly-explained").right
+    beside = replace(RIGHT, kind="wrong-numbers-and-effect", wrong_numbers=["N_r"], reported_numbers=["N_r"])
+    assert beside.right and not replace(beside, causes=[]).right and not replace(beside, reported_numbers=[]).right
+    correct = replace(wrong, kind="correct-model", wrong_numbers=[], verdict="no-effect")
+    assert correct.right and not replace(correct, reported_numbers=["N_r"], verdict="wrong-numbers").right
+    theirs = replace(wrong, kind="simulation", reported_numbers=["gain of yaw", "time constant of yaw"])
+    assert theirs.right and not replace(theirs, reported_numbers=["gain of yaw"]).right
 
 
 @pytest.mark.parametrize("kind", ["wrong-numbers", "simulation"])

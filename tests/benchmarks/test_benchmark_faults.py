@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks import studies
 from benchmarks.faulted_tunes import main, report
-from benchmarks.faults import KINDS, STATION_KINDS, Case, Fault, draw_case, draw_station_case, play
+from benchmarks.faults import KINDS, STATION_KINDS, Case, Fault, draw_case, draw_station_case, run_case
 from benchmarks.faults.case import FLEET
-from benchmarks.faults.station import Order, misattributed, overruled
+from benchmarks.faults.station import Order, misattributed, undone_orders
 from benchmarks.fuzzed_messages import fuzz_files, fuzz_messages
 from gcs_autotune.study import open_study
 
@@ -41,9 +41,11 @@ def test_a_fault_survives_the_way_to_a_file() -> None:
 def test_a_vehicle_that_reboots_before_it_was_looked_at_is_found_as_it_boots_and_later_as_it_was(
     moment: float, found_as: int, tmp_path: Path
 ) -> None:
-    """An ROV in ALT_HOLD boots in MANUAL; whoever comes aboard after that leaves it in MANUAL."""
+    """An ROV in ALT_HOLD boots in MANUAL; a later connection restores MANUAL."""
     rov = next(s for s in FLEET if s.vehicle == "videoray" and s.axis == "heading")
-    outcome = play(Case.of(rov, Fault("reboot", moment, size=3.5), Fault("unplugged", 26.4), found_mode=2), tmp_path)
+    outcome = run_case(
+        Case.of(rov, Fault("reboot", moment, size=3.5), Fault("unplugged", 26.4), found_mode=2), tmp_path
+    )
     assert outcome.failures == []
     opened = json.loads((tmp_path / "run" / "journal.jsonl").read_text(encoding="utf-8").splitlines()[0])
     assert opened["mode"] == {19: "MANUAL", 2: "ALT_HOLD"}[found_as]
@@ -51,7 +53,7 @@ def test_a_vehicle_that_reboots_before_it_was_looked_at_is_found_as_it_boots_and
 
 def test_the_table_counts_what_failed() -> None:
     case = draw_case(5, 0).to_dict()
-    shared = {"case": case, "ending": "kept", "writes": 4, "proved": True, "as_found_at_once": False}
+    shared = {"case": case, "ending": "kept", "writes": 4, "proved": True, "restored_at_once": False}
     text = report([{**shared, "failures": ["left armed"]}, {**shared, "failures": []}])
     assert text.splitlines()[-2].split()[1:] == ["2", "2", "2", "0", "1", "1"]
 
@@ -75,19 +77,19 @@ def test_every_act_of_another_station_is_among_the_cases_of_it() -> None:
         pytest.param(68, "kept", "", marks=pytest.mark.slow),
     ],
 )
-def test_no_order_is_overruled_and_no_cause_told_wrong(index: int, ending: str, words: str) -> None:
+def test_no_order_is_overruled_and_no_cause_is_wrong(index: int, ending: str, words: str) -> None:
     """83, 114: a mode ordered within 5 s of our own order of the same; 96: a restart while arming.
 
     37: a mode ordered in a silence in which a failsafe disarmed it; 68: disarmed before it was armed.
     """
-    outcome = play(draw_station_case(1, index))
+    outcome = run_case(draw_station_case(1, index))
     assert outcome.failures == []
     assert outcome.ending == ending
     assert words in outcome.message
 
 
 @pytest.mark.slow
-def test_station_cases_are_played_and_counted_from_the_command_line(
+def test_station_cases_are_run_and_counted_from_the_command_line(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(studies, "OUT", tmp_path)
@@ -110,12 +112,12 @@ def test_station_cases_are_played_and_counted_from_the_command_line(
     ],
 )
 def test_an_order_is_undone_by_what_comes_after_it_while_it_is_in_force(own: Order, broken: int, ties: int) -> None:
-    found, counted = overruled([Order(10.0, "mode", 1.0)], [own], [4])
+    found, counted = undone_orders([Order(10.0, "mode", 1.0)], [own], [4])
     assert (len(found), counted) == (broken, ties)
 
 
 def test_a_cause_that_was_not_there_is_misattributed() -> None:
-    said = "this computer paused for 0.6 s without sending overrides"
-    assert "this computer paused" in misattributed(said, ["station-mode"])
-    assert misattributed(said, ["stall"]) == ""
-    assert misattributed("it stopped", ["station-mode"]) == "names nothing of station-mode"
+    text = "this computer paused for 0.6 s without sending overrides"
+    assert "this computer paused" in misattributed(text, ["station-mode"])
+    assert misattributed(text, ["stall"]) == ""
+    assert misattributed("it stopped", ["station-mode"]) == "reports none of station-mode"

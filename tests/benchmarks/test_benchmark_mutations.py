@@ -73,7 +73,7 @@ def test_every_area_has_files_and_no_file_two_areas() -> None:
     assert "import njit" in (ROOT / found["kernels"][0]).read_text(encoding="utf-8")
 
 
-def test_a_file_that_moves_is_found_and_one_that_is_renamed_is_missed_loudly(
+def test_a_file_that_moves_is_found_and_one_that_is_renamed_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = tmp_path / "gcs_autotune"
@@ -90,7 +90,7 @@ def test_a_file_that_moves_is_found_and_one_that_is_renamed_is_missed_loudly(
     (package / "here/b.py").rename(package / "there/b.py")
     assert areas.files_by_area(tmp_path)["one"] == ["gcs_autotune/there/b.py"]
     (package / "there/b.py").rename(package / "there/d.py")
-    with pytest.raises(LookupError, match=r"b\.py any more"):
+    with pytest.raises(LookupError, match=r"no file .*b\.py"):
         areas.files_by_area(tmp_path)
 
 

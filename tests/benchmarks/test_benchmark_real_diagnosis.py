@@ -41,17 +41,17 @@ def test_a_fit_by_hand_finds_damping_that_grows_with_speed_and_prints_each_run()
 
 
 @pytest.mark.slow
-def test_an_only_run_is_left_out_in_parts() -> None:
+def test_a_single_run_is_held_out_in_parts() -> None:
     fit = by_hand([turning(1)], seconds=2.0)
     assert set(fit.errors["linear"]) == {*(f"run1, part {k}" for k in (1, 2, 3, 4)), ALL}
 
 
-def test_a_case_without_its_clone_is_skipped_and_says_so(
+def test_a_case_without_its_clone_is_skipped_with_a_reason(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv("REAL_DIAGNOSIS_CLONES", raising=False)
     assert main(["--case", "milliampere-yaw", "--no-tables"]) == 0
-    assert "skipped, no data: a clone of Andeshog/milliampere_data" in capsys.readouterr().out
+    assert "skipped: a clone of Andeshog/milliampere_data" in capsys.readouterr().out
 
 
 def turning(seed: int) -> Trial:

@@ -13,8 +13,8 @@ import pytest
 from benchmarks.rivals import contest
 from benchmarks.rivals.contest import Entry
 from benchmarks.rivals.fleet import FLEET
+from benchmarks.rivals.global_search import true_hull
 from benchmarks.rivals.oracle import search
-from benchmarks.rivals.rehearsal import true_hull
 from benchmarks.rivals.rules import Cycle, ziegler_nichols
 from benchmarks.studies import FOLDER
 from gcs_autotune.design import StepMetrics
@@ -46,7 +46,7 @@ def test_no_start_beats_the_oracle():
 
 
 def test_the_depth_cascade_becomes_the_pid_of_ziegler_and_nichols() -> None:
-    cycle = Cycle(output=0.3, swing=0.2, hysteresis=0.1, omega=2.0)
+    cycle = Cycle(output=0.3, amplitude=0.2, hysteresis=0.1, omega=2.0)
     gains = ziegler_nichols("sub-depth", cycle, 0.0, {"PSC_VELZ_P": 8.0})
     a, b, p, i = gains["PSC_POSZ_P"], 8.0, 0.2 * gains["PSC_ACCZ_P"], 0.2 * gains["PSC_ACCZ_I"]
     ku, tu = cycle.ultimate
@@ -56,7 +56,7 @@ def test_the_depth_cascade_becomes_the_pid_of_ziegler_and_nichols() -> None:
     assert derivative == pytest.approx(proportional * tu / 8.0)
 
 
-def test_the_rehearsals_thruster_is_as_strong_as_the_true_one():
+def test_the_simulated_thruster_is_as_strong_as_the_true_one():
     hull, thruster = true_hull(FLEET["bluerov2"])
     assert hull.alpha == pytest.approx(0.592 / 22.97)
     assert thruster.dead_zone == 0.0625
@@ -74,8 +74,8 @@ ENTRIES = [
 
 
 def test_a_contest_is_a_row_with_every_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(contest, "_sea", lambda vessel: nullcontext())
-    monkeypatch.setattr(contest, "compete", lambda sea, vessel, job, budget: ENTRIES)
+    monkeypatch.setattr(contest, "_firmware_of", lambda vessel: nullcontext())
+    monkeypatch.setattr(contest, "all_entries", lambda firmware, vessel, job, budget: ENTRIES)
     (tmp_path / "study.toml").write_text((FOLDER / "rivals.toml").read_text())
     ran(tmp_path / "study.toml", tmp_path / "out")
     rows = open_study(tmp_path / "out").to_dict("records")

@@ -1,4 +1,4 @@
-"""What rough water is drawn with: waves, a heading that lags, a helm, days that differ. No search is asked."""
+"""Disturbances of the cases in rough water: waves, a lagging heading, a helm, and run-to-run differences."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.craft import draw_craft
-from benchmarks.blind.flying import driving
+from benchmarks.blind.manoeuvres import driving
 from benchmarks.blind.noise_search import marked, report
-from benchmarks.blind.process_noise import CALM, HIDDEN, Day, Helm, Lag, Waves
-from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, FAMILIES, PAIR, _days
+from benchmarks.blind.process_noise import CALM, HIDDEN, Helm, Lag, RunToRun, Waves
+from benchmarks.blind.rough_water import CIRCUMSTANCES, EXCUSED, FAMILIES, PAIR, _run_to_run
 from sitl.effects import HiddenEffect
 from sitl.open_loop import Hull, open_loop
 
@@ -23,14 +23,14 @@ HULL = Hull(("yaw",), {"yaw": 1.0}, {"yaw": 1.0})
 
 
 def flown(command: Array, *effects: HiddenEffect, seed: int = 1) -> dict[str, Array]:
-    """Return the file of a craft of a second, one newton metre a radian a second."""
+    """Return the file of a craft with a time constant of 1 s and a gain of 1 rad/s per N m."""
     return open_loop(
         HULL, {"N": command}, duration=INTERVAL * len(command), interval=INTERVAL, measured=("psi", "r"),
         effects=effects, seed=seed,
     )  # fmt: skip
 
 
-def test_a_rough_case_is_the_same_every_time_and_tells_its_circumstances() -> None:
+def test_a_rough_case_is_the_same_every_time_and_keeps_its_circumstances() -> None:
     one, again, other = (draw_case("rough", 5, i, "dead-zone") for i in (0, 0, 1))
     assert one.truth == again.truth != other.truth
     assert one.circumstances == again.circumstances
@@ -52,24 +52,24 @@ def test_a_pair_is_of_two_families() -> None:
     assert sorted(s for family in FAMILIES for s in family) == sorted(HIDDEN)
 
 
-def test_trims_of_the_days_are_no_bias_that_all_runs_share() -> None:
-    days = _days(np.random.default_rng(3), draw_craft("yaw", np.random.default_rng(3)), 3)
-    assert [d.in_runs for d in days] == [(0,), (1,), (2,)]
-    moments = [d.values["moment"] for d in days]
+def test_trims_are_zero_on_average_over_the_runs() -> None:
+    differences = _run_to_run(np.random.default_rng(3), draw_craft("yaw", np.random.default_rng(3)), 3)
+    assert [d.in_runs for d in differences] == [(0,), (1,), (2,)]
+    moments = [d.values["moment"] for d in differences]
     assert sum(moments) == pytest.approx(0.0, abs=1e-9 * max(moments)) and max(moments) > 0.0
 
 
-def test_waves_push_and_swing_the_bow_at_their_frequency() -> None:
+def test_waves_push_and_move_the_bow_at_their_frequency() -> None:
     calm = np.zeros(SAMPLES)
-    pushed = flown(calm, Waves("N", moment=1.0, swing=0.0, frequency=2.0, damping=0.1))["r"]
-    swung = flown(calm, Waves("N", moment=0.0, swing=0.1, frequency=2.0, damping=0.1))["psi"]
+    pushed = flown(calm, Waves("N", moment=1.0, heading=0.0, frequency=2.0, damping=0.1))["r"]
+    moved = flown(calm, Waves("N", moment=0.0, heading=0.1, frequency=2.0, damping=0.1))["psi"]
     omega = 2.0 * np.pi * np.fft.rfftfreq(SAMPLES, INTERVAL)
-    for signal in (pushed, swung):
+    for signal in (pushed, moved):
         power = np.abs(np.fft.rfft(signal)) ** 2
         middle = omega[np.searchsorted(np.cumsum(power), 0.5 * power.sum())]
         assert float(middle) == pytest.approx(2.0, abs=0.2)
         assert power[omega < 0.5].sum() < 0.05 * power.sum()
-    assert float(swung.std()) == pytest.approx(0.1, rel=0.2)
+    assert float(moved.std()) == pytest.approx(0.1, rel=0.2)
     assert float(pushed.std()) == pytest.approx(1.0 / np.hypot(1.0, 2.0), rel=0.2)
 
 
@@ -86,12 +86,12 @@ def test_a_lag_delays_or_filters_the_heading_and_not_the_command() -> None:
     assert plain["psi"][settled] - slow["psi"][settled] == pytest.approx(0.5 * plain["r"][settled], rel=0.15)
 
 
-def test_a_day_has_a_moment_and_a_thrust_of_its_own() -> None:
-    rate = flown(np.full(SAMPLES, 0.5), Day("N", moment=0.1, thrust=1.1))["r"]
+def test_run_to_run_differences_are_a_moment_and_a_thrust() -> None:
+    rate = flown(np.full(SAMPLES, 0.5), RunToRun("N", moment=0.1, thrust=1.1))["r"]
     assert rate[-1] == pytest.approx(0.5 * 1.1 + 0.1)
 
 
-def test_somebody_at_the_helm_keeps_the_course_at_times_and_what_is_commanded_is_written_down() -> None:
+def test_a_person_at_the_helm_keeps_the_course_at_times_and_the_commands_are_recorded() -> None:
     plan = np.full(SAMPLES, 0.3)
     file = flown(plan, Helm("N", gain=2.0, rate=1.0, every=0.3, spell=20.0, most=0.8))
     by_plan = file["N"] == 0.3
@@ -110,15 +110,21 @@ def test_a_person_steers_gently_with_ramps_and_pauses() -> None:
         assert np.any(u == 0.0) and len(np.unique(u)) > 50
 
 
-ROW: dict[str, Any] = {"truth": ["dead-zone"], "named": ["dead-zone"], "groups": [], "circumstances": [], "worth": 20.0}
+ROW: dict[str, Any] = {
+    "truth": ["dead-zone"],
+    "named": ["dead-zone"],
+    "groups": [],
+    "circumstances": [],
+    "improvement": 20.0,
+}
 
 
 def marks(**changed: object) -> set[str]:
-    """Return what is so of a row."""
-    return {name for name, is_so in marked({**ROW, **changed}).items() if is_so}
+    """Return the marks of a row."""
+    return {name for name, is_set in marked({**ROW, **changed}).items() if is_set}
 
 
-def test_a_name_that_a_lagging_heading_accounts_for_is_no_wrong_one_and_no_right_one() -> None:
+def test_a_name_that_a_lagging_heading_accounts_for_is_neither_wrong_nor_right() -> None:
     assert marks() == {"right"}
     assert marks(named=["backlash"]) == {"wrong"}
     assert marks(named=["backlash"], groups=[["backlash", "dead-zone"]]) == {"right"}
@@ -131,7 +137,7 @@ def test_a_name_that_a_lagging_heading_accounts_for_is_no_wrong_one_and_no_right
     assert marks(named=["tether-pull"], truth=[]) == {"wrong"}
 
 
-def test_of_two_both_are_right_one_is_told_and_any_other_name_is_wrong() -> None:
+def test_of_two_both_are_right_one_is_reported_and_any_other_name_is_wrong() -> None:
     two = ["dead-zone", "input-delay"]
     assert marks(truth=two, named=two[::-1]) == {"right"}
     assert marks(truth=two, named=two[:1]) == {"one"}
@@ -139,7 +145,7 @@ def test_of_two_both_are_right_one_is_told_and_any_other_name_is_wrong() -> None
     assert marks(truth=two, named=[]) == set()
 
 
-def test_rates_are_told_by_circumstances() -> None:
-    row = {**ROW, "weather": 0.2, "circumstances": ["waves"]}
-    told = list(report([{**row, **marked(row)}]))
-    assert any(line.startswith("waves") and "1 of 1" in line for line in told)
+def test_rates_are_reported_by_circumstances() -> None:
+    row = {**ROW, "noise_share": 0.2, "circumstances": ["waves"]}
+    lines = list(report([{**row, **marked(row)}]))
+    assert any(line.startswith("waves") and "1 of 1" in line for line in lines)

@@ -11,7 +11,7 @@ from benchmarks.contradictory_sensors import (
     CLEAN,
     EVERY,
     SPOILT,
-    Water,
+    Conditions,
     clean_trial,
     is_named,
     record,
@@ -66,12 +66,12 @@ def test_the_factor_of_a_unit_is_named_as_one(factor: float, unit: str) -> None:
 
 
 def test_a_craft_that_goes_astern_or_sideways_on_purpose_is_believed() -> None:
-    water = Water()
-    astern = record(np.random.default_rng(3), "astern", water, 60.0)
-    assert contradictions(trial_of(astern, EVERY, water, "astern")) == ()
-    told = trial_of(astern, ("psi", "r", "x", "y", "u", "v", "N"), water, "astern, by its own speed")
+    conditions = Conditions()
+    astern = record(np.random.default_rng(3), "astern", conditions, 60.0)
+    assert contradictions(trial_of(astern, EVERY, conditions, "astern")) == ()
+    told = trial_of(astern, ("psi", "r", "x", "y", "u", "v", "N"), conditions, "astern, by its own speed")
     assert contradictions(told) == ()
-    silent = trial_of(astern, ("psi", "r", "x", "y", "N"), water, "astern, untold")
+    silent = trial_of(astern, ("psi", "r", "x", "y", "N"), conditions, "astern, untold")
     (found,) = contradictions(silent)
     assert "If it went that way on purpose" in found.cure
 

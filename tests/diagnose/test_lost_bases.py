@@ -10,7 +10,7 @@ import pytest
 from runs_in_the_tank import sailed, squares, towed
 
 from benchmarks.blind.case import draw_case
-from benchmarks.blind.referee import play
+from benchmarks.blind.referee import run_case
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.question import Question
 from gcs_autotune.diagnose.state import begin_with
@@ -29,7 +29,7 @@ def named(told) -> list[str]:
 
 def test_drag_is_found_from_a_base_that_has_none_and_drifts_away_within_seconds() -> None:
     """A blind case that ended `unexplained` before pieces were tried as well."""
-    found = play("single", 9101, 1, "linear-drag")
+    found = run_case("single", 9101, 1, "linear-drag")
     assert (found.verdict, found.causes) == ("effect-found", ["linear-drag"])
 
 
@@ -69,7 +69,7 @@ def test_a_limit_that_only_the_runs_kept_apart_tell_is_found_in_all_together_and
 
 def test_a_change_of_mass_is_dated_right_although_some_swings_too_late_fits_nearly_as_well() -> None:
     """A blind case that ended `unexplained` before other moments were tried."""
-    found = play("single", 9101, 2, "mass-change")
+    found = run_case("single", 9101, 2, "mass-change")
     assert (found.verdict, found.causes) == ("effect-found", ["mass-change"])
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.faults import Case, Fault, Killed, VehicleAsFound, play
+from benchmarks.faults import Case, Fault, Killed, VehicleAsFound, run_case
 from benchmarks.faults.case import FLEET
 from benchmarks.faults.vehicle import Condition
 from gcs_autotune.errors import LinkLost, NotAsFound, PreconditionFailed, UsageError, WrongVehicle
@@ -326,7 +326,7 @@ def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> No
     ids=lambda fault: f"{fault.kind}-{fault.duration:g}",
 )
 def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fault) -> None:
-    outcome = play(Case.of(VIDEORAY, fault))
+    outcome = run_case(Case.of(VIDEORAY, fault))
     assert outcome.failures == []
     assert outcome.writes > 0
 
@@ -334,7 +334,7 @@ def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fau
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc for open files")
 def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
-    play(Case.of(VIDEORAY, Fault("unplugged", 5.0)), tmp_path)
+    run_case(Case.of(VIDEORAY, Fault("unplugged", 5.0)), tmp_path)
     open_files = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
     assert str(tmp_path / "run" / "journal.jsonl") not in open_files
 

@@ -1,6 +1,6 @@
-"""Where the oracle begins, besides at the rivals' gains: the best of a global search on a simulation of the true hull.
+"""Start of the oracle: the best gains of a global search on a simulation of the true hull.
 
-Only the oracle is told the truth. What it finds here is flown like everything else; the simulation is that of the
+Only the oracle uses the true hull. The result is flown like all other gains. The simulation is that of the
 firmware's heading loops in :mod:`gcs_autotune.design`, which leaves out the firmware's estimator and the T200's top.
 """
 
@@ -18,9 +18,9 @@ from gcs_autotune.design import Actuator, StepMetrics, combine, step_metrics
 from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.models import SingleDof
 
-__all__ = ["REHEARSED", "rehearse", "true_hull"]
+__all__ = ["SIMULATED_LAWS", "best_simulated", "true_hull"]
 
-REHEARSED = ("rover-heading", "sub-heading")
+SIMULATED_LAWS = ("rover-heading", "sub-heading")
 _LEAD = 3.0
 _GENERATIONS, _CROWD = 12, 8
 _NOISE = math.radians(0.05)
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 def true_hull(vessel: Vessel) -> tuple[SingleDof, Actuator]:
-    """Return the vessel's own yaw dynamics, input in fractions of full, and its actuator."""
+    """Return the true yaw dynamics of the vessel, with normalised input, and its actuator."""
     yaw = vessel.data.tables["yaw"]
     value = {name: row["value"] for name, row in yaw.items()}
     if vessel.data.is_boat:
@@ -40,11 +40,11 @@ def true_hull(vessel: Vessel) -> tuple[SingleDof, Actuator]:
     full = value["authority"]
     hull = SingleDof("yaw", "1", value["alpha"] / full, value["beta"] / full, value["beta2"] / full, 0.0, 0.0)
     thruster = vessel.data.tables["thruster"]
-    return hull, _bent(thruster["odd"]["value"], thruster["dead"]["value"])
+    return hull, _actuator(thruster["odd"]["value"], thruster["dead"]["value"])
 
 
-def _bent(odd: Sequence[float], dead: float) -> Actuator:
-    """Return the dead zone and thrust curve nearest to an odd polynomial of the command that is dead near zero."""
+def _actuator(odd: Sequence[float], dead: float) -> Actuator:
+    """Return the dead zone and thrust curve closest to an odd polynomial of the command with a dead zone."""
     u = np.linspace(0.0, 1.0, 101)
     thrust = sum(c * u ** (2 * k + 1) for k, c in enumerate(odd)) * (u > dead) / sum(odd)
 
@@ -55,7 +55,7 @@ def _bent(odd: Sequence[float], dead: float) -> Actuator:
     return shaped(found.x)
 
 
-def rehearse(
+def best_simulated(
     law_name: str,
     vessel: Vessel,
     job: Job,
@@ -63,7 +63,7 @@ def rehearse(
     present: Mapping[str, float],
     max_overshoot: float,
 ) -> dict[str, float]:
-    """Return the gains of least simulated error whose step overshoots no more than *max_overshoot*."""
+    """Return the gains of least simulated ITAE with an overshoot of at most *max_overshoot*."""
     law, names = LAWS[law_name], list(ranges)
     low, high = (np.array([ranges[n][i] for n in names]) for i in (0, 1))
     hull, actuator = true_hull(vessel)

@@ -1,7 +1,7 @@
-"""The plain model fitted by hand, to see how much an effect matters: uncoupled, linear drag, nothing else.
+"""Fit of the plain model (uncoupled, linear drag), to measure the error due to a hidden effect.
 
-Exact steps under held commands, initial states by linear least squares, inertia and drag by SciPy. It asks nothing of
-the package under test, so that whether a case counts does not depend on the one who has to solve it.
+Steps with held commands are exact, initial states come from linear least squares, and inertia and drag from SciPy.
+It uses nothing of the package under test, so the choice of cases does not depend on the diagnosis.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ Array = NDArray[np.float64]
 File = Mapping[str, Array]
 
 MEMORY = 20
-"""Samples an error's own past reaches back."""
+"""Order of the autoregression of an error."""
 
 _WIDEST = 5.0
-"""Inertia and drag are sought within a factor exp(5) of the true hull's."""
+"""Logarithm of the largest factor between a fitted and the true inertia or drag."""
 
 
 class _Axis:
-    """One degree of freedom: what drives it, what is seen of it."""
+    """One degree of freedom with its input and its measured signals."""
 
     def __init__(self, craft: Craft, dof: str, sizes: Mapping[str, float], *, drag: bool) -> None:
         self.channel = next((c for c, d in craft.drives.items() if d == dof), None)
-        seen = [SPEED[dof]] if len(craft.dofs) > 1 and dof != "yaw" else [SPEED[dof], POSITION[dof]]
-        self.signals = [name for name in seen if name in craft.signals]
+        measured = [SPEED[dof]] if len(craft.dofs) > 1 and dof != "yaw" else [SPEED[dof], POSITION[dof]]
+        self.signals = [name for name in measured if name in craft.signals]
         self.speed = SPEED[dof]
         self.sizes, self.drag = sizes, drag
         self.start = np.log([craft.inertia[dof], craft.linear[dof]])
 
     def paths(self, theta: Array, file: File) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Return speed and position from rest, and what initial speed and position add: (n,), (n, 2)."""
+        """Return speed and position from rest (n,), and the response to initial speed and position (n, 2)."""
         t = file["t"]
         n, dt = len(t), float(t[-1] - t[0]) / (len(t) - 1)
         u = file[self.channel] if self.channel else np.zeros(n)
@@ -60,7 +60,7 @@ class _Axis:
         return {"v": speed, "s": place}, free
 
     def errors(self, theta: Array, file: File) -> dict[str, Array]:
-        """Return measured minus fitted of each signal, in its size, with the best initial state."""
+        """Return measured minus fitted values of each signal over its size, with the best initial state."""
         paths, free = self.paths(theta, file)
         sort = {name: "v" if name == self.speed else "s" for name in self.signals}
         left = np.concatenate([(file[n] - paths[s]) / self.sizes[n] for n, s in sort.items()])
@@ -70,7 +70,7 @@ class _Axis:
         return dict(zip(self.signals, np.split(left, len(self.signals)), strict=True))
 
     def fit(self, files: Sequence[File]) -> Array:
-        """Return the logarithms of inertia and drag that fit best."""
+        """Return the logarithms of the best inertia and drag."""
 
         def residual(theta: Array) -> Array:
             full = np.array([theta[0], theta[1] if self.drag else 0.0])
@@ -98,14 +98,14 @@ def misfit(
     drag: bool = True,
     of: Collection[str] | None = None,
 ) -> float:
-    """Return the held-out simulation error of the plain model: rms over all signals, each in its *sizes*; *of* some."""
+    """Return the rms held-out error of the plain model over all signals, or those of *of*, each over its size."""
     return _rms(errors_of(craft, train, unseen, sizes, drag=drag, of=of))
 
 
 def whitened(errors: Sequence[Array], noise: float = 0.0) -> float:
-    """Return the rms of *errors* with white *noise* added, over that of what their own past does not foretell.
+    """Return the rms of *errors* with white *noise* added, over the rms of their one-step prediction errors.
 
-    For disturbances that no simulation foretells: the most that knowing their spectrum can be worth. The prediction is
+    This is the largest reduction of the error that a model of the disturbance's spectrum can reach. The prediction is
     an autoregression over the last :data:`MEMORY` samples, by least squares.
     """
     rng = np.random.default_rng(0)
@@ -130,10 +130,10 @@ def errors_of(
     drag: bool = True,
     of: Collection[str] | None = None,
 ) -> list[Array]:
-    """Return the errors (n,) of every signal of every unseen file, in its *sizes*.
+    """Return the errors (n,) of every signal of every held-out file, over its size.
 
-    Fitted to *train*, simulated on *unseen* with the initial state fitted. Positions on the plane are dead reckoned
-    from the simulated speeds and heading, their starting point fitted. *of*: names of the signals wanted.
+    The model is fitted to *train* and simulated on *unseen* with fitted initial states. Positions on the plane are
+    dead-reckoned from the simulated speeds and heading, with a fitted initial position. *of*: only these signals.
     """
     axes = {dof: _Axis(craft, dof, sizes, drag=drag) for dof in craft.dofs}
     axes = {dof: axis for dof, axis in axes.items() if axis.signals}
@@ -151,10 +151,9 @@ def errors_of(
 def _reckoned(
     craft: Craft, file: File, errors: Mapping[str, Array], sizes: Mapping[str, float], *, adrift: bool
 ) -> dict[str, Array]:
-    """Return the errors of x and y dead reckoned, when the craft moves on the plane.
+    """Return the errors of dead-reckoned x and y, if the craft moves on the plane.
 
-    *adrift*: no speed is measured, so that a model may begin with any drift sideways and a slightly wrong heading:
-    what these make of the track is no error.
+    *adrift*: no speed is measured. A constant sideways drift and a small heading error are then fitted too.
     """
     if len(craft.dofs) == 1 or "x" not in craft.signals or not {"u", "psi"} <= errors.keys():
         return {}

@@ -1,4 +1,4 @@
-"""What is hidden in a case: effects with places and numbers, and what the flying has to take care of."""
+"""Hidden effects of a case, with their places and parameters and what the runs need to show them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = ["Hidden", "Recipe"]
 class Hidden:
     """One effect to hide.
 
-    ``craft``: what carries it. ``turns``: the heading has to go round.
-    ``start``: signal -> (mean, spread) of where runs begin. ``in_runs``: the runs that have it, None: all.
-    ``plain``: how the base model drags, ``linear`` or ``none`` (then neither does the bare hull).
-    ``near_bottom``: runs reach down to the bottom. ``near_wall``: runs reach to the ``distance`` of the origin from
-    the wall.
+    ``craft``: the craft that has it. ``turns``: the heading must make full turns.
+    ``start``: signal -> (mean, standard deviation) of its initial value. ``in_runs``: the runs that have it; None: all.
+    ``plain``: drag of the base model and of the bare hull, ``linear`` or ``none``.
+    ``near_bottom``: runs come close to the bottom.
+    ``near_wall``: runs come as close to the wall as its ``distance`` from the origin.
     """
 
     slug: str
@@ -37,9 +37,9 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Recipe:
-    """How an effect is drawn: on which kinds of craft, and its place and numbers.
+    """How an effect is drawn: the kinds of craft, and its place and parameters.
 
-    ``coarse``: it comes in one size only (a sign, a swap, a unit), so that its weight cannot be chosen by its size.
+    ``coarse``: it has one size only (a sign, a swap, a unit). The ratio of its error to the noise cannot be chosen.
     """
 
     kinds: tuple[str, ...]

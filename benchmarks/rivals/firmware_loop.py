@@ -1,9 +1,8 @@
-"""ArduPilot's firmware on one of our hulls, and a bare ground station, all in one loop.
+"""ArduPilot's firmware on a simulated hull, with a simple ground station, in one loop.
 
-The hull answers ArduPilot frame by frame (lock step), so between two frames the ground station has all the time it
-needs: what it sends arrives in the next frames at any speed. The same holds for the tuner, whose link passes through
-here: after every ATTITUDE the sea stands still until the tuner has answered, or a little while. What is measured is
-what the autopilot believes (its heading is off the truth by a constant degree or so, which no gain can mend).
+The hull and ArduPilot run in lock step, so messages of the ground station arrive in the next frames at any speed. The
+link of the tuner passes through here too: after every ATTITUDE the simulation waits a short time for its reply. The
+measurements are those of the autopilot. Its heading has a constant error of about a degree, which no gain removes.
 """
 
 from __future__ import annotations
@@ -30,28 +29,28 @@ from sitl.ardupilot_json import HOME, JsonServer, Physics, parameter_text
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect
 
-__all__ = ["BINARIES", "NoAnswer", "Sea"]
+__all__ = ["BINARIES", "FirmwareError", "FirmwareLoop"]
 
 BINARIES = {"rover": "ARDUPILOT_ROVER", "sub": "ARDUPILOT_SUB"}
 """Firmware -> environment variable that names its binary."""
 _RATE = {"rover": 200, "sub": 400}
 _PUMP = 0.02
-"""Seconds between looks at the link, and between samples of the truth."""
+"""Interval [s] of reading the link, and of samples of the true state."""
 _PATIENCE = 0.025
-"""Wall seconds the sea waits for the tuner after an ATTITUDE; more where nobody commands would only cost time."""
+"""Longest wall time [s] that the firmware waits for the tuner after an ATTITUDE."""
 _ATTITUDE, _POSITION = 30, 32
 _INTERVAL = 25000.0
-"""Of ATTITUDE and LOCAL_POSITION_NED, asked for on our own link [us]."""
+"""Interval of ATTITUDE and LOCAL_POSITION_NED on this link [us]."""
 _FAST = 100.0
-"""--speedup beyond what the machine can do: as fast as it goes."""
+"""Value of --speedup that no computer reaches."""
 
 
-class NoAnswer(RuntimeError):
-    """The firmware did not do as it was told, or died."""
+class FirmwareError(RuntimeError):
+    """The firmware did not obey a command, or ended."""
 
 
-class Sea:
-    """One firmware process on one hull; closes with it."""
+class FirmwareLoop:
+    """A firmware process on a simulated hull."""
 
     def __init__(
         self,
@@ -75,9 +74,9 @@ class Sea:
         self._mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self._mav.robust_parsing = True
         self.tuner_uri = f"udpin:127.0.0.1:{ports[2]}"
-        self._tuner = _Between(ports[1], ports[2])
+        self._tuner = _TunerLink(ports[1], ports[2])
         self.log: list[tuple[float, float, float, float, float, float]] = []
-        """Time, heading [rad, unwrapped], depth, true speed, shares of full output in yaw and heave."""
+        """Time, heading [rad, unwrapped], depth, true speed, normalised outputs of yaw and heave."""
         self.psi = self.z = 0.0
         self.armed, self.mode = False, -1
         self.armed_seconds = 0.0
@@ -97,7 +96,7 @@ class Sea:
             self._process = subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
 
     def close(self) -> None:
-        """End the firmware and let go of the ports."""
+        """End the firmware and close the ports."""
         self._process.kill()
         self._process.wait()
         self._server.close()
@@ -108,24 +107,24 @@ class Sea:
     def host(
         self,
         arguments: Sequence[str],
-        said: Path,
+        output: Path,
         *,
         within: float = 4000.0,
-        meanwhile: Callable[[int], None] | None = None,
+        while_running: Callable[[int], None] | None = None,
     ) -> int:
-        """Let ``gcs-autotune`` work over its own link (``tuner_uri``), its words in *said*; return its exit code.
+        """Run ``gcs-autotune`` over its own link (``tuner_uri``), with its output in a file; return its exit code.
 
-        *meanwhile* is called with its process id after every frame; then time on the water is the wall's.
+        *while_running* is called with its process id after every frame; the simulation then runs in real time.
         """
         command = [sys.executable, "-m", "gcs_autotune", *arguments]
-        self._tuner.waiting = meanwhile is None
+        self._tuner.waiting = while_running is None
         ahead = time.monotonic() - self.t
-        with said.open("wb") as file:
+        with output.open("wb") as file:
             process = subprocess.Popen(command, stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
 
             def going() -> bool:
-                if meanwhile is not None:
-                    meanwhile(process.pid)
+                if while_running is not None:
+                    while_running(process.pid)
                     time.sleep(max(0.0, self.t + ahead - time.monotonic()))
                 return process.poll() is None
 
@@ -136,33 +135,35 @@ class Sea:
                 self._tuner.waiting = False
         return process.wait()
 
-    def overhear(self, listener: Callable[[Any], None]) -> None:
-        """Call *listener* with every message of the tuner's."""
-        self._tuner.overhear(listener)
+    def add_listener(self, listener: Callable[[Any], None]) -> None:
+        """Call *listener* with every message of the tuner."""
+        self._tuner.add_listener(listener)
 
     # -- time
 
     @property
     def t(self) -> float:
-        """Seconds on the water."""
+        """Simulated time [s]."""
         return self.physics.seconds
 
     def run(self, seconds: float) -> None:
-        """Let *seconds* pass."""
+        """Simulate *seconds*."""
         self.run_while(lambda end=self.t + seconds: self.t < end)
 
     def run_while(self, going: Callable[[], bool], *, within: float = math.inf) -> None:
-        """Let time pass while *going*; ``NoAnswer`` when that lasts longer than *within* [s] or the firmware dies."""
+        """Simulate while *going*; raise FirmwareError after *within* [s], or if the firmware ends."""
         end = self.t + within
         while going():
             try:
                 self._server.serve_one()
             except TimeoutError as error:
-                raise NoAnswer(f"{self.data.name}: the firmware has stopped asking ({self._process.poll()})") from error
+                raise FirmwareError(f"{self.data.name}: the firmware has stopped ({self._process.poll()})") from error
             if self.t >= self._next_pump:
                 self._pump()
             if self.t > end:
-                raise NoAnswer(f"{self.data.name}: no success within {within:g} s; it said {self.texts[-3:]}")
+                raise FirmwareError(
+                    f"{self.data.name}: not finished within {within:g} s; last messages {self.texts[-3:]}"
+                )
 
     def _pump(self) -> None:
         self._next_pump = self.t + _PUMP
@@ -183,7 +184,7 @@ class Sea:
     # -- the link
 
     def send(self, message: Any, packer: Any = None) -> None:
-        """Send one message, as another station where *packer* is given."""
+        """Send one message; *packer*: of another station."""
         if self._peer is not None:
             self._socket.sendto(message.pack(packer or self._mav), self._peer)
 
@@ -207,7 +208,7 @@ class Sea:
             self.texts.append(message.text)
 
     def set(self, gains: Mapping[str, float]) -> None:
-        """Write parameters, canonical as in :mod:`gcs_autotune.firmware`, and see them echoed."""
+        """Write parameters with canonical names (:mod:`gcs_autotune.firmware`), and wait for their echo."""
         spelled, _ = read_named(self, gains)
         for name, value in spelled.to_own(gains).items():
             for _ in range(5):
@@ -218,15 +219,15 @@ class Sea:
                 if name in self._values:
                     break
             else:
-                raise NoAnswer(f"{self.data.name}: no parameter {name}")
+                raise FirmwareError(f"{self.data.name}: no parameter {name}")
 
     def get(self, names: Sequence[str]) -> dict[str, float]:
-        """Read parameters, canonical; those the firmware does not have are left out."""
+        """Return parameters by canonical name, without those that the firmware does not have."""
         spelled, found = read_named(self, names)
         return spelled.to_canonical(found)
 
     def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
-        """Return name -> value of the first name that answers of each of *groups* of alternative names."""
+        """Return name -> value of the first available name in each of *groups* of alternative names."""
         return dict(answer for group in groups if (answer := self._first_of(group)))
 
     def _first_of(self, group: Sequence[str]) -> tuple[str, float] | None:
@@ -242,7 +243,7 @@ class Sea:
         return None
 
     def command(self, number: int, *values: float) -> int:
-        """Give a command and return its MAV_RESULT (-1: none came)."""
+        """Send a command and return its MAV_RESULT (-1: none received)."""
         self._acks.clear()
         padded = [*values, *[0.0] * (7 - len(values))]
         self.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
@@ -251,13 +252,13 @@ class Sea:
         return next((result for n, result in self._acks if n == number), -1)
 
     def go(self, mode: int) -> None:
-        """Arm and enter *mode*, however long the estimator takes."""
+        """Arm and enter *mode*, within 120 s."""
         for message in (_ATTITUDE, _POSITION):
             self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message), _INTERVAL)
         end = self.t + 120.0
         while not (self.armed and self.mode == mode):
             if self.t > end:
-                raise NoAnswer(f"{self.data.name}: does not arm in mode {mode}; it said {self.texts[-5:]}")
+                raise FirmwareError(f"{self.data.name}: does not arm in mode {mode}; last messages {self.texts[-5:]}")
             if not self.armed:
                 self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
             if self.mode != mode:
@@ -265,7 +266,7 @@ class Sea:
             self.run(1.5)
 
     def rest(self) -> None:
-        """Disarm, in MANUAL."""
+        """Disarm in MANUAL."""
         self.repeated = lambda: ()
         for _ in range(5):
             self.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 0.0 if self.data.firmware == "rover" else 19.0)
@@ -273,7 +274,7 @@ class Sea:
             self.run(1.5)
             if not self.armed:
                 return
-        raise NoAnswer(f"{self.data.name}: does not disarm")
+        raise FirmwareError(f"{self.data.name}: does not disarm")
 
     def record(self, since: float) -> NDArray[np.float64]:
         """Return the rows (n, 6) of :attr:`log` from *since* [s] on."""
@@ -281,8 +282,8 @@ class Sea:
         return np.array(self.log[first:])
 
 
-class _Between:
-    """Passes the tuner's link on, both ways, and waits for its answer to every ATTITUDE."""
+class _TunerLink:
+    """Forward the tuner's link both ways, and wait for its reply to every ATTITUDE."""
 
     def __init__(self, firmware_port: int, tuner_port: int) -> None:
         self._firmware = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -293,27 +294,27 @@ class _Between:
         self._ground.connect(("127.0.0.1", tuner_port))
         self._ground.setblocking(False)
         self.waiting = False
-        """Whether there is a tuner to wait for."""
+        """Whether to wait for a tuner."""
         self._listeners: list[Callable[[Any], None]] = []
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
 
-    def overhear(self, listener: Callable[[Any], None]) -> None:
-        """Call *listener* with every message of the tuner's."""
+    def add_listener(self, listener: Callable[[Any], None]) -> None:
+        """Call *listener* with every message of the tuner."""
         self._listeners.append(listener)
 
     def pass_on(self) -> None:
-        """Pass on what has come in; when ATTITUDE was among it, wait for an answer."""
-        asked = False
+        """Forward the received data; after an ATTITUDE wait for a reply."""
+        is_attitude = False
         while True:
             try:
                 data, self._far = self._firmware.recvfrom(4096)
             except (BlockingIOError, ConnectionError):
                 break
-            asked = asked or _holds_attitude(data)
+            is_attitude = is_attitude or _holds_attitude(data)
             with contextlib.suppress(ConnectionError, BlockingIOError):
                 self._ground.send(data)
-        self._back(_PATIENCE if asked and self.waiting else 0.0)
+        self._back(_PATIENCE if is_attitude and self.waiting else 0.0)
 
     def _back(self, patience: float) -> None:
         if patience and not select.select([self._ground], [], [], patience)[0]:
@@ -336,7 +337,7 @@ class _Between:
 
 
 def _holds_attitude(data: bytes) -> bool:
-    """Return whether an ATTITUDE begins anywhere in *data*, MAVLink 2 frames one after the other."""
+    """Return whether one of the MAVLink 2 frames in *data* is an ATTITUDE."""
     at = 0
     while at + 10 <= len(data) and data[at] == 0xFD:
         if int.from_bytes(data[at + 7 : at + 10], "little") == _ATTITUDE:

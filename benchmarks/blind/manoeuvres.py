@@ -1,4 +1,4 @@
-"""Open-loop manoeuvres drawn at random: shares of full command on the record's stamps."""
+"""Random open-loop manoeuvres, as fractions of full command at the sample times."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.craft import Craft, log_uniform
 
-__all__ = ["MANOEUVRES", "draw_commands", "driving", "turns_round"]
+__all__ = ["MANOEUVRES", "can_turn_fully", "draw_commands", "driving"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
 
 
 def _held(t: Array, level: Callable[[int], float], hold: Callable[[], float]) -> Array:
-    """Return levels held for random times."""
+    """Return *level* of each step, held for the times that *hold* returns."""
     u, until, now, k = np.zeros(len(t)), -1.0, 0.0, 0
     for i, moment in enumerate(t):
         if moment >= until:
@@ -26,18 +26,18 @@ def _held(t: Array, level: Callable[[int], float], hold: Callable[[], float]) ->
 
 
 def _steps(rng: Rng, t: Array, pace: float) -> Array:
-    """Steps of random sizes."""
+    """Return steps of random sizes."""
     return _held(t, lambda k: rng.uniform(-1.0, 1.0), lambda: pace * rng.uniform(0.7, 4.0))
 
 
 def _zigzag(rng: Rng, t: Array, pace: float) -> Array:
-    """Equal sizes to either side, reversed after about as long each time."""
+    """Return equal commands to either side, reversed at nearly equal times."""
     size, hold = rng.uniform(0.4, 1.0), pace * rng.uniform(1.0, 4.0)
     return _held(t, lambda k: size * (-1.0) ** k, lambda: hold * rng.uniform(0.8, 1.25))
 
 
 def _relay(rng: Rng, t: Array, pace: float) -> Array:
-    """A square wave, its size changed half-way."""
+    """Return a square wave whose size changes half-way."""
     size, hold = rng.uniform(0.4, 1.0), pace * rng.uniform(0.8, 3.0)
     second = size * rng.uniform(0.3, 0.8)
     half = t[len(t) // 2]
@@ -46,20 +46,20 @@ def _relay(rng: Rng, t: Array, pace: float) -> Array:
 
 
 def _prbs(rng: Rng, t: Array, pace: float) -> Array:
-    """A random binary sequence."""
+    """Return a random binary sequence."""
     size, bit = rng.uniform(0.4, 1.0), pace * rng.uniform(0.4, 1.2)
     return _held(t, lambda k: size * (1.0 if rng.random() < 0.5 else -1.0), lambda: bit)
 
 
 def _doublets(rng: Rng, t: Array, pace: float) -> Array:
-    """One way, the other way, rest; each time of another size."""
+    """Return doublets of random sizes with pauses."""
     sizes = rng.uniform(0.15, 1.0, 400) * rng.choice([-1.0, 1.0], 400)
     hold = pace * rng.uniform(0.7, 2.5)
     return _held(t, lambda k: (1.0, -1.0, 0.0)[k % 3] * sizes[(k // 3) % 400], lambda: hold)
 
 
 def _sweep(rng: Rng, t: Array, pace: float) -> Array:
-    """A sine that grows faster."""
+    """Return a sine of increasing frequency."""
     low, high = rng.uniform(0.1, 0.3) / pace, rng.uniform(1.0, 3.0) / pace
     span = max(t[-1], 1e-9)
     phase = low * span / np.log(high / low) * ((high / low) ** (t / span) - 1.0)
@@ -77,7 +77,7 @@ MANOEUVRES: Mapping[str, Callable[[Rng, Array, float], Array]] = {
 
 
 def driving(rng: Rng, t: Array, pace: float) -> Array:
-    """Return a person's steering: held for random times, ramps, pauses; mostly gentle."""
+    """Return the steering of a person: held commands, ramps and pauses of random duration, mostly small."""
     u, now, begin = np.zeros(len(t)), 0.0, 0
     while begin < len(t):
         end = int(np.searchsorted(t, t[begin] + pace * rng.exponential(3.0))) + 1
@@ -90,29 +90,29 @@ def driving(rng: Rng, t: Array, pace: float) -> Array:
 
 
 def _turns(rng: Rng, t: Array, around: float) -> Array:
-    """Right round one way and back, which *around* (a share of full) does in half the run."""
+    """Return a full turn to one side and one back, of *around* (fraction of full command) each."""
     turned = np.where(t < 0.55 * t[-1], around, -around)
     return turned if rng.random() < 0.5 else -turned
 
 
 def _reach(craft: Craft) -> float:
-    """Return the heading [rad] full command turns in the first half of a run, from rest."""
+    """Return the heading change [rad] at full command in the first half of a run, from rest."""
     return craft.top["yaw"] * max(0.5 * craft.duration - craft.time_constant("yaw"), 0.0)
 
 
-def turns_round(craft: Craft) -> bool:
-    """Whether a run is long enough for a full turn one way, and back."""
+def can_turn_fully(craft: Craft) -> bool:
+    """Return whether a run is long enough for a full turn to either side."""
     return _reach(craft) > 4.0 * np.pi
 
 
 def _ahead(rng: Rng, t: Array, pace: float) -> Array:
-    """Ahead at changing speeds, at rest or astern at times."""
+    """Return commands ahead, with some astern."""
     astern = rng.uniform(0.0, 0.4)
     return _held(t, lambda k: rng.uniform(-astern, 1.0), lambda: pace * rng.uniform(1.0, 4.0))
 
 
 def draw_commands(rng: Rng, craft: Craft, name: str, *, turns: bool) -> dict[str, Array]:
-    """Return the commands of one run by channel, on the stamps of the record; with full *turns* of heading."""
+    """Return the commands of one run by channel, at the sample times; *turns*: with full turns of the heading."""
     t = craft.interval * np.arange(craft.samples)
     commands = {}
     for channel, dof in craft.drives.items():

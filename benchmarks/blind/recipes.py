@@ -1,4 +1,4 @@
-"""How place and numbers of each effect of the book are drawn: sizes that craft really have, over a wide range."""
+"""Random places and parameters of each effect of the catalogue, over the range that real craft have."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from benchmarks.blind.craft import FORCE, POSITION, SPEED, Craft, log_uniform
-from benchmarks.blind.secret import Hidden, Recipe
+from benchmarks.blind.hidden import Hidden, Recipe
 
-__all__ = ["NOT_DRAWN", "RECIPES", "SURROUNDINGS"]
+__all__ = ["ENVIRONMENT", "NOT_DRAWN", "RECIPES"]
 
 Rng = np.random.Generator
 
 _ACTUATED = ("yaw", "yaw", "surge", "heave", "boat")
 _PLANAR = ("boat", "raft")
-_SLIPS = (180.0 / np.pi, np.pi / 180.0)
-_SPEED_SLIPS = (1.0 / 0.514444, 0.514444, 3.6, 1.0 / 3.6, 3.28084, 0.3048, 100.0, 0.01, 1000.0, 0.001)
+_UNIT_FACTORS = (180.0 / np.pi, np.pi / 180.0)
+_SPEED_UNIT_FACTORS = (1.0 / 0.514444, 0.514444, 3.6, 1.0 / 3.6, 3.28084, 0.3048, 100.0, 0.01, 1000.0, 0.001)
 
 
 def _sign(rng: Rng) -> float:
@@ -24,11 +24,11 @@ def _sign(rng: Rng) -> float:
 
 
 def _late(rng: Rng, craft: Craft) -> float:
-    """Return a delay: from one sample to one time constant."""
+    """Return a delay of one sample to one time constant."""
     return log_uniform(rng, craft.interval, max(craft.pace, 4.0 * craft.interval))
 
 
-# -- bookkeeping
+# -- records
 
 
 def _time_scale(rng: Rng, craft: Craft) -> Hidden:
@@ -41,8 +41,8 @@ def _time_offset(rng: Rng, craft: Craft) -> Hidden:
 
 def _unit_error(rng: Rng, craft: Craft) -> Hidden:
     place = str(rng.choice([s for s in craft.signals if s != "v" or craft.kind != "boat"]))  # a boat does not sway
-    slips = _SLIPS if place in ("r", "psi") else _SPEED_SLIPS
-    return Hidden("unit-error", place, {"factor": float(rng.choice(slips))}, craft)
+    factors = _UNIT_FACTORS if place in ("r", "psi") else _SPEED_UNIT_FACTORS
+    return Hidden("unit-error", place, {"factor": float(rng.choice(factors))}, craft)
 
 
 def _sign_error(rng: Rng, craft: Craft) -> Hidden:
@@ -126,7 +126,7 @@ def _advance_loss(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _linear_drag(rng: Rng, craft: Craft) -> Hidden:
-    """All the drag there is: the base model is told of none."""
+    """Return the whole drag; the base model has none."""
     return Hidden("linear-drag", craft.main, {"coefficient": craft.linear[craft.main]}, craft, plain="none")
 
 
@@ -137,7 +137,7 @@ def _quadratic_drag(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _coriolis(rng: Rng, craft: Craft) -> Hidden:
-    """Rigid body and added mass; the share of them that matters is drawn, the relations between them kept."""
+    """Return the terms of rigid body and added mass, all scaled by the same random factor."""
     share = log_uniform(rng, 0.1, 1.2)
     m_u, m_v = craft.inertia["surge"], craft.inertia["sway"]
     values = {"X_vr": share * m_v, "Y_ur": -share * m_u, "N_uv": -share * (m_v - m_u)}
@@ -187,7 +187,7 @@ def _steady_current(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _changing_current(rng: Rng, craft: Craft) -> Hidden:
-    """A current that turns (gyre) or grows (tide) within the run; under a craft that dives with shear as well."""
+    """Return a current that turns (gyre) or grows (tide) within the run; for a diver, one with shear too."""
     speed, towards = craft.top["surge"] * log_uniform(rng, 0.1, 0.8), rng.uniform(-np.pi, np.pi)
     turns = rng.random() < 0.5
     values = {
@@ -212,7 +212,7 @@ def _wind_moment(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _wind_load(rng: Rng, craft: Craft) -> Hidden:
-    """A wind of 5 to 15 m/s with gusts, from sheltered water to the whole NORSOK spectrum."""
+    """Return a wind of 5 to 15 m/s with gusts of up to the whole NORSOK spectrum."""
     full = {dof: craft.linear[dof] * craft.top[dof] for dof in craft.dofs}
     values = {
         "speed": rng.uniform(5.0, 15.0),
@@ -239,7 +239,7 @@ def _wave(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _sea(rng: Rng, craft: Craft) -> Hidden:
-    """A sea with the JONSWAP spectrum instead of shaped noise, for surge with its drift force."""
+    """Return waves with the JONSWAP spectrum; for surge also their drift force."""
     shaped = _wave(rng, craft)
     full = craft.full[craft.input]
     values = {
@@ -266,7 +266,7 @@ def _tether(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _tether_line(rng: Rng, craft: Craft) -> Hidden:
-    """A line that becomes taut within the space that the craft moves in."""
+    """Return a line that becomes taut within the space that the craft moves in."""
     place = "surge+sway" if craft.kind in _PLANAR else "heave"
     dof, names = place.partition("+")[0], ("x", "y") if craft.kind in _PLANAR else ("z",)
     full, top = craft.full[FORCE[dof]], craft.top[dof]
@@ -282,7 +282,7 @@ def _tether_line(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _shallow_water(rng: Rng, craft: Craft) -> Hidden:
-    """A bottom that slopes along the track, so that the water under the keel changes by a third to nine tenths."""
+    """Return a sloping bottom: the clearance under the keel changes by 30 to 90 % along the track."""
     reach, towards = 0.2 * craft.top["surge"] * craft.duration, rng.uniform(-np.pi, np.pi)
     draught, zeta = 0.5, log_uniform(rng, 0.3, 3.0)
     clear = draught / zeta
@@ -300,7 +300,7 @@ def _shallow_water(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _bank(rng: Rng, craft: Craft) -> Hidden:
-    """A wall that the runs come close to."""
+    """Return a wall that the runs come close to."""
     clear = craft.top["surge"] * craft.time_constant("surge") * log_uniform(rng, 0.1, 1.0)
     per = clear / craft.top["surge"] ** 2
     values = {
@@ -322,7 +322,7 @@ def _compass(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _sensor_position(rng: Rng, craft: Craft) -> Hidden:
-    """The speeds' sensor, the positions', or one of both; now and then there are no speeds at all."""
+    """Return an offset of the speed sensor, the position sensor or both; 40 % of the craft measure no speed."""
     if rng.random() < 0.4:
         craft = craft.on_track
     place = "x+y" if "u" not in craft.signals else str(rng.choice(("u+v", "x+y", "u+v+x+y")))
@@ -337,7 +337,7 @@ def _gyro_bias(rng: Rng, craft: Craft) -> Hidden:
 
 
 def _measurement_delay(rng: Rng, craft: Craft) -> Hidden:
-    """One signal of two mostly; all of them now and then, which nothing tells from a delay of the input."""
+    """Return a delay of one signal of two; in 15 % of cases of all, which resembles a delay of the input."""
     own = (SPEED[craft.main], POSITION[craft.main])
     place = "all" if rng.random() < 0.15 else str(rng.choice(own))
     return Hidden("measurement-delay", place, {"delay": _late(rng, craft)}, craft)
@@ -391,9 +391,9 @@ RECIPES: Mapping[str, Recipe] = {
     "quantisation": Recipe(("yaw", "surge", "heave"), _quantisation),
     "outliers": Recipe(("yaw", "surge", "heave"), _outliers),
 }
-"""Slug -> recipe, in the order of the book; every effect the simulator's table has."""
+"""Slug -> recipe, in the order of the catalogue."""
 
-SURROUNDINGS: Mapping[str, Recipe] = {
+ENVIRONMENT: Mapping[str, Recipe] = {
     "changing-current": Recipe(("boat", "raft", "diver"), _changing_current),
     "wind-load": Recipe(("boat", "raft", "steered"), _wind_load),
     "sea": Recipe(("yaw", "surge", "heave", "boat"), _sea),
@@ -403,12 +403,12 @@ SURROUNDINGS: Mapping[str, Recipe] = {
 }
 """Slug (``sea``: another law of ``wave-disturbance``) -> recipe, hidden by the kind ``environment`` only.
 
-In :data:`RECIPES` they would change the cases of every seed in use.
+In :data:`RECIPES` they would change the cases of all recorded seeds.
 """
 
 NOT_DRAWN: Mapping[str, str] = dict.fromkeys(
     ("sway-moment", "speed-damping", "munk-moment", "velocity-product"),
-    "it is looked for where yaw alone is simulated beside measured u and v, and every craft here simulates what it "
-    "measures",
-) | dict.fromkeys(("command-coupling", "propeller-wash"), "a recipe more would draw other cases for every seed in use")
-"""Effects of the book that no case hides -> why."""
+    "the diagnosis tries it only if yaw is simulated with measured u and v; every craft here simulates its measured "
+    "signals",
+) | dict.fromkeys(("command-coupling", "propeller-wash"), "another recipe would change the cases of all recorded seeds")
+"""Effects of the catalogue that no case hides -> reason."""

@@ -1,4 +1,4 @@
-"""One voyage: the flying of a case's runs in the tank, and what becomes of the files."""
+"""Plan the runs of a case, simulate them in the open-loop simulator, and make the case of their files."""
 
 from __future__ import annotations
 
@@ -9,22 +9,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.craft import POSITION, Craft, log_uniform
-from benchmarks.blind.flying import MANOEUVRES, draw_commands
 from benchmarks.blind.foreign import FOREIGN
-from benchmarks.blind.process_noise import WEATHER
-from benchmarks.blind.secret import Hidden
+from benchmarks.blind.hidden import Hidden
+from benchmarks.blind.manoeuvres import MANOEUVRES, draw_commands
+from benchmarks.blind.process_noise import DISTURBANCES
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects import HiddenEffect, make_effect
 from sitl.open_loop import Hull, open_loop
 
-__all__ = ["BOTTOM", "Case", "File", "Flown", "Voyage", "case_of", "draw_voyage", "fly", "noise_levels", "trial_of"]
+__all__ = [
+    "BOTTOM",
+    "Case",
+    "File",
+    "FlightPlan",
+    "FlownRuns",
+    "case_of",
+    "draw_flight_plan",
+    "fly",
+    "noise_levels",
+    "trial_of",
+]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
 File = Mapping[str, Array]
 
 BOTTOM = 20.0
-"""Depth of the tank [m]."""
+"""Depth of the water [m]."""
 UNITS = {
     **dict.fromkeys("uvw", "m/s"),
     **dict.fromkeys("xyz", "m"),
@@ -37,9 +48,10 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Runs with a secret. ``ratio``: held-out error of the plain model over the noise; ``noise``: share of the signals.
+    """Runs with hidden effects.
 
-    ``truth``: slug -> (place, numbers as the book counts them).
+    ``ratio``: held-out error of the plain model over the noise. ``noise``: as a fraction of the signals' sizes.
+    ``truth``: slug -> (place, parameters as the catalogue defines them).
     """
 
     kind: str
@@ -53,25 +65,25 @@ class Case:
     noise: float
     manoeuvres: tuple[str, ...]
     levels: Mapping[str, float]
-    """Standard deviation of the noise of every signal."""
+    """Signal -> standard deviation of its noise."""
     wrong: Mapping[str, float] = field(default_factory=dict)
-    """Number of the given model that is wrong -> by which factor."""
+    """Wrong parameter of the supplied model -> its factor."""
     simulations: tuple[Trial, ...] = ()
-    """What the given model makes of the same commands, for kinds that give no model file."""
+    """Simulations of the same commands, for kinds without a model file."""
     circumstances: tuple[str, ...] = ()
-    """The further disturbances of :data:`.rough.CIRCUMSTANCES` that are present."""
-    flown: Flown | None = None
+    """The further disturbances of :data:`.rough_water.CIRCUMSTANCES` that are present."""
+    flown: FlownRuns | None = None
     """The flown runs before smoothing, for kinds with process noise; not passed to the diagnosis."""
 
     @property
     def slugs(self) -> tuple[str, ...]:
-        """Names of what is hidden."""
+        """Slugs of the hidden effects."""
         return tuple(self.truth)
 
 
 @dataclass(frozen=True, eq=False)
-class Voyage:
-    """Everything about the flying that is drawn before any noise."""
+class FlightPlan:
+    """Commands, initial states and seeds of the runs of a case."""
 
     craft: Craft
     commands: tuple[Mapping[str, Array], ...]
@@ -82,29 +94,33 @@ class Voyage:
 
 
 @dataclass(frozen=True, eq=False)
-class Flown:
-    """A voyage with all that was hidden in it, weather too, in the tank's order, and its files before any smoothing.
+class FlownRuns:
+    """A plan with its hidden effects and disturbances, and the files of all its runs before smoothing.
 
-    All runs of it, those that are thrown away as well.
+    They include the runs that are discarded.
     """
 
-    voyage: Voyage
+    plan: FlightPlan
     hidden: tuple[Hidden, ...]
     files: tuple[File, ...]
 
-    def first(self, runs: int) -> Flown:
-        """Return the first *runs* of it."""
-        v = self.voyage
+    def first(self, runs: int) -> FlownRuns:
+        """Return the first *runs* of the runs."""
+        plan = self.plan
         fewer = replace(
-            v, commands=v.commands[:runs], initial=v.initial[:runs], names=v.names[:runs], seeds=v.seeds[:runs]
+            plan,
+            commands=plan.commands[:runs],
+            initial=plan.initial[:runs],
+            names=plan.names[:runs],
+            seeds=plan.seeds[:runs],
         )
-        return replace(self, voyage=fewer, files=self.files[:runs])
+        return replace(self, plan=fewer, files=self.files[:runs])
 
 
-def draw_voyage(rng: Rng, hidden: Sequence[Hidden], names: Sequence[str] = ()) -> Voyage:
-    """Draw manoeuvres and beginnings of the three or four runs that the last of *hidden* is flown in.
+def draw_flight_plan(rng: Rng, hidden: Sequence[Hidden], names: Sequence[str] = ()) -> FlightPlan:
+    """Draw the manoeuvres and initial states of three or four runs of the craft of the last of *hidden*.
 
-    names : of the manoeuvres, drawn as well when empty.
+    names : the manoeuvres; empty: drawn too.
     """
     craft = hidden[-1].craft
     turns = any(h.turns for h in hidden)
@@ -118,16 +134,16 @@ def draw_voyage(rng: Rng, hidden: Sequence[Hidden], names: Sequence[str] = ()) -
             start.update({n: float(rng.normal(mean, spread)) for n, (mean, spread) in h.start.items()})
         if any(h.near_bottom for h in hidden):
             start["z"] = _shallow(craft, commands[k], hidden, craft.top["heave"] * craft.pace * rng.uniform(0.02, 0.2))
-        start.update(_beside(craft, commands[k], hidden, start))
+        start.update(_near_wall(craft, commands[k], hidden, start))
         initial.append(start)
     seeds = tuple(int(s) for s in rng.integers(0, 2**31, count))
-    return Voyage(craft, tuple(commands), tuple(initial), names, seeds, hidden[0].plain)
+    return FlightPlan(craft, tuple(commands), tuple(initial), names, seeds, hidden[0].plain)
 
 
 def _shallow(craft: Craft, commands: Mapping[str, Array], hidden: Sequence[Hidden], clear: float) -> float:
-    """Return the depth to start at for a run that reaches down to *clear* [m] above the bottom, and not below."""
+    """Return the initial depth of a run whose deepest point is *clear* [m] above the bottom."""
     depth, close = 0.0, 0.0
-    effects = [_made(h, {}) for h in hidden if h.near_bottom]
+    effects = [_effect(h, {}) for h in hidden if h.near_bottom]
     for _ in range(8):
         hull = _hull(craft, hidden[0].plain)
         dived = open_loop(hull, commands, **_clock(craft), measured=("z",), initial={"z": depth}, effects=effects)["z"]
@@ -138,10 +154,10 @@ def _shallow(craft: Craft, commands: Mapping[str, Array], hidden: Sequence[Hidde
     return depth if close > 0.0 else depth - 2.0 * clear
 
 
-def _beside(
+def _near_wall(
     craft: Craft, commands: Mapping[str, Array], hidden: Sequence[Hidden], start: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the position to start at for a run whose plain track comes as close to the wall as the origin is."""
+    """Return the initial position of a run that comes as close to the wall as the origin is."""
     found: dict[str, float] = {}
     for h in (h for h in hidden if h.near_wall):
         c, s = np.cos(h.values["direction"]), np.sin(h.values["direction"])
@@ -161,46 +177,45 @@ def _clock(craft: Craft) -> dict[str, float]:
 
 
 def noise_levels(rng: Rng, craft: Craft, noise: float) -> dict[str, float]:
-    """Return the noise of every signal: that share of what it does, one sensor better than the other."""
+    """Return the noise of every signal: *noise* times its size and a random factor of 0.5 to 2."""
     return {n: noise * craft.scale[n] * log_uniform(rng, 0.5, 2.0) for n in craft.signals}
 
 
 def fly(
-    voyage: Voyage,
+    plan: FlightPlan,
     hidden: Sequence[Hidden],
     noise: Mapping[str, float] | None = None,
     *,
-    told: Sequence[Mapping[str, Array]] = (),
+    commands: Sequence[Mapping[str, Array]] = (),
     beside: Sequence[HiddenEffect] = (),
 ) -> list[File]:
-    """Return one file per run; without *noise* what perfect sensors would report.
+    """Return one file per run; without *noise* the sensors are perfect.
 
-    *told*: commands that the runs had in the end, where somebody at the helm changed the plan; *beside*: one more
-    effect of each run.
+    *commands*: recorded commands instead of the planned ones; *beside*: one more effect of each run.
     """
-    full = {c: max(float(np.abs(run[c]).max()) for run in voyage.commands[:-1]) for c in voyage.craft.drives}
+    full = {c: max(float(np.abs(run[c]).max()) for run in plan.commands[:-1]) for c in plan.craft.drives}
     files = []
-    for k, commands in enumerate(told or voyage.commands):
-        effects = [_made(h, full) for h in hidden if h.slug and (h.in_runs is None or k in h.in_runs)]
+    for k, inputs in enumerate(commands or plan.commands):
+        effects = [_effect(h, full) for h in hidden if h.slug and (h.in_runs is None or k in h.in_runs)]
         effects += beside[k : k + 1]
         files.append(
             open_loop(
-                _hull(voyage.craft, voyage.plain),
-                commands,
-                **_clock(voyage.craft),
-                measured=voyage.craft.signals,
+                _hull(plan.craft, plan.plain),
+                inputs,
+                **_clock(plan.craft),
+                measured=plan.craft.signals,
                 effects=effects,
                 noise=noise,
-                seed=voyage.seeds[k],
-                initial=voyage.initial[k],
+                seed=plan.seeds[k],
+                initial=plan.initial[k],
             )
         )
     return files
 
 
-def _made(hidden: Hidden, full: Mapping[str, float]) -> HiddenEffect:
-    if hidden.slug in WEATHER:
-        return WEATHER[hidden.slug](hidden.place, **hidden.values)
+def _effect(hidden: Hidden, full: Mapping[str, float]) -> HiddenEffect:
+    if hidden.slug in DISTURBANCES:
+        return DISTURBANCES[hidden.slug](hidden.place, **hidden.values)
     if hidden.slug in FOREIGN:
         return FOREIGN[hidden.slug](hidden.place, **hidden.values)
     values = dict(hidden.values)
@@ -211,7 +226,7 @@ def _made(hidden: Hidden, full: Mapping[str, float]) -> HiddenEffect:
 
 def case_of(
     rng: Rng,
-    voyage: Voyage,
+    plan: FlightPlan,
     hidden: Sequence[Hidden],
     files: Sequence[File],
     ratio: float,
@@ -220,7 +235,7 @@ def case_of(
     *,
     keeps: float = 0.7,
 ) -> Case:
-    """Return the case of a voyage's files; *keeps*: how often the last of them is kept apart, not thrown away."""
+    """Return the case of a plan's files; *keeps*: probability that the last file is held out instead of discarded."""
     wraps = bool(rng.random() < 0.3) and not any(
         (h.place == "yaw" and h.slug == "tether-pull") or (h.place == "psi" and h.slug != "compass-deviation")
         for h in hidden
@@ -230,19 +245,20 @@ def case_of(
     return Case(
         kind="",
         index=0,
-        truth={h.slug: (_told(h), _counted(h, voyage.craft, files[:-1])) for h in hidden},
-        craft=voyage.craft,
+        truth={h.slug: (_place(h), _catalogue_values(h, plan.craft, files[:-1])) for h in hidden},
+        craft=plan.craft,
         runs=tuple(trials[:-1]),
         unseen=tuple(trials[-1:] if kept else ()),
-        plain=voyage.plain,
+        plain=plan.plain,
         ratio=ratio,
         noise=noise,
-        manoeuvres=voyage.names,
+        manoeuvres=plan.names,
         levels=levels,
     )
 
 
 def trial_of(name: str, file: File, wraps: bool) -> Trial:
+    """Return the run of a file; *wraps*: with the heading between -pi and pi."""
     channels = {}
     for column, values in file.items():
         if column != "t":
@@ -251,33 +267,33 @@ def trial_of(name: str, file: File, wraps: bool) -> Trial:
     return Trial(name, channels)
 
 
-def _told(hidden: Hidden) -> str:
-    """Return the place, with the run when only one has it."""
+def _place(hidden: Hidden) -> str:
+    """Return the place, with the run if only one has the effect."""
     return hidden.place if hidden.in_runs is None else f"{hidden.place}@run{hidden.in_runs[0] + 1}"
 
 
-def _counted(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, float]:
-    """Return the numbers as the book's entry counts them, which has to read its references off the files."""
+def _catalogue_values(hidden: Hidden, craft: Craft, files: Sequence[File]) -> dict[str, float]:
+    """Return the parameters as the catalogue defines them; some references come from the files."""
     values = dict(hidden.values)
     if hidden.slug == "speed-dependent-steering":
         rms = float(np.sqrt(np.mean(np.concatenate([f["u"] for f in files]) ** 2)))
         odds = values["share"] / max(1.0 - values["share"], 1e-9) * (rms / values.pop("U_ref")) ** 2
         values["share"] = odds / (1.0 + odds)
-    if craft.kind == "boat":  # nothing drives its sway: the mass in that equation is counted as one
+    if craft.kind == "boat":  # no sway actuator: the mass of this equation is one
         values = {n: v / craft.inertia["sway"] if n in ("Y_ur", "Y_r", "Y") else v for n, v in values.items()}
-        values = {n: v for n, v in values.items() if n not in ("N_v", "Y_rdot")}  # sway follows yaw: not to be told
-    if values.get("gamma"):  # a sea: the book knows the band, the drift by its variation, and its mean by another name
+        values = {n: v for n, v in values.items() if n not in ("N_v", "Y_rdot")}  # not identifiable: sway follows yaw
+    if values.get("gamma"):  # a sea: the catalogue has the amplitude and the varying drift only
         values = {n: values[n] for n in ("amplitude", "drift") if values[n]}
-    if hidden.slug == "shallow-water":  # the book counts from the middle of the track
+    if hidden.slug == "shallow-water":  # the catalogue refers to the middle of the track
         (x, y), T = ([_middle(f[n] for f in files) for n in "xy"]), values.pop("draught")
-        under = values.pop("depth") - T + values["north"] * x + values["east"] * y
+        clearance = values.pop("depth") - T + values["north"] * x + values["east"] * y
         for name in ("drag", "sway", "yaw"):
-            values[name] *= T / under
-        values |= {name: values[name] / under for name in ("north", "east")}
-        values = {n: v for n, v in values.items() if n != "sway" or craft.kind != "boat"}  # nothing drives its sway
+            values[name] *= T / clearance
+        values |= {name: values[name] / clearance for name in ("north", "east")}
+        values = {n: v for n, v in values.items() if n != "sway" or craft.kind != "boat"}  # no sway actuator
     if hidden.slug == "ground-effect":
-        off = BOTTOM - max(float(f[POSITION["heave"]].max()) for f in files)
-        values["strength"] *= float(np.exp(-off / values["length"]))
+        clearance = BOTTOM - max(float(f[POSITION["heave"]].max()) for f in files)
+        values["strength"] *= float(np.exp(-clearance / values["length"]))
     return values
 
 
