@@ -168,7 +168,7 @@ def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argp
     """
     rows = [
         (0, "done"),
-        (RESTORED, "tuned, but the new gains were not better in every respect, and the old ones were restored"),
+        (RESTORED, "tuned, but not better in every respect: the old gains were restored"),
     ]
     rows += [(code, meaning) for _, code, meaning in EXIT_CODES]
     codes = "\n".join(f"  {code:3d}  {meaning}" for code, meaning in sorted(rows))

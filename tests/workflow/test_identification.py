@@ -146,6 +146,9 @@ def test_an_oscillation_of_an_earlier_run_is_weighed_before_another_is_flown(con
     assert [run.name for run in found.runs] == ["step-before", "relay-1"]
 
 
+TURNED = Trial("turn-about", {}, ending="completed")
+
+
 @pytest.mark.parametrize(
     ("x", "ahead", "last", "turns"),
     [
@@ -166,7 +169,12 @@ def test_a_boat_turns_about_only_where_the_room_asks(
     craft.observe = lambda: Observation(0.0, 0.0, x=x, y=0.0)
     runner = ManoeuvreRunner(craft, Envelope(cruise=1.2), SimpleNamespace(say=print), lambda trial: None)  # type: ignore[arg-type]
     turned: list[str] = []
-    monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(stage))
+
+    def attempt(manoeuvre: Any, stage: str, envelope: Envelope) -> Trial:
+        turned.append(stage)
+        return TURNED
+
+    monkeypatch.setattr(runner, "attempt", attempt)
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
     assert runner.turn_around(0.5, ahead, last=last) is turns
     assert turned == ["turning around"] * turns
@@ -189,7 +197,12 @@ def test_a_boat_turns_about_to_the_side_where_it_began(
     craft.observe = lambda: Observation(0.0, psi, x=200.0, y=0.0)
     runner = ManoeuvreRunner(craft, Envelope(cruise=1.2), SimpleNamespace(say=print), lambda trial: None)  # type: ignore[arg-type]
     turned: list[Any] = []
-    monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(manoeuvre.meta_fields))
+
+    def attempt(manoeuvre: Any, stage: str, envelope: Envelope) -> Trial:
+        turned.append(manoeuvre.meta_fields)
+        return TURNED
+
+    monkeypatch.setattr(runner, "attempt", attempt)
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
     assert runner.turn_around(0.5)
     assert turned[0]["output"] == 0.5 * side
