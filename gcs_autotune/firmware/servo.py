@@ -82,9 +82,14 @@ class ServoMap:
     def of_mixing(cls, outputs: Sequence[Output], factors: Sequence[Mapping[str, float]]) -> Self:
         """Return the least-squares inverse of outputs that are mixed by *factors*.
 
-        *factors* has one mapping force name -> factor per output.
+        *factors* has one mapping force name -> factor per output. A levelling moment that the outputs cannot drive
+        independently of the other forces is left out: a single upright thruster drives Z.
         """
-        names = tuple(n for n in _FORCES if any(f.get(n, 0.0) for f in factors))
+        names: tuple[str, ...] = ()
+        for name in (n for n in _FORCES if any(f.get(n, 0.0) for f in factors)):
+            more = np.array([[f.get(n, 0.0) for n in (*names, name)] for f in factors])
+            if name not in LEVELLING or np.linalg.matrix_rank(more) == more.shape[1]:
+                names = (*names, name)
         mixing = np.array([[f.get(n, 0.0) for n in names] for f in factors])
         inverse = np.linalg.pinv(mixing)
         rows = tuple(tuple(round(float(w), 12) for w in row) for row in inverse)
@@ -198,16 +203,24 @@ def _by_frame(
                 f"motor {m} of {firmware.frame_parameter} {frame} has no output: SERVO{m}_FUNCTION is {taken}. Set "
                 f"SERVO{m}_FUNCTION to {_MOTOR1 + m - 1}, or {firmware.frame_parameter} to the vehicle's frame"
             )
-    directions = parameters.read_existing(f"MOT_{m}_DIRECTION" for m in motors)
+    # A motor without a function keeps its own output, unless that drives another motor. Then it is not connected.
+    channels = {m: by_function.get(_MOTOR1 + m - 1, m) for m in motors}
+    channels = {m: n for m, n in channels.items() if n != m or _is_own(functions, m)}
+    directions = parameters.read_existing(f"MOT_{m}_DIRECTION" for m in channels)
     centre, span = firmware.neutral_pwm, firmware.motor_span
     outputs = [
         Output(
-            by_function.get(_MOTOR1 + m - 1, m),
+            n,
             centre,
             centre - span,
             centre + span,
             -1.0 if directions.get(f"MOT_{m}_DIRECTION", 1.0) < 0 else 1.0,
         )
-        for m in motors
+        for m, n in channels.items()
     ]
-    return ServoMap.of_mixing(outputs, factors)
+    return ServoMap.of_mixing(outputs, [factors[m - 1] for m in channels])
+
+
+def _is_own(functions: Mapping[str, float], motor: int) -> bool:
+    """Return whether the output of the same number drives *motor*, or has no function."""
+    return int(functions.get(f"SERVO{motor}_FUNCTION", 0.0)) in (0, _MOTOR1 + motor - 1)

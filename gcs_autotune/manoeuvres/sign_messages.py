@@ -45,6 +45,10 @@ def named(outlets: Sequence[Outlet]) -> str:
     return " and ".join(map(str, outlets)) or "the output"
 
 
+def _named_are(outlets: Sequence[Outlet]) -> str:
+    return f"{named(outlets)} {'are' if len(outlets) > 1 else 'is'}"
+
+
 def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
     ends = (seen.forward.output, seen.back.output)
     went = [f"{o} went to " + " and ".join(f"{o.trim + o.per_full * end:.0f} us" for end in ends) for o in outlets]
@@ -115,7 +119,7 @@ def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
     who = named(outlets)
     if not math.isfinite(stretch.output):
         return (
-            f"the vehicle does not report its {force} output, so it is unknown whether {who} follows. Check that "
+            f"the vehicle does not report its {force} output, so the response of {who} is unknown. Check that "
             "SERVO_OUTPUT_RAW is sent, and that a SERVOn_FUNCTION drives this axis"
         )
     mismatch = f"commanded {stretch.command:+.2f} of full {force} output, but the outputs show {stretch.output:+.2f}"
@@ -124,13 +128,14 @@ def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
     if stretch.obeyed < _NOTHING:
         return f"{mismatch}: {who} did not change. Check SERVOn_FUNCTION, and that no other transmitter is in command"
     cap = ", and MOT_THR_MAX" if force == "X" else ""
-    return f"{mismatch}: {who} is limited on that side. Check SERVOn_MIN, TRIM and MAX and RCn_MIN, TRIM and MAX{cap}"
+    limited = f"{mismatch}: {_named_are(outlets)} limited on that side"
+    return f"{limited}. Check SERVOn_MIN, TRIM and MAX and RCn_MIN, TRIM and MAX{cap}"
 
 
 def at_its_stop(idle: float, force: str, outlets: Sequence[Outlet]) -> str:
     """Return the message that an output is at its stop without command."""
     return (
-        f"{force} is at {idle:+.2f} of full output without any command: {named(outlets)} is saturated. Check "
+        f"{force} is at {idle:+.2f} of full output without any command: {_named_are(outlets)} saturated. Check "
         "SERVOn_MIN, TRIM and MAX, and that no other station is steering"
     )
 

@@ -100,6 +100,15 @@ def test_a_motor_whose_output_does_something_else_is_refused_with_its_cure() -> 
         on(2, SERVO8_FUNCTION=7.0)
 
 
+def test_a_single_upright_thruster_drives_depth_and_a_motor_without_an_output_is_left_out() -> None:
+    servos = on(6, SERVO4_FUNCTION=37.0, SERVO5_FUNCTION=0.0)  # motors 1, 2, 3 and 5 of SimpleROV-5
+    assert servos.names == ("X", "Y", "Z", "N")
+    assert [(output.channel, factor) for output, factor in servos.driving("Z")] == [(3, 1.0)]
+    assert [output.channel for output, _ in servos.driving("Y")] == [4]
+    forces = servos.forces([1500, 1500, 1560, 1580, 1500, 1500, 1500, 1500])
+    assert (forces["Z"], abs(forces["Y"])) == (pytest.approx(0.15), pytest.approx(0.2))
+
+
 UNSUITED = {
     "sailboat": ({"SAIL_ENABLE": 1.0}, "SAIL_ENABLE is 1: a sailboat", "SAIL_ENABLE to 0"),
     "omni": ({"FRAME_TYPE": 4.0}, "FRAME_TYPE is 4: an omni frame", "set FRAME_TYPE to 0"),
