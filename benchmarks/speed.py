@@ -59,8 +59,8 @@ WAVES: Mapping[tuple[str, str], tuple[str, float]] = {
     ("videoray", "depth"): ("heave", 0.05),
     ("blueboat", "speed"): ("surge", 0.02),
 }
-"""(vehicle, axis) -> where the waves push, and their rms as a share of full output. Chosen: such that a step is still
-seen, at 1.5 rad/s and a damping ratio of 0.15."""
+"""(vehicle, axis) -> where the waves push, and their rms as a fraction of full output. Chosen: such that a step is
+still seen, at 1.5 rad/s and a damping ratio of 0.15."""
 WORSE = 1.05
 
 

@@ -95,7 +95,7 @@ def rows_in(out: Path) -> list[str]:
 
 
 def rows_of_part(part: Path) -> int:
-    """Return the number of rows of a part, 0 if it was merged with others meanwhile."""
+    """Return the number of rows of a part, 0 if it has been merged with others."""
     import pyarrow.parquet as pq
 
     try:

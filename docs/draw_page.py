@@ -19,7 +19,7 @@ STATIC = ROOT / "gcs_autotune" / "web" / "static"
 PICTURE = ROOT / "docs" / "pictures" / "page.png"
 MADE_OF = ("index.html", "page.css", "main.js", "charts.js")
 KEY = "page"
-"""Name of the entry in the picture that says what page it is of."""
+"""Name of the entry in the picture that identifies the page it was drawn from."""
 PORT = 5767
 WAIT = 300_000.0
 

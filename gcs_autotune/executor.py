@@ -476,7 +476,7 @@ class _Processes:
     def __enter__(self) -> _Processes:
         context = multiprocessing.get_context(self._method)
         # What is sent to a process before it has forgotten its parent's handlers waits until it has: a parent's handler
-        # that swallows SIGTERM would leave it alive, and whoever told it to end waiting for ever.
+        # that swallows SIGTERM would leave it alive, and the process that ended it would wait for ever.
         with _holding_signals():
             for _ in range(self._count):
                 here, there = context.Pipe()

@@ -155,7 +155,7 @@ def recalled(
         with uncounted():
             return decode(kept.get(key))
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError):
-        pass  # not known, or a line that somebody changed
+        pass  # not known, or a line that was edited
     result = calculate()
     kept.keep(key, encode(result))
     return result

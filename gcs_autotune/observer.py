@@ -122,7 +122,7 @@ class Intention:
 
 @dataclass(frozen=True, slots=True)
 class Intentions:
-    """The announcement before any question or motion. It is also said, sentence by sentence.
+    """The announcement before any question or motion. Its sentences are also reported one by one.
 
     ``texts``: one sentence per intention, without its "will".
     """

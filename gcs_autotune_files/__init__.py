@@ -1,10 +1,10 @@
-"""The one loader of JSON and TOML files, shared by the tuner and the simulator. It imports neither of them.
+"""Load JSON and TOML files, for the tuner and the simulator. This package imports neither of them.
 
-A file comes from a stranger: it may be cut off, huge, nested without end, or hold numbers that no double can. So it is
-read in two steps, and every refusal is a :class:`Refused` in one line:
+A file is not trusted: it may be cut off, huge, deeply nested, or contain numbers too large for a double. It is read in
+two steps. Each raises :class:`Refused` with a message of one line.
 
-* :func:`read` or :func:`parse` gives plain data whose size, depth, numbers and text are bounded;
-* :func:`conform` gives it the types of a schema (msgspec), without converting anything in silence.
+* :func:`read` and :func:`parse` return plain data of limited size, depth, numbers and text.
+* :func:`conform` converts it to the types of a schema (msgspec). Only whole numbers are converted to floats.
 
 Schemas that both programs read are in :mod:`gcs_autotune_files.model`.
 """
@@ -41,13 +41,13 @@ T = TypeVar("T")
 Kind = Literal["json", "toml"]
 
 MOST_BYTES = 32 * 1024 * 1024
-"""Chosen: a model with the covariance of 100 parameters has 0.3 MB, the outline of a lake 5 MB."""
+"""Largest file. Project choice: a model with the covariance of 100 parameters has 0.3 MB, a lake's outline 5 MB."""
 DEEPEST = 40
-"""Chosen: levels of lists and tables; our deepest file has 8, GeoJSON 9."""
+"""Largest number of levels of lists and tables. Project choice: our deepest file has 8, GeoJSON 9."""
 LARGEST = 1e100
-"""Chosen: size of a number. Its cube is still a double; nothing we read is larger than 1e38, the largest float32."""
+"""Largest number. Project choice: its cube is still a double, and the largest float32 is 3e38."""
 _LONGEST_NUMBER = 400
-"""Chosen: characters of a number; a double written in full has at most 330."""
+"""Largest number of characters of a number. Project choice: a double written in full has at most 330."""
 _LONGEST_WHOLE = 20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WORDS: Mapping[str, str] = {
@@ -70,11 +70,11 @@ _KINDS: Mapping[str, tuple[type, ...]] = {
 
 
 class Refused(ValueError):
-    """What was read is not what it should be; the message has no path of a file in it."""
+    """The data is not as required. The message contains no path of a file."""
 
 
 class Unreadable(Refused):
-    """The file is not there, or may not be read."""
+    """The file does not exist, or reading it is not permitted."""
 
 
 def number(text: str) -> float:
@@ -110,7 +110,7 @@ def whole(text: str, most: int) -> int:
 
 
 def clipped(text: object, most: int = 40) -> str:
-    """Return *text* with nothing in it that a terminal obeys, cut off after *most* characters."""
+    """Return *text* without control characters, cut off after *most* characters."""
     safe = str(text)[: most + 1].encode("unicode_escape").decode()
     return safe if len(safe) <= most else f"{safe[:most]}..."
 
@@ -121,7 +121,7 @@ def shown(text: object, most: int = 40) -> str:
 
 
 def read(path: Path, kind: Kind = "json") -> Any:
-    """Return what the file holds as plain, bounded data.
+    """Return the content of a file as plain, bounded data.
 
     Raises
     ------
@@ -157,12 +157,12 @@ def _decoded(data: bytes) -> str:
 
 
 def parse(text: bytes | str, kind: Kind = "json") -> Any:
-    """Return what *text* says as plain data: finite numbers, text that can be written, no name twice in one table.
+    """Return the content of *text* as plain data: finite numbers, encodable text, no name twice in one table.
 
     Raises
     ------
     Refused
-        It is not of that *kind*, or beyond the bounds of this module.
+        It is not of that *kind*, or exceeds the limits of this module.
     """
     if isinstance(text, bytes):
         text = _decoded(text)
@@ -207,7 +207,7 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _bounded(data: Any) -> None:
-    """See that plain data is finite, shallow and can be written; without recursion."""
+    """Verify, without recursion, that plain data is finite, shallow and encodable."""
     level: list[tuple[str, Any]] = [("", data)]
     for _ in range(DEEPEST + 1):
         deeper: list[tuple[str, Any]] = []
@@ -240,12 +240,12 @@ def _verify_value(place: str, value: object) -> None:
 
 
 def conform(data: Any, form: type[T]) -> T:
-    """Return plain *data* as *form*, a type that msgspec knows; nothing is converted but whole numbers to floats.
+    """Return plain *data* as *form*, a type of msgspec. Only whole numbers are converted, to floats.
 
     Raises
     ------
     Refused
-        Something is missing, unknown, of another kind or out of range; the message says where.
+        An entry is missing, unknown, of another type or out of range. The message contains its place.
     """
     try:
         return msgspec.convert(data, form, strict=True)
@@ -254,7 +254,7 @@ def conform(data: Any, form: type[T]) -> T:
 
 
 def _in_words(message: str, data: Any) -> str:
-    """Return msgspec's *message* as we would say it, with the name of the entry that is wrong."""
+    """Return msgspec's *message* in plain words, with the name of the wrong entry."""
     what, _, path = message.partition(" - at `")
     expected = re.findall(r"`([^`]+)`", what)
     where = _place(path.rstrip("`"), data, expected[0].split(" | ") if expected else [])
@@ -262,15 +262,15 @@ def _in_words(message: str, data: Any) -> str:
     def words(found: re.Match[str]) -> str:
         return " or ".join(_WORDS.get(kind, f"'{kind}'") for kind in found[1].split(" | "))
 
-    said = re.sub(r"`([^`]+)`", words, what)
-    said = said.replace("Object missing required field", "missing entry").replace(
+    plain = re.sub(r"`([^`]+)`", words, what)
+    plain = plain.replace("Object missing required field", "missing entry").replace(
         "Object contains unknown field", "unknown entry"
     )
-    return _short(f"{where}: {said[0].lower()}{said[1:]}" if where else f"{said[0].lower()}{said[1:]}")
+    return _short(f"{where}: {plain[0].lower()}{plain[1:]}" if where else f"{plain[0].lower()}{plain[1:]}")
 
 
 def _place(path: str, data: Any, expected: list[str]) -> str:
-    """Return the place in the file; msgspec writes ``[...]`` for an entry of a table, of whatever name."""
+    """Return the place in the file. msgspec writes ``[...]`` for an entry of a table, without its name."""
     names: list[str] = []
     for step in re.findall(r"\[\.\.\.\]|\[\d+\]|\.[^.\[]+", path):
         if step == "[...]" and isinstance(data, dict):

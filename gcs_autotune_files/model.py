@@ -1,4 +1,4 @@
-"""The format of model files: what ``identify`` and ``diagnose`` write, the tuner and the simulator read.
+"""Format of model files, written by ``identify`` and ``diagnose``, and read by the tuner and the simulator.
 
 Numbers are SI and radians; names of derivatives, channels and signals follow SNAME. What the numbers mean together
 (is the inertia above 0?) is for whoever reads the file to judge.
@@ -35,14 +35,14 @@ Schema = Literal[1]
 
 
 class ParameterData(Struct, frozen=True):
-    """What was fitted, as far as a model file needs it: ``std`` is its standard error."""
+    """A fitted parameter; ``std`` is its standard error."""
 
     unit: str
     std: Annotated[float, Meta(ge=0.0)] | None = None
 
 
 class KnownFrom(Struct, frozen=True):
-    """What the numbers of a model rest on; noise is a standard deviation per signal."""
+    """The data from which a model was identified; noise is a standard deviation per signal."""
 
     parameters: dict[Name, ParameterData] | None = None
     correlation: list[list[Annotated[float, Meta(ge=-1.001, le=1.001)] | None]] | None = None
@@ -51,7 +51,7 @@ class KnownFrom(Struct, frozen=True):
 
 
 class FormData(Struct, forbid_unknown_fields=True, frozen=True):
-    """The structure of a coupled model; a form file in TOML holds the same."""
+    """The structure of a coupled model; a form file in TOML contains the same."""
 
     name: Name
     dofs: Annotated[list[Dof], Meta(min_length=1, max_length=6)]
@@ -67,7 +67,7 @@ class FormData(Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class EffectData(Struct, forbid_unknown_fields=True, frozen=True):
-    """An effect at a place, with its numbers."""
+    """An effect at a place, with its parameters."""
 
     slug: Name
     values: Numbers

@@ -1,14 +1,16 @@
 """A lint for the texts that people see: words that do not belong there, and sentences that are too long.
 
 It reads the string literals of the packages in :data:`ROOMS` that look like sentences, and the text of their pages; a
-``{placeholder}`` counts as one word. Docstrings and names are not texts. A new word for the table goes into
-:data:`WORDS`, with what to write instead.
+``{placeholder}`` counts as one word. In docstrings and comments only the words are checked; quoted names are left out.
+A new word for the table goes into :data:`WORDS`, with what to write instead.
 """
 
 from __future__ import annotations
 
 import ast
+import io
 import re
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -105,6 +107,26 @@ def texts(pattern: str) -> Iterator[tuple[str, str]]:
                 yield str(page.relative_to(ROOT)), " ".join(text.split())
 
 
+QUOTED = re.compile(r"``[^`]*``|:[a-z]+:`[^`]*`|\*\w+\*|\"[^\"]*\"|^ *[\w, ]+ :|>>>.*", re.MULTILINE)
+"""Names and quotations in a docstring or comment, and the names of its parameters."""
+
+
+def remarks(pattern: str) -> Iterator[tuple[str, str]]:
+    """Yield (place, text) of every docstring and comment in a package, without what they quote."""
+    place = ROOT / pattern
+    for file in sorted(ROOT.glob(pattern)) if "*" in pattern else sorted(place.rglob("*.py")):
+        source = file.read_text(encoding="utf-8")
+        found = [
+            (node.lineno, node.value.value)
+            for node in ast.walk(ast.parse(source))
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        ]
+        tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+        found += [(token.start[0], token.string) for token in tokens if token.type == tokenize.COMMENT]
+        for line, text in found:
+            yield f"{file.relative_to(ROOT)}:{line}", QUOTED.sub("\u00a7", text)
+
+
 def _text(node: ast.AST) -> str:
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return re.sub(r"\{\w*\}", _PLACEHOLDER, node.value)
@@ -145,6 +167,12 @@ def test_texts_use_plain_words_and_short_sentences(room: str) -> None:
     for place, text in texts(room):
         found += [f"{place}: {change}: {text}" for change in misused(text)]
         found += [f"{place}: too long: {sentence}" for sentence in too_long(text)]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_docstrings_and_comments_use_plain_words(room: str) -> None:
+    found = [f"{place}: {change}: {text}" for place, text in remarks(room) for change in misused(text)]
     assert not found, "\n".join(found)
 
 

@@ -5,7 +5,7 @@ Run: ``python3 -m benchmarks.mutations [--count 30] [--seed 1] [--budget 20] [--
 The faults are those of cosmic-ray, drawn by seed from the areas of ``areas.py``, equally from the files of an area, and
 the physical ones of ``mutant.py``, all of them. Each is put into a scratch copy of the tree, and the tests that mirror
 its file (``mirror.py``) run until the first failure. Tests that take several times as long as without the fault have
-noticed it, too. A change that is no fault (``NO_FAULT``, judged by hand, with its reason) does not count. Exit status 1
+noticed it, too. A change without a fault (``NO_FAULT``, judged by hand, with its reason) does not count. Exit status 1
 below the goal of 90 %.
 """
 

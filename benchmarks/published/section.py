@@ -34,8 +34,9 @@ class Row:
 class Section:
     """A published table compared with ours.
 
-    ``basis`` says where ours come from; ``goal`` is the largest difference allowed [%], infinite when the table is only
-    compared; ``exact``: rows must be equal; ``below``: ours is an error that must not exceed the published one.
+    ``basis`` states where our values come from; ``goal`` is the largest difference allowed [%], infinite if the
+    table is only compared; ``exact``: rows must be equal; ``below``: ours is an error that must not exceed the
+    published one.
     """
 
     title: str

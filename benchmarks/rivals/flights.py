@@ -49,7 +49,7 @@ def _depth(z: float) -> Sequence[Any]:
 
 
 def get_ready(firmware: FirmwareLoop, job: Job) -> None:
-    """Arm, and get under way on a heading or dive to the working depth."""
+    """Arm, and gather speed on a heading or dive to the working depth."""
     firmware.run_while(lambda: firmware.t < 50.0)
     firmware.set(dict(job.calm))
     if firmware.data.firmware == "rover":

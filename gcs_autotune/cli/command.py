@@ -284,7 +284,7 @@ def progress_bar(args: argparse.Namespace, given: float = math.inf) -> StageBar:
 def waiting(args: argparse.Namespace, what: str) -> Iterator[None]:
     """Show a spinner with *what* on a terminal, during work without progress of its own that may take a second.
 
-    Write nothing to standard output meanwhile: the spinner would divert it.
+    Write nothing to standard output during it: the spinner would divert it.
     """
     from rich.console import Console
 

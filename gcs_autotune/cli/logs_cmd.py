@@ -129,7 +129,7 @@ def _read(path: Path, args: argparse.Namespace) -> tuple[Recording, Cut]:
         if form is None and path.is_dir():
             raise BadFile(f"{path} is a folder. Give the log files inside it")
         if form is None:
-            load_trial(path)  # whatever is no table says so itself
+            load_trial(path)  # raises BadFile for anything else than a table
         what = form.name if form else "a table of runs (name[unit] heads)"
         raise BadFile(
             f"{path} is {what}. It needs no import: gcs-autotune identify and diagnose read it. Logs are {FORMATS}"

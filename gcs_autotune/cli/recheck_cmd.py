@@ -26,7 +26,7 @@ def _run(args: argparse.Namespace) -> int:
     flight = argparse.ArgumentParser()
     FLY.add_arguments(flight)
     check_axis_limits(args, RELAY)
-    given = argparse.Namespace(**vars(args))  # what is not asked here is as `fly` has it where nothing is said
+    given = argparse.Namespace(**vars(args))  # other options have the defaults of `fly`
     axis = axis_kind(args.axis)
     given.force = axis.names.force
     return run_flight(flight.parse_args(["set-point-relay"], given), axis.example, recheck=axis)

@@ -113,7 +113,7 @@ class RemoteObserver:
             try:
                 self._stream.write(b"".join(_line(key, value) for key, value in self._taken()))
                 self._stream.flush()
-            except (OSError, ValueError):  # nobody reads any more; the end of standard input says so to the operator
+            except (OSError, ValueError):  # the reader is gone; the operator learns it from the end of standard input
                 return
 
     def _taken(self) -> Iterator[tuple[str, object]]:
@@ -182,7 +182,7 @@ class RemoteOperator(ConsoleOperator):
             *lines, rest = (rest + piece).split(b"\n")
             for line in lines:
                 self._take(line)
-        self._stop = True  # nobody is there any more who could
+        self._stop = True  # the parent process is gone and cannot order it
 
     def _take(self, line: bytes) -> None:
         try:

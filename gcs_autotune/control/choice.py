@@ -41,8 +41,8 @@ SLOWEST, FASTEST = 0.02, 20.0
 TICK = 0.1
 """Control period of the simulated step [s], as a link at 10 Hz gives."""
 SAMPLED = 1.0
-"""Delay of the sampled loop besides that of the craft, in control periods: half for the hold of the command, half for
-a measurement that is on average half a period old."""
+"""Delay of the sampled loop in addition to that of the craft, in control periods: half for the hold of the command,
+half for a measurement that is on average half a period old."""
 PADE_ORDER = 3
 ROUNDS = 40
 DIVERGED = 100.0
@@ -214,7 +214,7 @@ class _Demands:
     def fastest(self, kind: str, most: float = FASTEST) -> tuple[float, str]:
         """Return the largest frequency up to *most* without a broken limit, and what limits it; 0 if there is none.
 
-        A loop much slower than the craft itself is no safer: its velocity gain is negative. So the search goes
+        A loop much slower than the craft itself is not safer: its velocity gain is negative. So the search goes
         downwards.
         """
         why = "this is the highest frequency searched"

@@ -37,7 +37,7 @@ RESERVE = 0.8
 """Fraction of what a craft can do that a limit or a held current may use; the rest is left to control. Chosen, as in
 ``control.choice``."""
 THROTTLES = (0.25, 0.5, 0.75, 1.0)
-"""Throttles of the turning circles [fraction of full], besides the working throttle."""
+"""Throttles of the turning circles [fraction of full], in addition to the working throttle."""
 STOPPED = 0.1
 """Fraction of the speed at which a stop ends: that of the manoeuvre ``stopping``."""
 DT = 0.05
@@ -362,7 +362,7 @@ def _slopes(craft: CraftModels, member: FlownModel, name: str, by: float, slugs:
     if value is None:
         labels = {e.label_of(n): v for e in member.model.effects for n, v in e.values.items()}
         if name not in labels:
-            return np.zeros(len(slugs))  # of an effect that is no part of the craft
+            return np.zeros(len(slugs))  # of an effect outside the craft
         value = labels[name]
     least = 0.0 if value >= 0.0 and value - by < 0.0 and "@" in name else -by
     ends = []

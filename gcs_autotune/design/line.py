@@ -100,8 +100,8 @@ class HullTurn:
 
     ``rate``: greatest turn rate [rad/s]. ``lag``: its time constant with the delay [s].
     ``pivots``: whether the autopilot turns it on the spot at sharp corners. ``pivots_wide``: whether it moves away
-    meanwhile, by half the radius of a turn under way or more. ``legs``: how it drove straight legs; none if unknown.
-    ``bandwidth``: that of the style, relative to the fastest corners and corrections.
+    while it turns, by half the radius of a turn under way or more. ``legs``: how it drove straight legs; none if
+    unknown. ``bandwidth``: that of the style, relative to the fastest corners and corrections.
     """
 
     speed: float
@@ -134,7 +134,7 @@ class HullTurn:
 
 
 def pivots_wide(flown: TrackMetrics, radius: float) -> bool:
-    """Return whether a boat that pivots moved away meanwhile by half the *radius* [m] of a turn under way or more.
+    """Return whether a boat that pivots moved away while turning, by half the *radius* [m] of a turn under way or more.
 
     The widest corner counts: a current carries the boat back onto the route at another.
     """

@@ -308,7 +308,7 @@ def _nats(line: Line) -> float:
     if not len(between):
         return 0.0
     off = np.abs(between - np.median(between))
-    # An uneven clock is no excuse where any shift would do.
+    # If any shift fits, an uneven clock does not explain the difference.
     scatter = line.scatter if _is_even(np.unique(line.t)) else line.local_scatter
     return float(np.sum(np.log(np.maximum(off * line.clock.scale / (1.5 * scatter), 1.0))))
 

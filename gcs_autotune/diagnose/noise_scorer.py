@@ -232,7 +232,7 @@ class WithProcessNoise:
         paid = [a for a in scores if a.lacks is None]
         if not paid:
             return None
-        # On runs it has not seen a model pays for its own parameters; on real water those fitted tell less.
+        # On held-out runs a model is penalised for its parameters by its errors. The fitted runs show less.
         first = alike_of(paid)[0]
         # The likelihood is of the next sample. Where another predicts far better some seconds ahead, and gains on every
         # part left out as well, that is felt.

@@ -197,7 +197,7 @@ def _weightless(state: SearchState) -> list[Doubt]:
             memory = (
                 0.0 if state.with_noise is None or state.with_noise.dof != dof else state.with_noise.fit.noise.memory
             )
-            # A craft of time constant a under a force remembered for b wanders just as one of b under a force of a.
+            # Time constant a and correlation time b of the force give the same motion as b and a.
             swapped = (
                 f" (or {memory:.2g} s, the correlation time of the disturbance; these runs do not distinguish the two)"
             )

@@ -363,7 +363,7 @@ def _inputs_set_right(
 
 
 def _times(command: MatchedCommand, simulation: Trial, run: Trial) -> float | None:
-    """Return 1, -1 or the unit factor by which a simulation's command differs; None if it is no known unit."""
+    """Return 1, -1 or the unit factor by which a simulation's command differs; None if it is of no known unit."""
     size = abs(command.factor)
     if abs(size - 1.0) < SAME:
         return math.copysign(1.0, command.factor)

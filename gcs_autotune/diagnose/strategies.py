@@ -176,7 +176,7 @@ def blocked_cv(state: SearchState, step: SearchStep[Fitted]) -> tuple[SearchStat
     return None if winner is None else (now, SearchStep(present, tuple(again), winner))
 
 
-# -- causes that only pay together
+# -- causes that improve the prediction only together
 
 
 @dataclass(frozen=True, slots=True, eq=False)

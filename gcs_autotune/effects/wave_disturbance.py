@@ -6,7 +6,7 @@ accepted under these conditions:
 - its damping ratio is below a quarter, and the run contains several periods;
 - it is better than red noise, and the sensors' noise is visible;
 - if a slowly varying force is present too, it is better than this force alone;
-- it is no response of the craft to its own motion. It must not be proportional to the predicted motion, its rate, its
+- it does not respond to the craft's own motion. It must not be proportional to the predicted motion, its rate, its
   square or its past, nor excited by it. With coefficients for every run, this motion must not explain more than the
   band does.
 """
@@ -340,8 +340,8 @@ def _own_gain(tables: Sequence[Array]) -> tuple[float, int]:
     """Return the gain from regressing on the craft's own motion in addition to the band, and the number of
     regressors.
 
-    Each of *tables* (n, 1 + k) has its own coefficients. In one table of all runs, a response that is no multiple of
-    the motion cancels, for example that of an actuator at its limit in a strong run and in a weak one.
+    Each of *tables* (n, 1 + k) has its own coefficients. In one table of all runs, a response that is not a multiple
+    of the motion cancels, for example that of an actuator at its limit in a strong run and in a weak one.
     """
     before = after = 0.0
     for white in tables:

@@ -188,7 +188,7 @@ def _write(session: Session, exchange: _Exchange, deadline: Deadline, path: str,
 
 
 def remove_remote_file(session: Session, path: str) -> None:
-    """Remove the file *path* from the vehicle. A file that does not exist is no error.
+    """Remove the file *path* from the vehicle. It is not an error if the file does not exist.
 
     Raises
     ------

@@ -29,7 +29,7 @@ LARGEST_LAG = 0.25
 
 @dataclass(frozen=True, slots=True)
 class _Scaled:
-    """One shaft: share of full thrust (n,), sums of squares of its speed and of the misfit [1/s^2], lag [s]."""
+    """One shaft: fraction of full thrust (n,), sums of squares of its speed and of the misfit [1/s^2], lag [s]."""
 
     shares: Array
     power: float

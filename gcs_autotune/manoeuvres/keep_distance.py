@@ -138,7 +138,7 @@ class KeepDistance(Manoeuvre):
         return hold(command, depth, now)
 
     def _reading(self, now: Observation) -> WallReading:
-        """Return what is new: a distance that repeats the last one is no second measurement."""
+        """Return what is new: a distance that repeats the last one is not a new measurement."""
         from gcs_autotune.control import WallReading  # a second to import, which the table need not take
 
         has_angle = math.isfinite(now.wall_angle)

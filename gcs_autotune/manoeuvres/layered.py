@@ -188,7 +188,8 @@ def _passed(path: TimedPath, now: Observation) -> bool:
 class FollowWall(KeepDistance):
     """Face a wall, go to a distance from it, and move along it: sideways if the craft can, else vertically.
 
-    distance : to the wall [m]; NaN: as found. length : along it [m], to starboard or down. speed : along it [m/s].
+    distance : to the wall [m]; NaN: the present one. length : along it [m], to starboard or down. speed : along it
+        [m/s].
     """
 
     kind = "follow-wall"

@@ -97,12 +97,12 @@ class OpenLoopProgramme(Manoeuvre):
                 self._mark(now.t, "level", {self.force: level})
                 self.phase = f"{self.force} {100.0 * level:+.0f} %"
             if now.t - start >= self._duration:
-                if abs(level) >= self._jump:  # neutral follows, which is no shortfall of the last order
+                if abs(level) >= self._jump:  # neutral follows; the last order was carried out
                     self._mark(now.t, "level", {self.force: 0.0})
                 self._end("completed", f"flown for {self._duration:.0f} s")
             command = hold(Actuate(**shares), self._holds, now)
             if self._heading_hold is not None:
-                # a craft that coasts is left alone: thrusters that steer by their difference push her ahead
+                # a craft that coasts is left alone: thrusters that steer by their difference push it ahead
                 command = replace(command, N=self._heading_hold.steer(now) if command.X else 0.0)
             now = yield command
 

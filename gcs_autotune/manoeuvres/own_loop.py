@@ -24,7 +24,7 @@ class UnderOwnLoop(Manoeuvre):
     Parameters
     ----------
     controller : what the loop is, for the record's ``meta``.
-    keeps_still : whether an ROV's other axes are held meanwhile.
+    keeps_still : whether an ROV's other axes are held in this time.
     """
 
     in_manual = True

@@ -110,7 +110,7 @@ class Relay(Manoeuvre):
     @property
     def meta_fields(self) -> Mapping[str, Any]:
         """Settings as flown, by name, for the trial's ``meta``. ``from_t``: time [s] at which the relay itself began.
-        ``enough``: whether the caller's criterion ended the relay, so that a small number of periods is no fault.
+        ``enough``: whether the caller's criterion ended the relay, so that a small number of periods is expected.
         """
         s = self._settings
         return {

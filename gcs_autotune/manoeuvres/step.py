@@ -133,7 +133,7 @@ def _oscillation_in(x: Array) -> float:
     """Return the standard deviation of *x* (n,) about its mean if it crosses the mean often enough; else 0."""
     off = x - x.mean()
     std = float(off.std())
-    plain = np.sign(off[np.abs(off) > 0.5 * std])  # noise about the mean is no passing of it
+    plain = np.sign(off[np.abs(off) > 0.5 * std])  # noise about the mean does not count as a crossing
     return std if np.count_nonzero(np.diff(plain)) >= LEAST_CROSSINGS else 0.0
 
 

@@ -337,7 +337,7 @@ def _steady(track: Track, start: float, end: float, side: float) -> dict[str, Re
     inverse = np.linalg.pinv(table.T @ table)
     found = inverse @ (table.T @ target)
     left = target - table @ found
-    # neighbouring positions err alike: count as many as there are signs of the residuals' runs
+    # errors of neighbouring positions are alike: count as many as there are signs of the residuals' runs
     colour = max(1.0, len(left) / max(float(np.sum(np.diff(np.sign(left)) != 0.0)) * 2.0, 1.0))
     variance = float(left @ left) / max(len(left) - 4, 1) * colour
     P, Q = float(found[2]), float(found[3])

@@ -86,7 +86,7 @@ class CommandServer:
 def serve() -> None:
     """Run the commands that standard input contains, until it ends."""
     answers = os.dup(1)
-    os.dup2(2, 1)  # what an import prints is no answer
+    os.dup2(2, 1)  # what an import prints must not pass for an answer
     if hasattr(os, "fork"):
         for module in _IMPORTED:
             importlib.import_module(module)
@@ -103,7 +103,7 @@ def serve() -> None:
                 code = subprocess.run(
                     command, stdin=subprocess.DEVNULL, stdout=output, stderr=errors, check=False
                 ).returncode
-        with contextlib.suppress(BrokenPipeError):  # the worker was killed meanwhile: standard input has ended, too
+        with contextlib.suppress(BrokenPipeError):  # the worker was killed: standard input has ended, too
             os.write(answers, b"%d\n" % code)
 
 

@@ -96,7 +96,7 @@ def calibrate_camera(floor: Path, boards: str = "", board: tuple[int, int] = BOA
     found, _ = opencv().findHomography(plain, places) if len(plain) >= 4 else (None, None)
     if found is None or not np.isfinite(found).all() or np.linalg.matrix_rank(places - places[0]) < 2:
         raise NotInformative(f"{floor}: {len(plain)} points do not define the floor. Give four, no three on one line")
-    # A picture has north up and east to the right: (column, row) = (y, -x), which is no mirror image.
+    # A picture has north up and east to the right: (column, row) = (y, -x), which is not mirrored.
     a = found / found[2, 2]
     if a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0] < 0.0:
         raise BadFile(f"{floor}: the floor is mirrored. Seen from above, y counts to the right of x")

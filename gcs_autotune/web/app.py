@@ -193,7 +193,7 @@ def _looking(control: Control, access: Access) -> list[BaseRoute]:
         owner = access.may_sit(socket.query_params.get("seat", ""))
         sending = asyncio.create_task(_send_all(socket, control.live, owner=owner))
         with suppress(WebSocketDisconnect, RuntimeError):
-            # a viewer has nothing to say; this is how his leaving is noticed
+            # a viewer sends nothing; this detects that it has left
             while (await socket.receive())["type"] != "websocket.disconnect":
                 pass
         sending.cancel()

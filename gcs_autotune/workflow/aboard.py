@@ -381,7 +381,7 @@ class _Flight:
 
 
 def _meaning(word: str) -> AboardEnding | None:
-    """Return the ending that *word* of the script reports; None if it is no ending."""
+    """Return the ending that *word* of the script reports; None if it is not an ending."""
     return ABOARD_ENDINGS.get("stick" if word.startswith("stick") else word)
 
 

@@ -92,7 +92,7 @@ def tune_actuators(settings: TuneSettings, operator: Operator, observer: Observe
     Raises
     ------
     WrongVehicle, ParameterMissing
-        It is no boat, or its firmware lacks the parameters.
+        It is not a boat, or its firmware lacks the parameters.
     AutotuneError
         What ended it early. By then the vehicle is as before (or ``NotAsFound`` states what is not).
     """

@@ -102,7 +102,7 @@ def fits_in(
 
 
 def _excited(trial: Trial) -> Collection[str]:
-    """Return the degrees of freedom that the run was flown for. A log that does not say so may tell all of them.
+    """Return the degrees of freedom that the run was flown for. If a log does not state them, all are possible.
 
     A boat that gathers way before a turn would otherwise yield a poor model of surge, and with it a change that never
     was.

@@ -152,7 +152,7 @@ def connect_craft(
             refuse_open_runs(craft)
             yield craft
         except BaseException:
-            with suppress(AutotuneError), craft.shielded():  # what is under way says what is left to be done
+            with suppress(AutotuneError), craft.shielded():  # the error under way states what is left to be done
                 _leave(craft)
             raise
         else:

@@ -111,7 +111,7 @@ class TuneContext:
 
     def compute_while_turning(self, before: str, work: Callable[[], T]) -> T:
         """Return ``work()``, computed by the worker while a boat returns before the trial *before*."""
-        if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
+        if isinstance(self.craft.clock, ManualClock):  # simulated time stands still during a computation
             self.turn_around(before, math.inf)
             return work()
         self.visit.worker.begin(work)

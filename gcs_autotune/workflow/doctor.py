@@ -73,8 +73,8 @@ def listened_to(
 ) -> Iterator[tuple[str, Overheard]]:
     """Listen on each port for *seconds* [s] and yield what was received. Nothing is sent.
 
-    uris : links to listen on instead of every serial port (at the usual speeds) and UDP 14550. say : receives what is
-    being listened to, before it takes its time.
+    uris : links to listen on instead of every serial port (at the usual speeds) and UDP 14550.
+    say : receives the port before listening on it.
     """
     if uris is not None:
         for uri in uris:

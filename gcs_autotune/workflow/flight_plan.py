@@ -305,7 +305,7 @@ class FlightRun:
 
     @property
     def caution(self) -> str:
-        """How the preview ends early with assumed parameters, which is no reason not to fly; empty if it does not."""
+        """How the preview ends early with assumed parameters; empty if it does not. The flight is still permitted."""
         is_guess = self.preview.craft.assumed and self.preview.trouble
         return f"with assumed parameters the run ends early: {self.preview.trouble}" if is_guess else ""
 

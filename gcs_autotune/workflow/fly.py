@@ -431,7 +431,9 @@ class _Flight:
             manoeuvre = run.settings.make(run.throttle, speed=run.speed, keep_still=not firmware.needs_way)
             if isinstance(manoeuvre, Layered | FollowWall):
                 manoeuvre = self._over_own_loops(run, manoeuvre)
-            fly = runner.fly if k < len(left) else runner.attempt  # what it chose itself tells something anyhow
+            fly = (
+                runner.fly if k < len(left) else runner.attempt
+            )  # a manoeuvre that it chose itself is informative even if it ends early
             flown = replace(run, trial=fly(manoeuvre, run.name, run.envelope))
             self.runs[self.runs.index(run)] = flown
 

@@ -50,7 +50,7 @@ def jit_warmup(connection: str, dofs: Iterable[str], laws: Iterable[str]) -> Ite
 def await_warmup(craft: MavlinkCraft, worker: Worker, observer: Observer) -> None:
     """Wait until the *worker* is ready, and report the reason if this takes long. The craft is only monitored."""
     if not worker.apart or isinstance(craft.clock, ManualClock):
-        return  # in simulated time nobody waits: what is computed is computed at once
+        return  # simulated time stands still during a computation
     told: Deadline | None = Deadline.after(craft.clock, _PATIENCE)
 
     def tell() -> None:

@@ -94,7 +94,7 @@ def tune_line(settings: TuneSettings, operator: Operator, observer: Observer, wh
     Raises
     ------
     WrongVehicle
-        It is no boat, or its firmware lacks the parameters.
+        It is not a boat, or its firmware lacks the parameters.
     PreconditionFailed
         Speed or heading are not tuned, or there is not enough space.
     AutotuneError

@@ -253,7 +253,7 @@ def _armed(mission: Mission, visit: Visit[Log]) -> Iterator[Journal]:
 
     def open_journal(found: Observation) -> Journal:
         refuse_open_runs(craft)
-        if not craft.session.transport.is_simulated:  # a vehicle in this process is nobody else's, and ends with it
+        if not craft.session.transport.is_simulated:  # no other run uses a vehicle in this process
             note_run(record.journal)
         craft.session.at_work = True
         opened = Journal(
@@ -268,7 +268,7 @@ def _armed(mission: Mission, visit: Visit[Log]) -> Iterator[Journal]:
         return opened
 
     def note_order(opened: Journal, event: str, what: Mapping[str, Any]) -> None:
-        with suppress(PreconditionFailed):  # a full disk keeps nobody from ordering neutral; restore then asks
+        with suppress(PreconditionFailed):  # a full disk must not prevent neutral; restore then asks
             opened.record(event, **what)
 
     try:

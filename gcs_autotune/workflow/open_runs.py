@@ -99,7 +99,7 @@ def refuse_open_runs(craft: MavlinkCraft) -> None:
     """
     vehicle = craft.session.vehicle
     if vehicle is None or craft.session.transport.is_simulated:
-        return  # a vehicle in this process is nobody else's
+        return  # no other run uses a vehicle in this process
     other = craft.other_stations.at_work
     if other:
         raise PreconditionFailed(

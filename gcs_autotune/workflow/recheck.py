@@ -138,7 +138,9 @@ class Recheck:
         *think* runs a computation while the link is served.
         """
         sheet, why = think(partial(read_loop, trial))
-        if not self.factor or (sheet is not None and _is_informative(sheet)):  # else the first one says more
+        if not self.factor or (
+            sheet is not None and _is_informative(sheet)
+        ):  # otherwise the first one is more informative
             self.sheet, self.why, self.shown = sheet, why, trial
         if self.factor or (sheet is not None and _is_informative(sheet)):
             return None

@@ -150,7 +150,7 @@ class RunDirectory:
             yield
         except AutotuneError as error:
             if self.is_made:
-                with suppress(BadFile):  # what ended it is what is told
+                with suppress(BadFile):  # the first error is the one to report
                     self.save_json(SUMMARY, {**about, "ending": "aborted", "reason": str(error)})
             raise
         self.save_json(SUMMARY, {**about, "ending": "completed", "reason": ""})

@@ -187,7 +187,7 @@ class _Restoring:
         self._put_back_mission()
         self._drop_scripts()
         if not self._differences:
-            self._try("mode", self._session.await_heartbeat)  # what restarts meanwhile is in the mode it boots in
+            self._try("mode", self._session.await_heartbeat)  # a vehicle that restarts now is in its boot mode
         if not self._differences and (self._disarms or self._changes_mode):
             self._left |= self._state_changed_by_others((), armed_by_us=False)
         if not self._differences and (self._disarms or self._changes_mode):
@@ -344,7 +344,7 @@ class _Restoring:
                 if self._session.wait_for(lambda: True if heard else None, 1.0):
                     break
         except LinkLost:
-            return None  # whoever needs the vehicle says so
+            return None  # the caller that needs the vehicle reports it
         finally:
             stop()
         return heard[-1] if heard else None
@@ -477,7 +477,7 @@ def restore_parameters(
     Raises
     ------
     BadFile
-        The file is no parameter file.
+        The file is not a parameter file.
     OperatorStopped
         The answer was no; nothing was written.
     NotAsFound

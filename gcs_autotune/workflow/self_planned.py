@@ -140,7 +140,7 @@ def offers_for(
     for kind in _kinds(able):
         if not (kind.identifies and kind.make is not None and kind.suits(firmware) and kind.drives <= able):
             continue
-        if kind.tied or kind.needs:  # a bollard, or a wall ahead, nobody chooses unasked
+        if kind.tied or kind.needs:  # a bollard or a wall ahead must be requested
             continue
         for sizes, throttle in itertools.product(_sizes(kind, typed), throttles):
             common = replace(first.common, throttle=throttle)

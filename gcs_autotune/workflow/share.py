@@ -53,7 +53,7 @@ def share_run(run: Path, out: Path, *, hide_position: bool = False) -> Shared:
     Raises
     ------
     BadFile
-        *run* is no run directory, or *out* cannot be written.
+        *run* is not a run directory, or *out* cannot be written.
     """
     found = [p for p in sorted(run.rglob("*")) if p.is_file() and not p.is_symlink() and p.resolve() != out.resolve()]
     if not any(p.name in ("summary.json", "journal.jsonl", SETTING_OUT) for p in found):

@@ -134,9 +134,9 @@ def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains 
     try:
         gains = provisional(m, covariance, question.axis, question.present, question.spec, last)
     except NoGainsMeetSpec as refusal:
-        # Without a wish a better model may find gains; what somebody wished for no better model makes possible.
-        wished = not question.spec.is_automatic
-        return Assessment(f"no gains can be designed yet ({refusal})", refused=wished, values=values, stds=stds)
+        # A better model may find gains, but it does not make a user's specification possible.
+        specified = not question.spec.is_automatic
+        return Assessment(f"no gains can be designed yet ({refusal})", refused=specified, values=values, stds=stds)
     wide = gains.spread > SPREAD
     lacks = f"the predicted ITAE is uncertain by {gains.spread:.0%}" if wide else ""
     return Assessment(lacks, values=values, stds=stds, gains=gains)
@@ -234,7 +234,7 @@ class KnownDesign:
         return replace(run, reason=why, meta={**run.meta, **settings}).proper
 
     def _ask(self, run: Trial | None) -> str:
-        if isinstance(self._craft.clock, ManualClock):  # in simulated time nobody waits
+        if isinstance(self._craft.clock, ManualClock):  # simulated time stands still during a computation
             return self._judged(assess(self.question, run, self._gains), run)
         self._worker.begin(partial(assess, self.question, run, self._gains))
         self._at_work, self._asked = True, run

@@ -435,7 +435,7 @@ def _read(settings: TuneSettings) -> _Begun:
     Raises
     ------
     UsageError
-        It is no job, or was started with another style or dry run.
+        It is not a job, or was started with another style or dry run.
     PreconditionFailed
         One of its runs has not restored its vehicle.
     """

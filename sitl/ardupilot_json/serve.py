@@ -34,8 +34,8 @@ class JsonServer:
     physics : the hull.
     port : UDP port; 0 lets the system choose (see ``port``).
     host : address to listen on.
-    patience : longest time to wait for a request [s], then ``TimeoutError``; None: no limit. say : receives a line for
-        the operator when a session begins.
+    patience : longest time to wait for a request [s], then ``TimeoutError``; None: no limit.
+    say : receives a line for the operator when a session begins.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """The stored mission and how far it has come.
 
-Source: ArduPilot's ``libraries/AP_Mission``. Item 0 is home. A navigation command ends when its verification says so;
+Source: ArduPilot's ``libraries/AP_Mission``. Item 0 is home. A navigation command ends when its verification is true;
 the other commands between two of them run one a loop, beginning as the later one starts.
 """
 

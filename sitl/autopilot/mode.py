@@ -22,8 +22,8 @@ class WayReport:
 class Mode(ABC):
     """One flight mode: ``run`` is called every loop while armed.
 
-    ``flags`` are the MAV_MODE_FLAG bits the heartbeat shows besides custom-mode and armed. ``arms``: the craft can be
-    armed in it. ``in_mission``: it flies the mission.
+    ``flags`` are the MAV_MODE_FLAG bits the heartbeat shows in addition to custom-mode and armed. ``arms``: the
+    craft can be armed in it. ``in_mission``: it flies the mission.
     """
 
     number: int

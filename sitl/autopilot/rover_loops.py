@@ -96,7 +96,7 @@ class RoverSpeedController:
         return ms - self._stopped_ms < _STOPPED_MS
 
     def deceleration(self) -> float:
-        """Return the greatest deceleration [m/s^2]; 0 is no limit."""
+        """Return the greatest deceleration [m/s^2]; 0: none."""
         return self._values["ATC_DECEL_MAX"] if self._values["ATC_DECEL_MAX"] > 0.0 else self._values["ATC_ACCEL_MAX"]
 
     def run(self, ms: int, wanted: float, speed: float, limited: bool) -> float:

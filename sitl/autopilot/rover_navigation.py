@@ -121,7 +121,7 @@ class AutoMode(_NavigationMode):
         self._seen: tuple[int, int, tuple[MissionItem, ...]] = (0, 0, ())
 
     def refusal(self) -> str | None:
-        """There must be a mission besides home."""
+        """There must be a mission in addition to home."""
         if len(self._owner.mission.items) > 1:
             return None
         self._owner.say(NOTICE, "No Mission. Can't set AUTO.")
@@ -242,7 +242,7 @@ class AutoMode(_NavigationMode):
 
 @dataclass(frozen=True, slots=True)
 class GuidedTarget:
-    """A wanted speed [m/s] with a heading [rad] or, that being None, a turn rate [rad/s]; ``ms``: when it came."""
+    """A demanded speed [m/s] with a heading [rad] or, if that is None, a turn rate [rad/s]; ``ms``: its time."""
 
     ms: int
     speed: float

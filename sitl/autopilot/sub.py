@@ -243,7 +243,7 @@ class Sub(Autopilot):
 
 _MANUAL_INPUT, _STABILIZE, _GUIDED = 64, 16, 8
 _PUSH = 0.1
-"""Share of full stick beyond which the pilot moves the place that is held."""
+"""Fraction of full stick beyond which the pilot moves the place that is held."""
 
 
 class _SubMode(Mode):

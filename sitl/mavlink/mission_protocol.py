@@ -32,7 +32,7 @@ _FRAMES = {
     mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
     mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
 }
-"""Frame of an item that is taken -> frame in which it is given back."""
+"""Frame of an item that is taken -> frame in which it is returned."""
 _MOST_LATITUDE, _MOST_LONGITUDE = 900_000_000, 1_800_000_000
 _MOST_ALTITUDE = 83_000.0
 """m; ArduPilot's LOCATION_ALT_MAX_M."""

@@ -40,7 +40,7 @@ def first_motion(run: Run) -> tuple[NDArray[np.float64], float]:
 
 
 def fitted(runs: Sequence[Run], form: str) -> CoupledModel:
-    """Fit the shipped form; physical signs required. What is no force (the compass) has no part in the regression."""
+    """Fit the shipped form; physical signs required. The regression uses forces only, so not the compass."""
     structure = FORMS[form]
     trials = [trial_of(r, tuple(structure.inputs)) for r in runs]
     forces = structure.without(*SPECIAL)

@@ -146,7 +146,7 @@ class NoisyProblem(NoiseFilter):
 
     def _fit_at(self, objective: NoisyObjective, here: Point, covariance: Array) -> NoisyFit:
         theta, effects, noise = objective.unpack(here.x)
-        # A drifting force that vanished in the fit is no unknown of its result.
+        # A drifting force that vanished in the fit is not among the unknowns of its result.
         left = [n in noise.unknowns for n in objective.names]
         known = np.append(np.full(len(covariance) - len(left), fill_value=True), left)
         covariance = covariance[np.ix_(known, known)]

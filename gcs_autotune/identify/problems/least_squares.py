@@ -77,14 +77,14 @@ class Rules:
         """Initial damping, and the damping at which the descent ends."""
         return (1e-3, 1e8) if self.enough else (1e-6, 1e12)
 
-    def eased(self, damping: float, foretold: float) -> float:
+    def eased(self, damping: float, gain_ratio: float) -> float:
         """Return the damping after a step that decreased the cost.
 
-        foretold : ratio of the actual to the predicted decrease.
+        gain_ratio : ratio of the actual to the predicted decrease.
         """
         if self.enough:
             return max(0.2 * damping, 1e-6)
-        return max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3))
+        return max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(gain_ratio, 1.0) - 1.0) ** 3))
 
     def raised(self, damping: float, refused: int) -> float:
         """Return the damping after a step that did not decrease the cost.

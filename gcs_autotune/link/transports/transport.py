@@ -104,12 +104,12 @@ class Transport(ABC):
         if data:
             self._write(data)
 
-    def follow_tick(self, at: float, period: float) -> None:  # noqa: B027 - real time needs no telling
+    def follow_tick(self, at: float, period: float) -> None:  # noqa: B027 - real links ignore it
         """Announce that control decisions are made at ``at + k * period`` [s of the link's clock]. Real links ignore
         this. A simulated link advances time in these steps.
         """
 
-    def hold(self, origin: str) -> None:  # noqa: B027 - a link with one other end has nobody else to talk to
+    def hold(self, origin: str) -> None:  # noqa: B027 - most links have one peer only
         """Send only to the address *origin* from now on, while it sends. If *origin* is empty, send to all
         peers again.
         """

@@ -46,7 +46,7 @@ class _UdpSocket(Transport):
         for _ in range(_AT_ONCE):
             try:
                 data += self._receive()
-            except (BlockingIOError, ConnectionError):  # refused: nobody listens there yet; silence, not an end
+            except (BlockingIOError, ConnectionError):  # refused: the port is not open yet; silence, not an end
                 break
         return bytes(data)
 

@@ -299,7 +299,7 @@ def _check_taken_back(session: Session, own: StoredMission) -> None:
 class MissionLoan:
     """A mission of ours on the vehicle for a while; its own one is in the journal, and restored on every ending.
 
-    A mission that another station uploads meanwhile stays.
+    A mission that another station uploads in this time stays.
 
     Parameters
     ----------

@@ -221,7 +221,7 @@ class Rates:
                 slow, usual = round(1e6 / demands[crowding].floor), round(1e6 / demands[crowding].rate)
             else:
                 slow, usual = _OFF, self._previous_interval(crowding)
-                self.granted[crowding] = Granted(0.0, 0.0, usual)  # put back at the end whatever happens now
+                self.granted[crowding] = Granted(0.0, 0.0, usual)  # restored at the end whatever happens now
             self._set_interval(crowding, slow)
             came = self._comes_on_request(missing)
             self._set_interval(crowding, usual)

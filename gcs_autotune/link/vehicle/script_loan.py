@@ -1,6 +1,6 @@
 """A Lua script of ours on the vehicle for a while: uploaded by MAVLink FTP, loaded, and gone afterwards.
 
-Its path is in the journal from before the upload until the file is removed and the scripts are loaded anew without it.
+Its path is in the journal from before the upload until the file is removed and the scripts are reloaded without it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _restart_scripts(commands: Commands) -> None:
 
 
 def drop_script(session: Session, commands: Commands, path: str) -> None:
-    """Remove the script *path* from the vehicle, and load the scripts anew without it. It may be gone already.
+    """Remove the script *path* from the vehicle, and reload the scripts without it. It may be gone already.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class ScriptLoan:
         self._is_there = False
 
     def load(self, text: str) -> None:
-        """Upload the script *text* and have the autopilot load it. Its other scripts are loaded anew as well.
+        """Upload the script *text* and have the autopilot load it. Its other scripts are reloaded too.
 
         Raises
         ------

@@ -251,7 +251,7 @@ def form_of(contents: FormData, origin: str) -> Form:
             optional=tuple(contents.optional),
             per_inertia=tuple(contents.per_inertia),
         )
-    except ValueError as error:  # a name that is no derivative
+    except ValueError as error:  # a name that is not that of a derivative
         raise BadFile(f"{origin}: {error}") from error
 
 

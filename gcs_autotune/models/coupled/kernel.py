@@ -602,7 +602,7 @@ def _carry(
 
     Return whether the motion stayed finite, the fastest rate, the input row at *stop*, and the number of steps.
     """
-    deriv, plain = S.shape[1] > 0, S.shape[1] < 0  # no literals: for each of them all would be compiled anew
+    deriv, plain = S.shape[1] > 0, S.shape[1] < 0  # no literals: everything would be compiled again for each
     delay = theta[P.delay] if P.delay >= 0 else 0.0
     column = free[P.delay] if P.delay >= 0 else -1
     fastest, spent = 0.0, 0.0

@@ -153,7 +153,7 @@ def _top_speed(fit: AxisFit, unit: str) -> list[str]:
     if _largest(fit) > OVERFULL or (fit.structure == "linear" and fit.model.alpha * fit.model.beta < 0.0):
         return []
     output = _most_flown(fit)
-    # The trim is no part of what the craft can do: the constant that steady_velocity adds is taken off before.
+    # The trim does not belong to what the craft can do: the constant that steady_velocity adds is taken off before.
     top, error = _with_error(fit, lambda m, effects: abs(m.steady_velocity(_acting(effects, output) - m.delta)))
     if not math.isfinite(top):
         return []

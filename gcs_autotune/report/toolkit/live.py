@@ -216,7 +216,7 @@ class TerminalObserver:
             self.say(f"vehicle message: {quoted([fact.text])}")
 
     def _announce(self, intentions: Intentions) -> None:
-        """Show a table, one row per intention with its brief. The sentences of these rows are then not said again.
+        """Show a table, one row per intention with its brief. The sentences of these rows are then not repeated.
 
         An intention that was announced before, for the whole job, is not shown again.
         """
