@@ -45,8 +45,7 @@ from gcs_autotune.manoeuvres import (
     common_windows,
 )
 from gcs_autotune.observer import Observer
-from gcs_autotune.report import TuneStory
-from gcs_autotune.report.toolkit.wording import format_share
+from gcs_autotune.report import TuneStory, format_share
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.autopilot_loop import lend_parameters
