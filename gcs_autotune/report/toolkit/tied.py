@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 from rich.console import Console, ConsoleOptions
@@ -10,11 +9,12 @@ from rich.containers import Lines
 from rich.measure import Measurement
 from rich.text import Text
 
+from gcs_autotune.report.toolkit.wording import BEFORE_UNIT
+
 __all__ = ["TiedText"]
 
 TIE = "\ue000"
 """Character of one column in place of the blank before a unit, because ``rich`` breaks a line at every blank."""
-BEFORE_A_UNIT = re.compile(r"(?<=\d) (?=(?:%|°|min|deg|[kcm]?m|m?s|N|Hz|V|kg|rad)(?![a-zA-Z]))")
 
 
 class TiedText(Text):
@@ -36,5 +36,5 @@ class TiedText(Text):
 
     def _tied(self) -> Text:
         tied = self.copy()
-        tied.plain = BEFORE_A_UNIT.sub(TIE, self.plain)
+        tied.plain = BEFORE_UNIT.sub(TIE, self.plain)
         return tied

@@ -13,6 +13,7 @@ from gcs_autotune.rounding import UNKNOWN, format_number, format_value, rounded,
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [
+    "BEFORE_UNIT",
     "MOST_FACTOR",
     "NOT_IDENTIFIABLE",
     "UNKNOWN",
@@ -51,8 +52,8 @@ NOT_IDENTIFIABLE = "not identifiable from these runs"
 _VERBATIM = re.compile(r"`[^`]*`|(?<!\w)'[^']*'(?!\w)|\"[^\"]*\"|gcs-autotune .*")
 """Parts of a sentence to copy or quoted from elsewhere: commands, options, messages of a vehicle."""
 
-_UNIT = r"(?:min|ms|dB|Hz|rad|[ck]?m|s|N|V)[²³]?(?:/(?:rad|s|m)[²³]?)?(?!\w)"
-_BEFORE_UNIT = re.compile(rf"(?<=\d) (?=%|{_UNIT})|(?<=\d N) (?=m(?!\w))|(?<=\d min) (?=\d+ s(?!\w))")
+_UNIT = r"(?:min|ms|dB|Hz|rad|deg|kg|[ckm]?m|s|N|V)[²³]?(?:/(?:rad|deg|s|m)[²³]?)?(?!\w)"
+BEFORE_UNIT = re.compile(rf"(?<=\d) (?=[%°]|{_UNIT})|(?<=\d N) (?=m(?!\w))|(?<=\d min) (?=\d+ s(?!\w))")
 """Space between a number and its unit."""
 
 _HEADINGS = ("anchor", "direction")
@@ -94,7 +95,7 @@ def _in_prose(text: str, change: Callable[[str], str]) -> str:
 
 
 def _without_breaks(text: str) -> str:
-    text = _BEFORE_UNIT.sub("\u00a0", text)
+    text = BEFORE_UNIT.sub("\u00a0", text)
     text = re.sub(r"(?<=[\d%°²]) (?=(?:->|±) -?\d)|(?<=\d\u00a0[ms]) (?=-> -?\d)", "\u00a0", text)
     return re.sub(r"(?<=±) (?=\d)", "\u00a0", text.replace("-> ", "\N{RIGHTWARDS ARROW}\u00a0"))
 
