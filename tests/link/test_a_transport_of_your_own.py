@@ -48,11 +48,11 @@ def test_a_transport_from_outside_is_used_from_the_command_line(
     assert load_params(saved)["SERVO1_FUNCTION"] == 26.0
 
 
-def test_what_other_packages_offer_is_listed_with_our_own(folder: Path) -> None:
+def test_transports_of_other_packages_are_listed_with_our_own(folder: Path) -> None:
     with pytest.raises(UnknownName, match=r"Did you mean boathouse\?.*Known: udpin, .*sitl, boathouse"):
         open_link("boathuose:charlie")
 
 
-def test_an_offer_that_cannot_be_loaded_is_said_to_be_so(folder: Path) -> None:
+def test_an_entry_point_that_cannot_be_loaded_is_reported(folder: Path) -> None:
     with pytest.raises(UsageError, match=r"'broken' \(boathouse:nothing\) cannot be loaded"):
         open_link("broken:charlie")

@@ -97,7 +97,7 @@ def test_no_value_of_any_parameter_ends_in_a_foreign_exception(name: str) -> Non
     assert len(nans) >= 20 and all(nans)
 
 
-def test_a_refusal_says_name_value_and_what_would_make_sense() -> None:
+def test_a_refusal_contains_name_value_and_plausible_range() -> None:
     with pytest.raises(PreconditionFailed, match=r"^RC1_TRIM is nan, not a number\. Correct .*try again$"):
         checked("RC1_TRIM", math.nan)
     with pytest.raises(PreconditionFailed, match=r"^MAV_GCS_SYSID is 70000, outside the plausible range 1 to 255"):
@@ -108,7 +108,7 @@ def test_a_refusal_says_name_value_and_what_would_make_sense() -> None:
         checked("STAT_RUNTIME", math.inf)
 
 
-def test_a_parameter_that_holds_no_number_is_not_borrowed_and_can_be_put_right(tmp_path: Path) -> None:
+def test_a_nan_parameter_is_not_borrowed_and_can_be_corrected(tmp_path: Path) -> None:
     aboard = Aboard("ardurover")
     aboard.vehicle.parameters["ATC_STR_RAT_P"] = math.nan
     journal = Journal(tmp_path / "journal.jsonl")
@@ -120,7 +120,7 @@ def test_a_parameter_that_holds_no_number_is_not_borrowed_and_can_be_put_right(t
     assert aboard.vehicle.parameters["ATC_STR_RAT_P"] == pytest.approx(0.2)
 
 
-def test_a_watched_parameter_that_becomes_no_number_is_an_intrusion() -> None:
+def test_a_watched_parameter_that_becomes_nan_is_an_intrusion() -> None:
     aboard = Aboard("ardurover")
     aboard.parameters.watch({"WP_SPEED": 2.0})
     aboard.vehicle.parameters["WP_SPEED"] = math.nan

@@ -53,7 +53,7 @@ def pair() -> Pair:
     return Pair(ScriptedVehicle(ROV))
 
 
-def test_two_distances_of_a_companion_are_used_instead_of_the_autopilots(pair: Pair) -> None:
+def test_two_distances_of_a_companion_replace_the_autopilots(pair: Pair) -> None:
     session = Session(MemoryLink(pair))
     session.discover()
     telemetry = Telemetry(session, read_servo_map(Parameters(session), FIRMWARE["ardusub"]), Recorder())
@@ -75,7 +75,7 @@ def test_two_distances_of_a_companion_are_used_instead_of_the_autopilots(pair: P
     assert math.isnan(telemetry.value("d_starboard"))
 
 
-def test_a_companion_is_not_taken_for_the_vehicle(pair: Pair) -> None:
+def test_a_companion_is_not_mistaken_for_the_vehicle(pair: Pair) -> None:
     pair.send(0.4, 0.4)
     session = Session(MemoryLink(pair))
     assert session.discover().component == 1

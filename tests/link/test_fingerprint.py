@@ -30,7 +30,7 @@ def told(values: dict[str, float], vehicle: VehicleIdentity | None = HERE) -> Pa
     return cast(Parameters, Told(values, vehicle))
 
 
-def test_the_same_board_is_the_same_vehicle_whatever_its_parameters_say_by_now() -> None:
+def test_the_same_board_is_the_same_vehicle_whatever_its_parameters() -> None:
     assert difference(HERE.to_dict(), PRINT, HERE, told({})) == ""
 
 
@@ -43,16 +43,16 @@ def test_the_same_board_is_the_same_vehicle_whatever_its_parameters_say_by_now()
         ({"uid": "beef"}, "its board is beef there, c0ffee here"),
     ],
 )
-def test_another_system_kind_or_board_is_another_vehicle(change: dict[str, object], words: str) -> None:
+def test_another_system_type_or_board_is_another_vehicle(change: dict[str, object], words: str) -> None:
     assert difference({**HERE.to_dict(), **change}, {}, HERE, told({})) == words
 
 
-def test_a_board_that_does_not_tell_its_id_here_is_not_taken_for_the_one_that_did() -> None:
+def test_a_board_without_an_id_is_not_taken_for_one_with_an_id() -> None:
     mute = replace(HERE, uid="")
     assert difference(HERE.to_dict(), PRINT, mute, told(PRINT)) == "its board is c0ffee there, unknown here"
 
 
-def test_a_vehicle_without_an_id_is_known_by_what_was_calibrated() -> None:
+def test_a_vehicle_without_an_id_is_identified_by_its_calibration() -> None:
     """A journal of it holds the fingerprint; the vehicle here may well have told an id since."""
     known = {**HERE.to_dict(), "uid": ""}
     assert difference(known, PRINT, HERE, told(dict(PRINT))) == ""
@@ -60,29 +60,29 @@ def test_a_vehicle_without_an_id_is_known_by_what_was_calibrated() -> None:
     assert difference(known, PRINT, HERE, told(other)) == "INS_ACCOFFS_X 0.012 there, 0.013 here"
 
 
-def test_a_fingerprint_parameter_that_is_missing_here_speaks_against_it() -> None:
+def test_a_missing_fingerprint_parameter_is_a_difference() -> None:
     known = {**HERE.to_dict(), "uid": ""}
     assert difference(known, PRINT, HERE, told({"INS_ACCOFFS_X": 0.012})) == "COMPASS_DEV_ID does not exist here"
     said = difference(known, PRINT, HERE, told({"INS_ACCOFFS_X": -0.5}))
     assert said == "INS_ACCOFFS_X 0.012 there, -0.5 here; COMPASS_DEV_ID does not exist here"
 
 
-def test_a_value_that_went_through_a_float32_is_the_same() -> None:
+def test_a_value_rounded_to_float32_is_the_same() -> None:
     known = {**HERE.to_dict(), "uid": ""}
     assert difference(known, {"INS_ACCOFFS_X": 0.1}, HERE, told({"INS_ACCOFFS_X": 0.10000000149011612})) == ""
 
 
-def test_an_older_journal_that_knows_less_is_no_difference() -> None:
+def test_an_older_journal_with_fewer_entries_makes_no_difference() -> None:
     assert difference({}, {}, HERE, told({})) == ""
     assert difference({"system": None, "vehicle_type": 11}, {}, HERE, told({})) == ""
 
 
 @pytest.mark.parametrize("vehicle", [replace(HERE, uid=""), None])
-def test_only_a_board_without_an_id_is_asked_for_its_calibration(vehicle: VehicleIdentity | None) -> None:
+def test_calibration_is_read_only_from_a_board_without_an_id(vehicle: VehicleIdentity | None) -> None:
     values = {**PRINT, "ATC_STR_RAT_P": 0.2}
     assert fingerprint_of(told(values, vehicle)) == PRINT
     assert fingerprint_of(told(values, HERE)) == {}
 
 
-def test_what_a_tune_changes_is_in_no_fingerprint() -> None:
+def test_tuned_parameters_are_not_in_the_fingerprint() -> None:
     assert not {n for n in FINGERPRINT if n.startswith(("ATC_", "PSC_", "WP_"))}

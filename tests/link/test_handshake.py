@@ -54,7 +54,7 @@ def session(**changes: Any) -> Any:
     return SimpleNamespace(**{**base, **changes})
 
 
-def test_a_vehicle_gets_its_firmwares_name_and_where_there_is_one_its_frame() -> None:
+def test_a_vehicle_gets_its_firmware_name_and_its_frame() -> None:
     parameters: Any = Held({"FRAME_CONFIG": 2.0})
     sub = _with_frame(session(), parameters, SUB)
     assert (sub.firmware, sub.frame, sub.system) == (SUB.name, 2 if SUB.frame_parameter == "FRAME_CONFIG" else None, 1)
@@ -62,7 +62,7 @@ def test_a_vehicle_gets_its_firmwares_name_and_where_there_is_one_its_frame() ->
     assert (boat.firmware, boat.frame) == (ROVER.name, None if not ROVER.frame_parameter else 2)
 
 
-def test_what_is_no_ardupilot_boat_or_rov_is_refused_with_what_is_known() -> None:
+def test_an_unsupported_autopilot_or_vehicle_type_is_refused() -> None:
     assert _firmware(BOAT) is ROVER
     for stranger in (VehicleIdentity(7, 1, 12, 11), VehicleIdentity(7, 1, 3, 2)):
         with pytest.raises(WrongVehicle, match=rf"autopilot {stranger.autopilot} \(system 7\) is not supported"):
@@ -70,7 +70,7 @@ def test_what_is_no_ardupilot_boat_or_rov_is_refused_with_what_is_known() -> Non
 
 
 @pytest.mark.parametrize(("lag", "told"), [(0.029, False), (0.03, True), (0.045, True)])
-def test_a_late_gyro_is_told_of_from_thirty_milliseconds_on(lag: float, told: bool) -> None:
+def test_a_late_gyro_is_noted_from_thirty_milliseconds_on(lag: float, told: bool) -> None:
     here = session()
     _note_late_rates(here, lag)
     assert bool(here.notes) is told
@@ -96,7 +96,7 @@ GCS = {"SYSID_MYGCS": 252.0}
         ({}, 0.0, 0.0, 0.0),
     ],
 )
-def test_how_a_boat_is_wired_and_how_quick_its_loop_is(
+def test_wiring_speed_and_loop_period_of_a_boat_are_read(
     wired: None, values: dict[str, float], full: float, period: float, cutoff: float
 ) -> None:
     here = session()
@@ -109,13 +109,13 @@ def test_how_a_boat_is_wired_and_how_quick_its_loop_is(
     assert here.vehicle.firmware == ROVER.name
 
 
-def test_an_rov_is_not_asked_for_the_speed_of_a_boat(wired: None) -> None:
+def test_the_speed_of_a_boat_is_not_read_from_an_rov(wired: None) -> None:
     parameters: Any = Held({**GCS, "WP_SPEED": 2.5, SUB.frame_parameter: 1.0})
     assert _read_config(session(), parameters, SUB).full_speed == 0.0
     assert "WP_SPEED" not in parameters.asked
 
 
-def test_what_cannot_be_worked_with_is_refused_before_anything_is_adopted(wired: None) -> None:
+def test_an_unsupported_vehicle_is_refused_before_its_id_is_adopted(wired: None) -> None:
     case = next(iter(ROVER.unsuited))
     here = session()
     for value in range(1, 9):
@@ -186,7 +186,9 @@ class Steps:
 WANTED, NEEDED = {"ATTITUDE": 10.0}, {"ATTITUDE": 5.0}
 
 
-def test_rates_are_asked_for_fitted_quickened_and_kept_then_the_tick_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rates_are_requested_fitted_raised_and_kept_before_the_tick_is_followed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     steps = Steps(radio="SiK")
     steps.board(
         monkeypatch, wanted_rates=WANTED, needed_rates=NEEDED, spare_rates={"ATTITUDE": 25.0}, first_rates=WANTED
@@ -210,7 +212,7 @@ def test_rates_are_asked_for_fitted_quickened_and_kept_then_the_tick_is_found(mo
     assert len(bare.session.notes) == 1
 
 
-def test_a_vehicle_that_is_found_already_is_not_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_vehicle_already_discovered_is_not_discovered_again(monkeypatch: pytest.MonkeyPatch) -> None:
     known = Steps()
     known.board(monkeypatch, timeout=4.0, system_id=9)
     assert known.done[0][0] == "rates"
@@ -221,7 +223,7 @@ def test_a_vehicle_that_is_found_already_is_not_looked_for_again(monkeypatch: py
 
 
 @pytest.mark.parametrize("fails", ["request", "fit", "quicken"])
-def test_rates_go_back_when_coming_aboard_fails(monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
+def test_rates_are_restored_when_connecting_fails(monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
     steps = Steps(fails=fails)
     with pytest.raises(TelemetryFault):
         steps.board(monkeypatch)
@@ -238,7 +240,7 @@ def test_without_an_attitude_rate_no_tick_is_followed() -> None:
 
 
 @pytest.mark.parametrize("error", [ParameterMissing("none", name="P"), NoReply("nothing")], ids=repr)
-def test_a_vehicle_that_does_not_answer_is_looked_at_for_a_full_link(
+def test_a_vehicle_that_does_not_answer_causes_a_check_for_a_full_link(
     monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     looked: list[Any] = []

@@ -37,7 +37,7 @@ def swing(craft: MavlinkCraft, seconds: int) -> None:
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.06, 0.2])
-def test_a_links_delays_are_measured_without_being_told(boat: ScriptedVehicle, latency: float) -> None:
+def test_the_delays_of_a_link_are_measured(boat: ScriptedVehicle, latency: float) -> None:
     craft = board(Narrow(boat, latency=latency))
     craft.arm()
     swing(craft, 10)
@@ -48,7 +48,7 @@ def test_a_links_delays_are_measured_without_being_told(boat: ScriptedVehicle, l
     assert times.samples >= 10
 
 
-def test_the_loop_is_never_shorter_than_the_way_from_command_to_servo(
+def test_the_loop_delay_is_never_shorter_than_the_command_to_servo_delay(
     boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Clocks compared over an uneven link say that a command left before the attitude it answers was there."""
@@ -63,7 +63,7 @@ def test_the_loop_is_never_shorter_than_the_way_from_command_to_servo(
     assert str(times).startswith("whole loop")
 
 
-def test_jitter_shows_in_the_ninth_of_ten(boat: ScriptedVehicle) -> None:
+def test_jitter_shows_in_the_90th_percentile(boat: ScriptedVehicle) -> None:
     craft = board(Narrow(boat, latency=0.05, jitter=0.15))
     craft.arm()
     swing(craft, 20)
@@ -72,14 +72,14 @@ def test_jitter_shows_in_the_ninth_of_ten(boat: ScriptedVehicle) -> None:
     assert times.round_trip_90 - times.round_trip > 0.03
 
 
-def test_the_delay_sets_the_quickest_oscillation_that_can_be_flown(boat: ScriptedVehicle) -> None:
+def test_the_delay_sets_the_shortest_period_that_can_be_flown(boat: ScriptedVehicle) -> None:
     craft = board(Narrow(boat, latency=0.2))
     assert craft.least_period == pytest.approx(8 / 10.0, rel=0.1)
     craft.arm()
     assert craft.least_period == pytest.approx(8 * (0.42 + 0.05), rel=0.15)
 
 
-def test_a_trial_carries_the_links_delays(boat: ScriptedVehicle) -> None:
+def test_a_trial_contains_the_link_delays(boat: ScriptedVehicle) -> None:
     craft = board(boat)
     craft.arm()
     craft.start_recording("relay")
@@ -90,7 +90,7 @@ def test_a_trial_carries_the_links_delays(boat: ScriptedVehicle) -> None:
     assert (meta["loop_period"], meta["rate_lag"]) == (0.02, 0.0)
 
 
-def test_a_vehicle_without_timesync_is_flown_all_the_same(boat: ScriptedVehicle) -> None:
+def test_a_vehicle_without_timesync_can_be_flown(boat: ScriptedVehicle) -> None:
     boat.on["TIMESYNC"] = lambda _: None
     craft = board(boat)
     craft.arm()
@@ -100,13 +100,13 @@ def test_a_vehicle_without_timesync_is_flown_all_the_same(boat: ScriptedVehicle)
 # --- how much --------------------------------------------------------------------------------
 
 
-def test_a_wide_link_gets_everything(boat: ScriptedVehicle) -> None:
+def test_a_wide_link_gets_the_full_rates(boat: ScriptedVehicle) -> None:
     craft = board(Narrow(boat, rate=11520.0))
     assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.1)
     assert not any("bytes/s" in note for note in craft.session.notes)
 
 
-def test_a_narrow_link_carries_what_is_needed_most(boat: ScriptedVehicle) -> None:
+def test_a_narrow_link_carries_the_most_needed_messages(boat: ScriptedVehicle) -> None:
     pipe = Narrow(boat, rate=1100.0, latency=0.05, jitter=0.02)
     craft = board(pipe)
     rates = craft.rates.measured
@@ -127,7 +127,7 @@ def board_with_room_to_spare(peer: Peer) -> MavlinkCraft:
     )
 
 
-def test_a_quick_loop_tells_its_outputs_a_hundred_times_a_second_and_a_slow_one_as_often_as_it_can() -> None:
+def test_outputs_are_requested_at_100_hz_from_a_fast_loop_and_40_hz_from_a_slow_one() -> None:
     for vehicle, rate in (("falcon", 100.0), ("charlie", 40.0)):
         craft = board_with_room_to_spare(open_vehicle(vehicle))
         assert craft.rates.granted["SERVO_OUTPUT_RAW"].granted == rate
@@ -136,7 +136,7 @@ def test_a_quick_loop_tells_its_outputs_a_hundred_times_a_second_and_a_slow_one_
         assert craft.rates.measured["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
 
 
-def test_a_link_with_room_for_all_and_no_more_keeps_the_usual_rates() -> None:
+def test_a_link_without_spare_capacity_keeps_the_usual_rates() -> None:
     craft = board_with_room_to_spare(Narrow(open_vehicle("falcon"), rate=3600.0))
     assert craft.rates.granted["SERVO_OUTPUT_RAW"].granted == 40.0
     assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.1)
@@ -161,7 +161,7 @@ def chatting(boat: ScriptedVehicle) -> ScriptedVehicle:
     return boat
 
 
-def test_streams_nobody_asked_for_give_way_on_a_narrow_link_and_come_back(boat: ScriptedVehicle) -> None:
+def test_unrequested_streams_are_turned_off_on_a_narrow_link_and_restored(boat: ScriptedVehicle) -> None:
     craft = board(Narrow(chatting(boat), rate=1200.0))
     assert craft.rates.measured["ATTITUDE"] >= 4.5
     assert any("RAW_IMU off" in note for note in craft.session.notes)
@@ -173,7 +173,7 @@ def test_streams_nobody_asked_for_give_way_on_a_narrow_link_and_come_back(boat: 
     ("rate", "answers_by_name"),
     [*((rate, True) for rate in range(1100, 1501, 25)), *((rate, False) for rate in (1300, 1325, 1400, 1425))],
 )
-def test_messages_that_a_narrow_link_crowds_out_are_not_taken_for_missing_aboard(
+def test_messages_crowded_out_on_a_narrow_link_are_not_taken_for_missing(
     boat: ScriptedVehicle, rate: int, answers_by_name: bool
 ) -> None:
     """With this much room attitudes and outputs alone fill it, to the message, and three others never come."""
@@ -184,7 +184,7 @@ def test_messages_that_a_narrow_link_crowds_out_are_not_taken_for_missing_aboard
     assert any("the link carries" in note for note in craft.session.notes)
 
 
-def test_a_message_that_is_not_aboard_costs_the_others_nothing(boat: ScriptedVehicle) -> None:
+def test_an_unsupported_message_does_not_affect_the_others(boat: ScriptedVehicle) -> None:
     boat.mute.add("VFR_HUD")
     craft = board(boat)
     assert craft.rates.measured["VFR_HUD"] == 0.0
@@ -193,7 +193,7 @@ def test_a_message_that_is_not_aboard_costs_the_others_nothing(boat: ScriptedVeh
     assert not any("bytes/s" in note for note in craft.session.notes)
 
 
-def test_a_radios_own_report_is_passed_on(boat: ScriptedVehicle) -> None:
+def test_the_status_report_of_a_radio_is_shown(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     radio = mavlink.MAVLink(None, srcSystem=51, srcComponent=68)
     router.every(radio, 0.5, lambda: mavlink.MAVLink_radio_status_message(180, 150, 40, 20, 30, 7, 0))
@@ -204,7 +204,7 @@ def test_a_radios_own_report_is_passed_on(boat: ScriptedVehicle) -> None:
     assert craft.other_stations.stations == {}
 
 
-def test_a_link_too_narrow_for_the_least_is_refused_with_the_number(boat: ScriptedVehicle) -> None:
+def test_a_link_too_narrow_for_the_minimum_is_refused_with_its_capacity(boat: ScriptedVehicle) -> None:
     lossy, slow = r"loses \d+ % of .* is overloaded", r"it carries \d+ bytes/s.* Use a faster link"
     with pytest.raises(TelemetryFault, match=f"{lossy}|{slow}"):
         board(Narrow(boat, rate=250.0))
@@ -212,7 +212,7 @@ def test_a_link_too_narrow_for_the_least_is_refused_with_the_number(boat: Script
 
 @settings(max_examples=50, deadline=None)
 @given(st.floats(100.0, 20000.0), st.floats(0.0, 5000.0))
-def test_a_plan_never_exceeds_what_there_is_but_for_the_floors(capacity: float, chatter: float) -> None:
+def test_a_plan_never_exceeds_the_capacity_except_for_the_minimum_rates(capacity: float, chatter: float) -> None:
     demands = [Demand("ATTITUDE", 10, 40, 5), Demand("SERVO_OUTPUT_RAW", 40, 33, 5), Demand("VFR_HUD", 5, 32)]
     rates, hushed = plan(demands, {"RAW_IMU": chatter}, capacity)
     used = sum(rates[d.name] * d.size for d in demands) + (0.0 if hushed else chatter)
@@ -224,7 +224,7 @@ def test_a_plan_never_exceeds_what_there_is_but_for_the_floors(capacity: float, 
 # --- and whose --------------------------------------------------------------------------------
 
 
-def test_rates_another_station_changed_are_asked_for_again_and_said(boat: ScriptedVehicle) -> None:
+def test_rates_changed_by_another_station_are_requested_again_and_reported(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     other = router.station(252)
     number = mavlink.MAVLINK_MSG_ID_ATTITUDE
@@ -244,7 +244,7 @@ def test_rates_another_station_changed_are_asked_for_again_and_said(boat: Script
     assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in said[0]
 
 
-def test_a_router_beside_another_station_is_like_no_router(boat: ScriptedVehicle) -> None:
+def test_foreign_traffic_through_a_router_changes_nothing_recorded(boat: ScriptedVehicle) -> None:
     """Duplicated datagrams, foreign heartbeats and foreign traffic change nothing that is recorded."""
     router = Router(boat, repeats=True)
     other = router.station(252)

@@ -25,7 +25,7 @@ fractions = st.floats(-1.0, 1.0).map(lambda x: round(x, 3))
 
 
 @given(fractions, fractions, fractions, fractions, fractions, fractions)
-def test_mixed_motors_give_back_the_forces(N: float, X: float, Y: float, Z: float, K: float, M: float) -> None:
+def test_mixed_motors_reproduce_the_forces(N: float, X: float, Y: float, Z: float, K: float, M: float) -> None:
     assert len(SUB.mixing) >= 3
     for factors in SUB.mixing.values():
         outputs = [Output(i, 1500, 1100, 1900) for i in range(1, len(factors) + 1)]
@@ -49,7 +49,7 @@ def test_a_boats_outputs_are_found_by_function_trim_and_direction(boat: Scripted
     assert servos.forces([0, 0, 1250, 1700, 0, 0, 0, 0]) == pytest.approx({"X": -0.5, "N": -0.5})
 
 
-def test_two_side_thrusters_steer_by_their_difference(boat: ScriptedVehicle) -> None:
+def test_two_side_thrusters_steer_differentially(boat: ScriptedVehicle) -> None:
     assert not servo_map(boat, ROVER).skid
     boat.parameters |= {"SERVO1_FUNCTION": 74, "SERVO3_FUNCTION": 73, "SERVO3_REVERSED": 1}
     servos = servo_map(boat, ROVER)
@@ -57,7 +57,7 @@ def test_two_side_thrusters_steer_by_their_difference(boat: ScriptedVehicle) -> 
     assert servos.forces([1600, 0, 1100, 0, 0, 0, 0, 0]) == pytest.approx({"X": 0.5, "N": 0.3})
 
 
-def test_a_boat_without_a_steering_output_is_refused_by_name(boat: ScriptedVehicle) -> None:
+def test_a_boat_without_a_steering_output_is_refused(boat: ScriptedVehicle) -> None:
     boat.parameters |= {"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 0}
     with pytest.raises(PreconditionFailed, match=r"N \(26\), X \(70\)"):
         servo_map(boat, ROVER)
@@ -69,13 +69,13 @@ def test_disordered_servo_limits_are_refused(boat: ScriptedVehicle) -> None:
         servo_map(boat, ROVER)
 
 
-def test_a_rovs_motors_turn_as_their_direction_says(rov: ScriptedVehicle) -> None:
+def test_an_rovs_motors_turn_in_their_configured_direction(rov: ScriptedVehicle) -> None:
     rov.parameters |= {"MOT_2_DIRECTION": -1, "MOT_3_DIRECTION": -1}
     servos = servo_map(rov, SUB)
     assert servos.forces([1380, 1380, 1460, 0, 0, 0, 0, 0]) == pytest.approx({"X": 0.0, "N": 0.3, "Z": 0.1})
 
 
-def test_a_rovs_motors_may_sit_on_other_outputs(rov: ScriptedVehicle) -> None:
+def test_an_rovs_motors_may_be_on_other_outputs(rov: ScriptedVehicle) -> None:
     rov.parameters |= {"SERVO3_FUNCTION": 0, "SERVO8_FUNCTION": 35}
     servos = servo_map(rov, SUB)
     assert servos.forces([1500, 1500, 1900, 0, 0, 0, 0, 1540])["Z"] == pytest.approx(0.1)
@@ -91,7 +91,7 @@ def test_an_unknown_frame_is_refused_by_number(rov: ScriptedVehicle) -> None:
 
 
 @given(fractions)
-def test_the_dead_zone_is_stepped_over(fraction: float) -> None:
+def test_the_dead_zone_is_compensated(fraction: float) -> None:
     """ArduRover as measured: output = sign * 500 * (|rc - 1500| - 30) / 470."""
     channel = RcChannel(1000, 1500, 2000, dead_zone=30)
     pwm = channel.pwm(fraction)
@@ -141,7 +141,7 @@ def attitude(ms: int, yaw: float = 0.0, yawspeed: float = 0.0) -> Any:
     return mavlink.MAVLink_attitude_message(ms, 0.01, 0.02, yaw, 0.0, 0.0, yawspeed)
 
 
-def test_velocity_is_turned_into_the_body_frame_at_its_own_moment(told: Told) -> None:
+def test_velocity_is_rotated_into_the_body_frame_at_its_own_time(told: Told) -> None:
     telemetry = told.tell(
         attitude(1000, yaw=math.pi / 2 - 0.1, yawspeed=0.5),
         mavlink.MAVLink_local_position_ned_message(1200, 10.0, 20.0, -1.0, -0.5, 2.0, 0.25),
@@ -161,7 +161,7 @@ def test_depth_is_minus_relative_altitude_and_positive_down(told: Told) -> None:
     assert math.isnan(telemetry.value("u")), "without a fix the velocity is not known to be zero"
 
 
-def test_a_position_that_the_autopilot_has_lost_is_not_used(told: Told) -> None:
+def test_a_position_that_the_estimator_has_lost_is_not_used(told: Told) -> None:
     def status(flags: int) -> Any:
         return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
 
@@ -190,7 +190,7 @@ def depths(ms: int, below_origin: float, below_home: float) -> tuple[Any, Any]:
     return local, mavlink.MAVLink_global_position_int_message(ms, 0, 0, 0, round(-1e3 * below_home), 100, 0, 0, 0)
 
 
-def test_the_depth_of_home_is_found_in_the_order_in_which_ardupilot_sends(told: Told) -> None:
+def test_the_depth_offset_of_home_is_found_in_ardupilots_message_order(told: Told) -> None:
     """Home is set anew at arming: at 200 s ArduSub 4.5 told -0.46 m below home, then -0.05 m, 0.19 m below origin."""
     order = [m for k in range(5) for m in reversed(depths(1000 + 100 * k, 0.19 + 0.1 * k, 0.46 + 0.1 * k))]
     telemetry = told.tell(attitude(1000), *order)
@@ -199,7 +199,7 @@ def test_the_depth_of_home_is_found_in_the_order_in_which_ardupilot_sends(told: 
     assert told.tell(attitude(1500), *again).depth_offset == pytest.approx(0.18, abs=1e-3)
 
 
-def test_the_depth_of_home_is_found_while_the_messages_come_at_different_moments(told: Told) -> None:
+def test_the_depth_offset_of_home_is_found_from_messages_at_different_times(told: Told) -> None:
     staggered = []
     for k in range(5):
         staggered += [depths(1000 + 100 * k, 0.5 + 0.1 * k, 0.0)[0], depths(1060 + 100 * k, 0.0, 0.31 + 0.1 * k)[1]]
@@ -211,14 +211,14 @@ def global_position(ms: int, north: float) -> Any:
     return mavlink.MAVLink_global_position_int_message(ms, lat, 100000000, 0, 0, 150, 0, 0, 0)
 
 
-def test_gps_stands_in_for_a_missing_local_position(told: Told) -> None:
+def test_gps_replaces_a_missing_local_position(told: Told) -> None:
     for second in range(5):
         telemetry = told.tell(attitude(second * 1000), global_position(second * 1000, 3.0 * second))
     assert telemetry.value("x") == pytest.approx(6.0, abs=0.02)
     assert telemetry.value("u") == pytest.approx(1.5)
 
 
-def test_gps_stands_in_after_a_wait_whatever_the_vehicles_clock_says(told: Told) -> None:
+def test_gps_replaces_the_local_position_after_a_wait_whatever_the_vehicles_clock(told: Told) -> None:
     for second in range(3):
         at = 100_000 + 1000 * second
         telemetry = told.tell(attitude(at), global_position(at, 0.0))
@@ -237,7 +237,7 @@ def test_longitude_is_metres_east_at_that_latitude(told: Told) -> None:
     )
 
 
-def test_two_positions_are_never_mixed(told: Told) -> None:
+def test_two_position_sources_are_never_mixed(told: Told) -> None:
     local = mavlink.MAVLink_local_position_ned_message(1000, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     telemetry = told.tell(attitude(1000), local, *(global_position(1000 * s, 3.0 * s) for s in range(1, 6)))
     assert telemetry.value("x") == 100.0
@@ -253,7 +253,7 @@ def test_battery_and_prearm_come_from_sys_status(told: Told) -> None:
     assert telemetry.value("prearm_ok") == 0.0
 
 
-def test_the_water_pressure_is_taken_in_pascals_at_its_own_moment(told: Told) -> None:
+def test_water_pressure_is_in_pascals_at_its_own_time(told: Told) -> None:
     told.tell(attitude(900))
     told.recorder.start("dive")
     telemetry = told.tell(
@@ -275,7 +275,7 @@ def test_an_unmeasured_battery_stays_unknown(told: Told) -> None:
     assert math.isnan(telemetry.value("battery_remaining"))
 
 
-def test_a_trial_holds_every_sample_with_its_own_stamp(told: Told) -> None:
+def test_a_trial_contains_every_sample_with_its_own_stamp(told: Told) -> None:
     told.tell(attitude(900))
     told.recorder.start("turn")
     told.tell(
@@ -307,7 +307,7 @@ def test_a_denied_rate_is_halved_until_it_is_granted(rates: Rates, session: Sess
     assert any("requested 100 Hz, but the vehicle grants 25 Hz" in note for note in session.notes)
 
 
-def test_what_is_never_granted_is_zero_and_noted(rates: Rates, session: Session, boat: ScriptedVehicle) -> None:
+def test_a_rate_never_granted_is_zero(rates: Rates, session: Session, boat: ScriptedVehicle) -> None:
     boat.fastest = 0.1
     assert rates.request({"ATTITUDE": 10.0}) == {"ATTITUDE": 0.0}
 
@@ -318,7 +318,7 @@ def test_rates_are_measured_on_the_vehicles_clock(rates: Rates) -> None:
     assert measured == pytest.approx({"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 25.0}, rel=0.1)
 
 
-def test_too_slow_is_a_fault_with_the_number(rates: Rates) -> None:
+def test_a_low_rate_is_a_fault_with_the_measured_rate(rates: Rates) -> None:
     rates.request({"ATTITUDE": 2.0})
     with pytest.raises(TelemetryFault, match=r"ATTITUDE 2\.\d Hz of 10"):
         rates.measure({"ATTITUDE": 10.0})
@@ -329,7 +329,7 @@ def test_no_attitude_at_all_is_a_fault(rates: Rates) -> None:
         rates.measure({"ATTITUDE": 10.0})
 
 
-def test_rates_are_put_back_as_they_were(rates: Rates, boat: ScriptedVehicle) -> None:
+def test_rates_are_restored(rates: Rates, boat: ScriptedVehicle) -> None:
     boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] = 0.5
     rates.request({"ATTITUDE": 10.0, "VFR_HUD": 5.0})
     rates.request({"ATTITUDE": 20.0})
@@ -339,7 +339,7 @@ def test_rates_are_put_back_as_they_were(rates: Rates, boat: ScriptedVehicle) ->
     assert rates.granted == {}
 
 
-def test_what_was_never_granted_is_not_told_as_not_put_back(
+def test_a_rate_never_granted_is_not_reported_as_not_restored(
     rates: Rates, session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def deny(name: str, interval: int) -> None:

@@ -68,7 +68,7 @@ def leave_armed_and_lie(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
     return [*settled, str(caught.value)]
 
 
-def test_a_heartbeat_forged_from_another_address_does_not_settle_a_clean_up(
+def test_a_heartbeat_forged_from_another_address_does_not_settle_the_clean_up(
     craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 ) -> None:
     said = leave_armed_and_lie(craft, boat, link)
@@ -77,7 +77,7 @@ def test_a_heartbeat_forged_from_another_address_does_not_settle_a_clean_up(
     assert len(told) == 1 and f"the vehicle is at {HOME}. The other sender is ignored" in told[0]
 
 
-def test_a_heartbeat_forged_from_the_vehicles_own_address_does_not_settle_a_clean_up(
+def test_a_heartbeat_forged_from_the_vehicles_address_does_not_settle_the_clean_up(
     craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 ) -> None:
     link.forger = HOME
@@ -86,7 +86,7 @@ def test_a_heartbeat_forged_from_the_vehicles_own_address_does_not_settle_a_clea
     assert any("their sequence numbers interleave" in note for note in craft.session.notes)
 
 
-def test_a_forger_who_spoke_first_is_told_as_one_of_two_and_not_as_old_firmware(
+def test_a_forger_who_sends_first_is_reported_as_a_second_sender_not_old_firmware(
     boat: ScriptedVehicle, link: Forged
 ) -> None:
     link.forged = [DISARMED]
@@ -99,7 +99,7 @@ def test_a_forger_who_spoke_first_is_told_as_one_of_two_and_not_as_old_firmware(
     assert not boat.armed
 
 
-def test_what_another_address_says_moves_nothing(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> None:
+def test_messages_from_another_address_have_no_effect(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> None:
     link.forged = [
         mavlink.MAVLink_heartbeat_message(11, 3, 128, 15, 4, 3),
         mavlink.MAVLink_param_value_message(b"WP_SPEED", 99.0, 9, 10, 1),
@@ -110,7 +110,7 @@ def test_what_another_address_says_moves_nothing(craft: MavlinkCraft, boat: Scri
     assert craft.parameters.read("WP_SPEED") == 2.0
 
 
-def test_a_vehicle_that_comes_back_from_another_port_is_known_by_its_board(
+def test_a_vehicle_returning_from_another_port_is_recognised(
     craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 ) -> None:
     link.home = "10.0.0.1:50123"
@@ -122,9 +122,7 @@ def test_a_vehicle_that_comes_back_from_another_port_is_known_by_its_board(
     ]
 
 
-def test_another_vehicle_in_its_place_is_not_taken_for_it(
-    craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
-) -> None:
+def test_another_vehicle_in_its_place_is_not_accepted(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> None:
     other = mavlink.MAVLink_autopilot_version_message(0, 4 << 24, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 77)
     boat.alive = False
     link.forged = [DISARMED, other]
@@ -157,7 +155,7 @@ def numbered(numbers: list[int]) -> list[str]:
     ],
     ids=["two", "two, one slower", "one", "losses", "doubled", "restarted", "out of order"],
 )
-def test_two_senders_are_known_by_their_sequences_and_a_bad_link_is_none(numbers: list[int], told: int) -> None:
+def test_two_senders_are_detected_by_their_sequences_and_a_bad_link_is_not(numbers: list[int], told: int) -> None:
     assert len(numbered(numbers)) == told
 
 
@@ -175,7 +173,7 @@ def heard(link: UdpIn, count: int) -> list[tuple[str, bytes]]:
     return [(data, link.origin)[::-1] for data in (link.read(2.0) for _ in range(count))]  # type: ignore[misc]
 
 
-def test_udp_tells_senders_apart_and_talks_to_the_one_held_to(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_udp_distinguishes_senders_and_answers_the_held_one(monkeypatch: pytest.MonkeyPatch) -> None:
     with UdpIn(HostPort("127.0.0.1", 0)) as link, speaker() as one, speaker() as other:
         names = [f"127.0.0.1:{s.getsockname()[1]}" for s in (one, other)]
         to = ("127.0.0.1", link.port)
@@ -190,7 +188,7 @@ def test_udp_tells_senders_apart_and_talks_to_the_one_held_to(monkeypatch: pytes
         assert one.recv(100) == other.recv(100) == b"for all"
 
 
-def test_half_a_frame_of_one_sender_is_not_continued_by_another(link: Forged, boat: ScriptedVehicle) -> None:
+def test_a_partial_frame_of_one_sender_is_not_continued_by_another(link: Forged, boat: ScriptedVehicle) -> None:
     with Session(link) as session:
         session.discover()
         read: Callable[[float], bytes] = link._read_available
