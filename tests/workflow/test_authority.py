@@ -50,7 +50,7 @@ def near(predicted: float, measured: float) -> bool:
 
 
 @pytest.mark.slow
-def test_the_turning_circle_is_the_one_that_is_flown(flown: tuple[Boat, Authority]) -> None:
+def test_the_predicted_turning_circle_agrees_with_the_flown_one(flown: tuple[Boat, Authority]) -> None:
     boat, found = flown
     told = boat.figures(boat.run("circle", "fly", "turning-circle", "--steering", "1"))
     circle = next(c for c in found.circles if c.throttle == pytest.approx(found.models.working))
@@ -60,7 +60,7 @@ def test_the_turning_circle_is_the_one_that_is_flown(flown: tuple[Boat, Authorit
 
 
 @pytest.mark.slow
-def test_top_speed_and_the_stop_with_full_astern_are_those_flown(flown: tuple[Boat, Authority]) -> None:
+def test_predicted_top_speed_and_full_astern_stop_agree_with_the_flown_ones(flown: tuple[Boat, Authority]) -> None:
     boat, found = flown
     told = boat.figures(boat.folder / "astern")
     assert near(found.figures["top-ahead"].value, told["approach"])
@@ -69,7 +69,7 @@ def test_top_speed_and_the_stop_with_full_astern_are_those_flown(flown: tuple[Bo
 
 
 @pytest.mark.slow
-def test_the_stop_without_thrust_is_the_one_that_is_flown(flown: tuple[Boat, Authority]) -> None:
+def test_the_predicted_coasting_stop_agrees_with_the_flown_one(flown: tuple[Boat, Authority]) -> None:
     boat, found = flown
     told = boat.figures(boat.run("coasting", "fly", "stopping", "--throttle", "1"))
     stop = found.figures["stop-coasting-top"]
@@ -77,7 +77,7 @@ def test_the_stop_without_thrust_is_the_one_that_is_flown(flown: tuple[Boat, Aut
 
 
 @pytest.mark.slow
-def test_the_actuators_of_both_boats_become_parameters(flown: tuple[Boat, Authority]) -> None:
+def test_the_actuators_of_both_boats_give_parameters(flown: tuple[Boat, Authority]) -> None:
     _, found = flown
     rows = {row.name: row for row in limits_for(found)}
     if found.models.skid:

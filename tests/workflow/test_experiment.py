@@ -14,7 +14,7 @@ from .sitl_harness import WHEN, Ear, SitlHarness
 
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", ["yaw", "speed"])
-def test_every_axis_of_a_boat_is_identified_and_left_with_a_page(axis: str, tmp_path: Path) -> None:
+def test_every_axis_of_a_boat_is_identified_and_reported(axis: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     fit = experiment(harness.settings(axis), Unattended(), Ear(harness.said), WHEN)
     assert fit.dof == axis_kind(axis).dof

@@ -52,7 +52,7 @@ class Again:
         tune(self.settings, self.operator, Ear(self.said), WHEN)
 
 
-def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: SitlHarness) -> None:
+def test_the_resume_command_is_shown_with_the_reusable_records(ended_early: SitlHarness) -> None:
     told = [text for text in ended_early.said if "--resume" in text]
     assert told == [
         "these records of the run can be used again: step-before, relay-1. To continue from there, use the same "
@@ -60,7 +60,7 @@ def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: SitlHar
     ]
 
 
-def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early: SitlHarness, tmp_path: Path) -> None:
+def test_reusable_records_are_used_and_only_the_rest_is_flown(ended_early: SitlHarness, tmp_path: Path) -> None:
     again = Again(ended_early, tmp_path)
     with pytest.raises(OperatorStopped):
         again.tune()
@@ -78,7 +78,7 @@ def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early:
         assert np.array_equal(channel.values, new[name].values, equal_nan=True), name
 
 
-def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlHarness, tmp_path: Path) -> None:
+def test_a_vehicle_with_a_changed_parameter_is_not_resumed(ended_early: SitlHarness, tmp_path: Path) -> None:
     values, old = ended_early.vehicle.parameters.values, ended_early.vehicle.parameters.values[CHANGED]
     values[CHANGED] = old + 0.125
     again = Again(ended_early, tmp_path)
@@ -103,6 +103,6 @@ def test_other_settings_are_refused_before_the_link_is_opened(
     assert again.said == [] and not again.directory.exists()
 
 
-def test_the_way_on_after_a_limit_that_tripped_asks_for_another_limit_for_the_same_trips_again() -> None:
+def test_after_a_tripped_limit_the_advice_is_to_change_that_limit() -> None:
     assert same_options(GuardTripped("", guard="time")).startswith("change --max-time")
     assert same_options(GuardTripped("", guard="pause")) == same_options(LinkLost("")) == "use the same options"

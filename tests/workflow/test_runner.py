@@ -27,7 +27,7 @@ def runner_of(pauses: list[float], flown: list[Trial], said: list[str]) -> Manoe
     return runner
 
 
-def test_a_manoeuvre_that_fails_while_this_computer_pauses_is_flown_again() -> None:
+def test_a_manoeuvre_that_fails_during_our_pause_is_flown_again() -> None:
     said: list[str] = []
     flown = runner_of([0.9], [SLOW, FINE], said).attempt(MANOEUVRE, "sign check")
     assert flown is FINE
@@ -36,12 +36,12 @@ def test_a_manoeuvre_that_fails_while_this_computer_pauses_is_flown_again() -> N
     assert said[1] == "continuing: sign check is flown again from its start"
 
 
-def test_a_computer_that_pauses_again_and_again_is_the_reason() -> None:
+def test_repeated_pauses_are_reported_as_the_cause() -> None:
     with pytest.raises(PreconditionFailed, match=r"0\.57 m/s\. .*this computer paused for 0\.7 s .* faster computer"):
         runner_of([0.7] * 3, [SLOW] * 3, []).attempt(MANOEUVRE, "sign check")
 
 
-def test_without_a_pause_what_failed_is_returned_as_it_is() -> None:
+def test_a_failure_without_a_pause_is_returned_unchanged() -> None:
     said: list[str] = []
     assert runner_of([0.1], [SLOW], said).attempt(MANOEUVRE, "sign check") is SLOW
     assert not said

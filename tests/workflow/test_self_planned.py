@@ -43,7 +43,7 @@ def trial(harness: SitlHarness, until: str, minutes: float = 10.0, observer: Any
         ("Z_ww 3%", "heave", {"beta_ww": 0.03}),
     ],
 )
-def test_a_wish_is_read_for_the_smallest_form_that_has_all_of_it(
+def test_the_smallest_form_with_all_requested_parameters_is_chosen(
     text: str, form: str, wanted: dict[str, float]
 ) -> None:
     asked = precision_of(text, "", 600.0)
