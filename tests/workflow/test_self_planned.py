@@ -61,14 +61,14 @@ def test_the_smallest_form_with_all_requested_parameters_is_chosen(
         ("N_r 5%", "horizonal", UnknownName, "Did you mean horizontal"),
     ],
 )
-def test_a_wish_that_no_form_can_grant_is_refused_in_a_sentence(
+def test_a_precision_that_no_form_can_reach_is_refused(
     text: str, form: str, error: type[Exception], words: str
 ) -> None:
     with pytest.raises(error, match=words):
         precision_of(text, form, 600.0)
 
 
-def test_every_offer_is_a_manoeuvre_of_the_table_that_this_craft_can_fly(tmp_path: Path) -> None:
+def test_every_candidate_is_a_manoeuvre_that_the_craft_can_fly(tmp_path: Path) -> None:
     settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
     boat = FIRMWARE["ardurover"]
@@ -96,7 +96,7 @@ def test_nothing_is_planned_for_a_force_that_the_craft_lacks(tmp_path: Path) -> 
         assert driven(asked, forces) == (("surge", "sway", "yaw") if "Y" in forces else ("surge", "yaw"))
 
 
-def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_end_it(tmp_path: Path) -> None:
+def test_after_an_unstable_model_other_manoeuvres_are_flown_and_two_failures_end_the_trial(tmp_path: Path) -> None:
     settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%", "", 600.0)
     first = first_run(asked, settings)
@@ -119,7 +119,7 @@ def test_where_the_model_runs_away_another_manoeuvre_is_flown_and_two_in_vain_en
 
 
 @pytest.mark.slow
-def test_from_the_command_line_a_first_run_in_depth_is_as_short_as_nobody_knows_the_craft(tmp_path: Path) -> None:
+def test_the_first_depth_run_of_an_unknown_craft_is_short(tmp_path: Path) -> None:
     out = tmp_path / "run"
     assert main(["fly", "--until", "Z_wdot 2%", "--connect", "sitl:videoray", "--out", str(out)]) == 0
     assert load_trial(next((out / "trials").glob("*doublets.csv"))).duration < 30.0
@@ -137,7 +137,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]:
 
 
 @pytest.mark.slow
-def test_it_goes_on_until_what_was_asked_for_is_known_so_well(flown: tuple[SitlHarness, Any]) -> None:
+def test_the_trial_continues_until_the_required_precision_is_reached(flown: tuple[SitlHarness, Any]) -> None:
     harness, result = flown
     relative = [dict(s.outlook.relative) for s in result.steps]
     assert len(result.steps) >= 2
@@ -149,7 +149,7 @@ def test_it_goes_on_until_what_was_asked_for_is_known_so_well(flown: tuple[SitlH
 
 
 @pytest.mark.slow
-def test_each_run_is_predicted_by_the_model_of_those_before_it(flown: tuple[SitlHarness, Any]) -> None:
+def test_each_run_is_predicted_by_the_model_of_the_previous_runs(flown: tuple[SitlHarness, Any]) -> None:
     _, result = flown
     first, *others = [s.outlook.predicted for s in result.steps]
     assert math.isnan(first)
@@ -157,7 +157,7 @@ def test_each_run_is_predicted_by_the_model_of_those_before_it(flown: tuple[Sitl
 
 
 @pytest.mark.slow
-def test_the_page_tells_the_story_and_the_files_are_those_of_any_flight(flown: tuple[SitlHarness, Any]) -> None:
+def test_the_page_shows_the_course_of_the_trial_and_the_usual_files_are_written(flown: tuple[SitlHarness, Any]) -> None:
     harness, result = flown
     page = (harness.directory / "report.html").read_text()
     assert "Course of the trial" in page
@@ -172,7 +172,7 @@ def test_the_page_tells_the_story_and_the_files_are_those_of_any_flight(flown: t
 
 
 @pytest.mark.slow
-def test_it_ends_when_the_time_that_was_given_is_up_and_says_so(tmp_path: Path) -> None:
+def test_the_trial_ends_when_its_total_time_is_up(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     result = trial(harness, "N_r 0.001%", minutes=2.0)
     assert "takes longer than the rest of --total-time" in result.steps[-1].ended
@@ -182,7 +182,7 @@ def test_it_ends_when_the_time_that_was_given_is_up_and_says_so(tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_it_ends_where_the_model_itself_is_what_is_wrong(tmp_path: Path) -> None:
+def test_the_trial_ends_when_the_model_lacks_an_effect(tmp_path: Path) -> None:
     """Hard turns slow this boat down and leave its thrusters no room: no one yaw equation holds for all of them."""
     harness = SitlHarness(tmp_path, QUICK)
     result = trial(harness, "N_r 0.1%, N_rdot 0.05%")
@@ -192,7 +192,7 @@ def test_it_ends_where_the_model_itself_is_what_is_wrong(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_stopped_in_a_run_that_it_chose_itself_the_vehicle_is_left_as_found(tmp_path: Path) -> None:
+def test_a_stop_in_a_self_planned_run_restores_the_vehicle(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, QUICK)
     said = harness.said
 
@@ -207,14 +207,14 @@ def test_stopped_in_a_run_that_it_chose_itself_the_vehicle_is_left_as_found(tmp_
 
 
 @pytest.mark.slow
-def test_an_rov_does_so_in_depth(tmp_path: Path) -> None:
+def test_an_rov_reaches_the_required_precision_in_depth(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
     result = trial(harness, "Z_wdot 2%")
     assert result.steps[-1].ended == "the required precision is reached"
     harness.assert_restored()
 
 
-def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path: Path) -> None:
+def test_options_apply_to_every_run_that_accepts_them_and_to_no_other(tmp_path: Path) -> None:
     settings = SitlHarness(tmp_path, QUICK).common()
     asked = precision_of("N_r 5%, Y_v 10%", "", 600.0)
     boat, first = FIRMWARE["ardurover"], first_run(asked, settings)
@@ -226,7 +226,7 @@ def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path:
                 o.settings.kind.options}) > 1  # fmt: skip
 
 
-def test_what_earlier_runs_tell_is_known_and_the_first_run_is_chosen_after_it(tmp_path: Path) -> None:
+def test_the_first_run_is_chosen_from_the_results_of_earlier_runs(tmp_path: Path) -> None:
     asked = precision_of("N_r 5%", "", 600.0)
     first = first_run(asked, SitlHarness(tmp_path, QUICK).common())
     seen = cast(Preview, SimpleNamespace(seconds=30.0))
@@ -241,7 +241,7 @@ def test_what_earlier_runs_tell_is_known_and_the_first_run_is_chosen_after_it(tm
 
 
 @pytest.mark.slow
-def test_a_trial_goes_on_from_one_flown_before_and_ends_at_once_where_that_told_it_all(
+def test_a_resumed_trial_ends_at_once_when_earlier_runs_reach_the_precision(
     flown: tuple[SitlHarness, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     harness, _ = flown
@@ -264,7 +264,7 @@ def test_a_trial_goes_on_from_one_flown_before_and_ends_at_once_where_that_told_
         ),
     ],
 )
-def test_a_wish_that_this_craft_or_this_manoeuvre_cannot_tell_is_refused_before_anything_moves(
+def test_a_precision_that_this_craft_or_manoeuvre_cannot_reach_is_refused_before_anything_moves(
     until: str, manoeuvre: str, words: str
 ) -> None:
     force = "K" if manoeuvre == "doublets" else ""

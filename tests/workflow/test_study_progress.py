@@ -37,7 +37,7 @@ def told(runs, settings: StudySettings, unseen=()) -> list[tuple[str, int, int]]
 RUNS = (swing("a", 40), swing("b", 25))
 
 
-def test_a_fit_and_each_check_on_data_left_out_is_a_piece():
+def test_each_fit_and_each_held_out_check_is_a_stage():
     assert told(RUNS, StudySettings(dof="yaw", structure="linear", delay=0.0)) == [
         ("output-error: fitting", 0, 3),
         ("output-error: checking", 1, 3),
@@ -45,12 +45,12 @@ def test_a_fit_and_each_check_on_data_left_out_is_a_piece():
     ]
 
 
-def test_without_a_check_there_is_one_piece_and_what_follows_is_told_too():
+def test_without_a_check_there_is_one_stage_and_planning_is_reported_too():
     stages = told(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0, check=False, plan_next=20.0))
     assert stages == [("output-error: fitting", 0, 1), ("planning the next manoeuvre", 0, 1)]
 
 
-def test_of_all_methods_one_that_refuses_takes_its_checks_along(monkeypatch):
+def test_a_refusing_method_skips_its_checks(monkeypatch):
     room = importlib.import_module("gcs_autotune.workflow.study")
     real = room.fit
 
@@ -74,7 +74,7 @@ def test_of_all_methods_one_that_refuses_takes_its_checks_along(monkeypatch):
 
 
 @pytest.mark.parametrize(("json", "quiet"), [((), False), (("--json",), True)])
-def test_the_command_shows_them_on_standard_error_unless_json_is_wanted(json, quiet, monkeypatch, tmp_path, capsys):
+def test_progress_is_shown_on_standard_error_unless_json_is_requested(json, quiet, monkeypatch, tmp_path, capsys):
     seen: list[str] = []
 
     class Bar:

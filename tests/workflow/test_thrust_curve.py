@@ -65,7 +65,7 @@ def two(share: float) -> list[Trial]:
     return [oscillation("relay-1", 0.3, 0.8, share), oscillation("relay-2", 0.6, 0.6, share)]
 
 
-def test_a_thruster_weak_for_small_commands_is_found_and_said():
+def test_a_thruster_weak_for_small_commands_is_detected_and_reported():
     runs = two(0.8)
     plain = fit_axis(runs, dof="yaw")
     found = fit_thrust_curve(runs, plain)
@@ -75,7 +75,7 @@ def test_a_thruster_weak_for_small_commands_is_found_and_said():
     assert "weak for small commands" in describe_thrust_curve(found, plain)
 
 
-def test_a_straight_thruster_gets_no_curve():
+def test_a_linear_thruster_gets_no_curve():
     runs = two(0.0)
     assert fit_thrust_curve(runs, fit_axis(runs, dof="yaw")) is None
 
@@ -87,7 +87,7 @@ def dead_band() -> tuple[list[Trial], AxisFit]:
 
 
 @pytest.mark.slow
-def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_band: tuple[list[Trial], AxisFit]):
+def test_the_step_distinguishes_a_dead_zone_from_a_curve_where_two_sizes_cannot(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
     assert "dead-zone@N.width" not in fit_thrust_curve(runs, plain).parameters
     found = fit_thrust_curve(runs, plain, dying_swing(0.0, DEAD_BAND))
@@ -108,7 +108,7 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize(("sizes", "step", "found"), [(3, None, True), (2, None, False), (3, "a step", False)])
-def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, step, found, monkeypatch):
+def test_a_dead_zone_that_explains_three_sizes_is_reported(sizes, step, found, monkeypatch):
     """Of a BlueROV2's surge: 10 % left straight, 8.8 with a curve, 6.4 with a dead zone; the straight fit was told."""
     fits = {("quadratic-actuator",): a_fit(91.2, quadratic_actuator=0.4), ("dead-zone",): a_fit(93.6, dead_zone=0.144)}
     monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
@@ -120,7 +120,7 @@ def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, s
         assert said == "the three oscillations indicate an actuator that does nothing below 14.4% of full output"
 
 
-def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
+def test_a_dead_zone_found_from_three_sizes_may_saturate_as_well(monkeypatch):
     fits = {
         ("quadratic-actuator",): a_fit(91.0, quadratic_actuator=0.4),
         ("dead-zone",): a_fit(93.3, dead_zone=0.141),
@@ -135,7 +135,7 @@ def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dwells_at_its_edge():
+def test_a_step_at_its_edge_distinguishes_a_speed_controllers_neutral_band_from_a_dead_zone():
     band, steps = 0.0625, 100.0
     runs = [oscillation(f"relay-{n}", C, T, 0.8) for n, C, T in ((1, 0.3, 0.8), (2, 0.6, 0.6))]
     t = 20 * DT * np.arange(400)
@@ -155,13 +155,13 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
 
 
 @pytest.mark.parametrize("axis", ["yaw", "speed"])
-def test_the_step_of_a_boats_turn_rate_tune_stays_out_of_its_model(axis: str):
+def test_the_step_of_a_boats_turn_rate_tune_is_not_used_in_its_model(axis: str):
     found = Identified(SimpleNamespace(), ())
     context = SimpleNamespace(axis=FIRMWARE["ardurover"].axes[axis])
     assert again_with_step(context, found, dying_swing(0.0, 0.0)) is found
 
 
-def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral_band_is_looked_for(dead_band):
+def test_an_rovs_turn_rate_step_is_used_in_its_model_with_a_neutral_band(dead_band):
     runs, plain = dead_band
     asked = []
 
@@ -185,7 +185,7 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
 
 
 @pytest.mark.slow
-def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):
+def test_a_third_size_is_requested_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
     third = extra_relay(runs, plain)
     assert third is not None
@@ -194,12 +194,12 @@ def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list
     assert extra_relay(three, fit_axis(three, dof="yaw")) is None
 
 
-def test_a_straight_actuator_needs_no_third_size():
+def test_a_linear_actuator_needs_no_third_size():
     runs = two(0.0)
     assert extra_relay(runs, fit_axis(runs, dof="yaw")) is None
 
 
-def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does():
+def test_an_experiment_reports_the_model_with_the_curve_as_a_tune_does():
     runs, said = two(0.8), []
     plain = fit_axis(runs, dof="yaw")
 

@@ -94,7 +94,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Scripted]:
     return script
 
 
-def test_an_rov_is_tuned_in_the_order_of_the_table_after_one_announcement(tmp_path, scripted) -> None:
+def test_an_rov_is_tuned_in_table_order_after_one_announcement(tmp_path, scripted) -> None:
     bench, script = Bench(tmp_path, ROV), scripted(depth="restored")
     story = bench.tune()
     assert script.flown == ["heading", "depth"]
@@ -113,7 +113,7 @@ def test_an_rov_is_tuned_in_the_order_of_the_table_after_one_announcement(tmp_pa
     assert not bench.link.stays_open
 
 
-def test_roll_pitch_and_position_are_part_of_it_when_they_are_named(tmp_path, scripted) -> None:
+def test_roll_pitch_and_position_are_tuned_when_requested(tmp_path, scripted) -> None:
     bench, script = (
         Bench(tmp_path, "bluerov2-6dof", **SLOW_LOOP),
         scripted(heading="restored", depth="restored", position="restored"),
@@ -124,7 +124,7 @@ def test_roll_pitch_and_position_are_part_of_it_when_they_are_named(tmp_path, sc
     assert any("move for pitch: a small pulse in each direction" in text for text in bench.said)
 
 
-def test_position_is_left_out_in_one_sentence_without_a_position(tmp_path, scripted) -> None:
+def test_position_is_omitted_without_a_position_estimate(tmp_path, scripted) -> None:
     def lost(_: float, message: Any) -> Iterable[Any]:
         if message.get_type() == "EKF_STATUS_REPORT":
             message.flags = 0
@@ -146,7 +146,7 @@ def test_nothing_is_flown_when_the_answer_is_no(tmp_path, scripted) -> None:
     assert not bench.harness.vehicle.autopilot.armed
 
 
-def test_a_loop_that_fails_leaves_out_only_what_stands_on_it(tmp_path, scripted) -> None:
+def test_a_failed_loop_skips_only_the_loops_that_depend_on_it(tmp_path, scripted) -> None:
     bench, script = Bench(tmp_path, "blueboat"), scripted(speed=NotInformative("no motion"))
     story = bench.tune()
     assert script.flown == ["speed", "heading"]
@@ -162,7 +162,7 @@ def test_a_loop_that_fails_leaves_out_only_what_stands_on_it(tmp_path, scripted)
     assert "--resume" in story.resume
 
 
-def test_a_tripped_limit_ends_the_job_and_it_is_gone_on_from_at_the_next_step(tmp_path, scripted) -> None:
+def test_a_tripped_limit_ends_the_job_and_resuming_continues_at_the_next_step(tmp_path, scripted) -> None:
     bench = Bench(tmp_path, ROV)
     scripted(depth=GuardTripped("too deep", guard="depth"))
     with pytest.raises(GuardTripped):
@@ -176,7 +176,7 @@ def test_a_tripped_limit_ends_the_job_and_it_is_gone_on_from_at_the_next_step(tm
     assert [step.directory for step in story.steps] == ["02-heading", "05-depth"]
 
 
-def test_a_job_is_gone_on_from_only_as_it_was_begun(tmp_path, scripted) -> None:
+def test_a_job_can_be_resumed_only_with_its_own_settings(tmp_path, scripted) -> None:
     bench = Bench(tmp_path, ROV)
     scripted(depth=GuardTripped("too deep", guard="depth"))
     with pytest.raises(GuardTripped):
@@ -192,7 +192,7 @@ def test_a_job_is_gone_on_from_only_as_it_was_begun(tmp_path, scripted) -> None:
 
 
 @pytest.mark.slow
-def test_a_job_is_stopped_resumed_and_put_back_as_a_whole(tmp_path, plainly) -> None:
+def test_a_job_is_stopped_resumed_and_restored_as_a_whole(tmp_path, plainly) -> None:
     bench = Bench(tmp_path, ROV)
     before = dict(bench.harness.vehicle.parameters.values)
 

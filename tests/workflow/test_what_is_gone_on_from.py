@@ -58,7 +58,7 @@ def run(tmp_path: Path) -> Path:
     return kept.folder
 
 
-def test_what_was_flown_to_its_end_is_handed_out_once(run: Path, tmp_path: Path) -> None:
+def test_a_completed_record_is_returned_once(run: Path, tmp_path: Path) -> None:
     earlier = Earlier(settings(tmp_path))
     assert earlier.names == ["step-before", "relay-1"]
     assert earlier.has("relay-1")
@@ -69,13 +69,13 @@ def test_what_was_flown_to_its_end_is_handed_out_once(run: Path, tmp_path: Path)
     assert earlier.take("sign-check") is None
 
 
-def test_without_an_earlier_run_there_is_nothing(tmp_path: Path) -> None:
+def test_without_an_earlier_run_there_are_no_records(tmp_path: Path) -> None:
     earlier = Earlier(settings(tmp_path, resume=None))
     assert earlier.names == []
     earlier.verify_same_vehicle(craft(), {})
 
 
-def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: Path, tmp_path: Path) -> None:
+def test_changed_settings_are_refused_by_name_unless_they_may_differ(run: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"step 0.5 then, 0.25 now"):
         Earlier(settings(tmp_path, step=0.25))
     with pytest.raises(UsageError, match="axis heading then, yaw now"):
@@ -94,7 +94,7 @@ def test_a_flight_recorded_with_the_settings_of_a_tune_can_be_resumed(run: Path,
         Earlier(replace(flight, throttle=0.5), ("relay-1",))
 
 
-def test_a_folder_that_no_run_has_set_out_in_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     with pytest.raises(UsageError, match="cannot be resumed"):
         Earlier(settings(tmp_path))
@@ -109,7 +109,7 @@ def test_a_damaged_note_is_refused(run: Path, tmp_path: Path, text: str) -> None
         Earlier(settings(tmp_path))
 
 
-def test_a_run_that_owes_something_is_put_back_first(run: Path, tmp_path: Path) -> None:
+def test_a_run_with_open_debts_must_be_restored_first(run: Path, tmp_path: Path) -> None:
     events = [
         {"event": "opened", "vehicle": {}, "link": "", "mode": "", "armed": False, "fingerprint": {}},
         {"event": "lent", "name": "A", "value": 1.0},
@@ -120,7 +120,7 @@ def test_a_run_that_owes_something_is_put_back_first(run: Path, tmp_path: Path) 
         Earlier(settings(tmp_path))
 
 
-def test_the_same_board_with_the_same_parameters_is_gone_on_with(run: Path, tmp_path: Path) -> None:
+def test_the_same_board_with_the_same_parameters_can_be_resumed(run: Path, tmp_path: Path) -> None:
     Earlier(settings(tmp_path)).verify_same_vehicle(craft(), dict(OWN))
 
 
@@ -132,7 +132,7 @@ def test_the_same_board_with_the_same_parameters_is_gone_on_with(run: Path, tmp_
         (replace(BOARD, vehicle_type=10), "vehicle_type 11 there, 10 here"),
     ],
 )
-def test_another_vehicle_or_firmware_is_not_gone_on_with(
+def test_another_vehicle_or_firmware_is_not_resumed(
     run: Path, tmp_path: Path, here: VehicleIdentity, words: str
 ) -> None:
     with pytest.raises(WrongVehicle, match=words):
@@ -147,7 +147,7 @@ def test_another_vehicle_or_firmware_is_not_gone_on_with(
         ({**OWN, "ATC_STR_RAT_D": 0.0}, "ATC_STR_RAT_D absent then, 0.0 now"),
     ],
 )
-def test_a_parameter_that_differs_or_is_gone_or_new_is_told(
+def test_a_changed_missing_or_new_parameter_is_reported(
     run: Path, tmp_path: Path, own: dict[str, float], words: str
 ) -> None:
     with pytest.raises(PreconditionFailed, match=rf"parameters have changed .*\({words}\)"):
@@ -158,7 +158,7 @@ def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
     Earlier(settings(tmp_path)).verify_same_vehicle(craft(), {**OWN, "ATC_STR_RAT_P": float(np.float32(0.2))})
 
 
-def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:
+def test_the_resume_advice_lists_reusable_records_and_is_empty_without_any(tmp_path: Path) -> None:
     asked = settings(tmp_path)
     told = way_on(asked, ["sign-check", "relay-1", "step-before"], RuntimeError())
     assert "can be used again: step-before, relay-1. " in told
