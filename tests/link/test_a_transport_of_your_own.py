@@ -18,7 +18,7 @@ GUIDE = (Path(__file__).parents[2] / "docs" / "developing.md").read_text(encodin
 GROUP = "gcs_autotune.transports"
 
 
-def told(language: str) -> str:
+def guide_code(language: str) -> str:
     """Return the code of that *language* in the guide's section on transports."""
     section = GUIDE.split("## A transport of your own")[1].split("\n## ")[0]
     (code,) = re.findall(rf"```{language}\n(.*?)```", section, re.DOTALL)
@@ -28,8 +28,8 @@ def told(language: str) -> str:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder on Python's path, as an installed package leaves it: the module, and what its line in pyproject made."""
-    (tmp_path / "boathouse.py").write_text(told("python"))
-    lines = tomllib.loads(told("toml"))["project"]["entry-points"][GROUP]
+    (tmp_path / "boathouse.py").write_text(guide_code("python"))
+    lines = tomllib.loads(guide_code("toml"))["project"]["entry-points"][GROUP]
     described = tmp_path / "boathouse-1.0.dist-info"
     described.mkdir()
     points = "".join(f"{name} = {where}\n" for name, where in lines.items())

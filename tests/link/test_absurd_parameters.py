@@ -58,8 +58,8 @@ class Aboard:
         craft: Any = SimpleNamespace(parameters=parameters, session=self.session, firmware=self.firmware)
         _read_config(self.session, parameters, self.firmware)
         for axis in self.firmware.axes.values():
-            told, own = learn_parameters(craft, axis, tale)  # type: ignore[arg-type]
-            told.names.to_canonical(own)
+            learned, own = learn_parameters(craft, axis, tale)  # type: ignore[arg-type]
+            learned.names.to_canonical(own)
         check_throttle_is_free(craft, "surge", 0.5)
         remarks_on(craft)
 
@@ -82,16 +82,16 @@ class Aboard:
 def test_no_value_of_any_parameter_ends_in_a_foreign_exception(name: str) -> None:
     aboard = Aboard(name)
     assert aboard.refusal("RC_OPTIONS", aboard.own["RC_OPTIONS"]) == ""
-    asked = {str(m.param_id) for m in aboard.vehicle.heard if m.get_type() == "PARAM_REQUEST_READ"}
+    requested = {str(m.param_id) for m in aboard.vehicle.heard if m.get_type() == "PARAM_REQUEST_READ"}
     cases = [(parameter, value) for parameter in aboard.own for value in BAD if not LIKE_OTHERS.fullmatch(parameter)]
-    said = {case: aboard.refusal(*case) for case in cases}
-    assert len(said) > 300
-    silent = {parameter for (parameter, value), words in said.items() if math.isnan(value) and not words}
-    assert not silent & asked
-    assert not [case for case, words in said.items() if "\n" in words]
+    refusals = {case: aboard.refusal(*case) for case in cases}
+    assert len(refusals) > 300
+    silent = {parameter for (parameter, value), words in refusals.items() if math.isnan(value) and not words}
+    assert not silent & requested
+    assert not [case for case, words in refusals.items() if "\n" in words]
     nans = [
         words.startswith(f"{parameter} is nan, not a number")
-        for (parameter, value), words in said.items()
+        for (parameter, value), words in refusals.items()
         if words and math.isnan(value)
     ]
     assert len(nans) >= 20 and all(nans)
@@ -124,8 +124,8 @@ def test_a_watched_parameter_that_becomes_nan_is_an_intrusion() -> None:
     aboard = Aboard("ardurover")
     aboard.parameters.watch({"WP_SPEED": 2.0})
     aboard.vehicle.parameters["WP_SPEED"] = math.nan
-    asked = aboard.vehicle.count("PARAM_REQUEST_READ")
+    requested = aboard.vehicle.count("PARAM_REQUEST_READ")
     aboard.vehicle.send_parameter("WP_SPEED")
     aboard.session.pause(2.0)
     assert [name for name, _, _ in aboard.parameters.intrusions] == ["WP_SPEED"]
-    assert aboard.vehicle.count("PARAM_REQUEST_READ") == asked + 1
+    assert aboard.vehicle.count("PARAM_REQUEST_READ") == requested + 1

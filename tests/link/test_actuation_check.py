@@ -18,7 +18,7 @@ from gcs_autotune.link.vehicle.setpoint_streamer import FOLLOW_TIMEOUT
 from gcs_autotune.link.vehicle.telemetry import Telemetry
 
 
-class Asked:
+class OutputSession:
     """A session: each request is answered with the next number of SERVO_OUTPUT_RAW of *answers*, on *port*."""
 
     def __init__(self, answers: list[int], port: int = 0) -> None:
@@ -49,7 +49,7 @@ class Asked:
 SERVOS = cast(ServoMap, SimpleNamespace(forces=lambda raw: {"first": float(raw[0]), "last": float(raw[-1])}))
 
 
-def read(session: Asked) -> dict[str, float]:
+def read(session: OutputSession) -> dict[str, float]:
     return read_outputs(cast(Any, session), SERVOS)
 
 
@@ -60,18 +60,18 @@ def read(session: Asked) -> dict[str, float]:
 )
 def test_outputs_are_requested_until_two_arrive_and_the_newest_is_used(answers: list[int], requests: int) -> None:
     heard = sum(answers)
-    session = Asked(answers)
+    session = OutputSession(answers)
     assert read(session) == {"first": 1000.0 + heard, "last": 8000.0 + heard}
     assert session.requests == requests
     assert session.listener is None, "it listens no longer"
 
 
 def test_outputs_that_do_not_arrive_are_requested_for_five_seconds() -> None:
-    session = Asked([])
+    session = OutputSession([])
     assert read(session) == {}
     assert session.requests == 10 and sum(session.waits) == 5.0
-    assert read(Asked([1])) == {"first": 1001.0, "last": 8001.0}, "one is better than none"
-    assert read(Asked([3], port=1)) == {}, "the second bank of outputs is another"
+    assert read(OutputSession([1])) == {"first": 1001.0, "last": 8001.0}, "one is better than none"
+    assert read(OutputSession([3], port=1)) == {}, "the second bank of outputs is another"
 
 
 class Streamer:
@@ -135,8 +135,8 @@ def test_steering_that_does_not_follow_is_reported_after_the_timeout(follows: fl
         twitch(deaf)
 
 
-def look(streamer: Streamer, before: int, after: int, monkeypatch: pytest.MonkeyPatch) -> Asked:
-    session, rc_monitor = Asked([]), SimpleNamespace(count=before)
+def look(streamer: Streamer, before: int, after: int, monkeypatch: pytest.MonkeyPatch) -> OutputSession:
+    session, rc_monitor = OutputSession([]), SimpleNamespace(count=before)
     monkeypatch.setattr(streamer, "probe_override", lambda: setattr(rc_monitor, "count", after) or streamer.taken)
     monkeypatch.setattr(actuation_check, "why_deaf", lambda parameters, firmware, system: f"asked as {system}")
     check_overrides_taken(

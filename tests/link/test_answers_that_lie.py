@@ -26,12 +26,12 @@ class Liar:
         boat.on["PARAM_REQUEST_READ"] = self
 
     def __call__(self, message: Any) -> None:
-        told = self.lies.pop(0) if self.lies and message.param_id == P else None
-        if told is not None and not self.after:
-            lie(self.boat, told)
+        reported = self.lies.pop(0) if self.lies and message.param_id == P else None
+        if reported is not None and not self.after:
+            lie(self.boat, reported)
         self.boat._on_param_request_read(message)
-        if told is not None and self.after:
-            lie(self.boat, told)
+        if reported is not None and self.after:
+            lie(self.boat, reported)
 
 
 @pytest.mark.parametrize("after", [False, True])

@@ -44,16 +44,16 @@ def frame(number: int, system: int = 1) -> bytes:
     return bytes(mavlink.MAVLink_param_value_message(name, number / 7, 9, 1000, number).pack(mav))
 
 
-def read_until(ends: Ends, wanted: bytes) -> bytes:
+def read_until(ends: Ends, expected: bytes) -> bytes:
     data, deadline = b"", Deadline.after(ends.ours.clock, PATIENCE)
-    while wanted not in data and not deadline.expired:
+    while expected not in data and not deadline.expired:
         data += ends.ours.read(deadline.remaining)
     return data
 
 
-def receive_until(ends: Ends, wanted: bytes) -> bytes:
+def receive_until(ends: Ends, expected: bytes) -> bytes:
     data, deadline = b"", Deadline.after(WallClock(), PATIENCE)
-    while wanted not in data:
+    while expected not in data:
         assert not deadline.expired, "it has not arrived"
         data += ends.receive()
     return data

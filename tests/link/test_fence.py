@@ -11,7 +11,7 @@ from gcs_autotune.link import FenceItem, read_fence
 from gcs_autotune.link.vehicle.fence import _shapes
 
 
-class Told:
+class HomeSession:
     """A session that answers a request with HOME_POSITION, or never."""
 
     def __init__(self, *, tells: bool = True) -> None:
@@ -36,19 +36,19 @@ CIRCLE = {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 2.0, "FENCE_RADIUS": 150.0}
 
 
 def test_the_home_position_of_the_circle_is_requested_again_when_lost() -> None:
-    session: Any = Told()
+    session: Any = HomeSession()
     assert read_fence(session, CIRCLE) == [FenceItem(((44.5, 8.9),), 150.0)]
     assert session.asked == 2
 
 
 def test_a_missing_home_position_is_not_taken_for_no_fence() -> None:
-    session: Any = Told(tells=False)
+    session: Any = HomeSession(tells=False)
     assert read_fence(session, CIRCLE) is None
     assert session.asked == 3
 
 
 def test_a_disabled_fence_is_empty_and_nothing_is_requested() -> None:
-    session: Any = Told()
+    session: Any = HomeSession()
     assert read_fence(session, {**CIRCLE, "FENCE_ENABLE": 0.0}) == ()
     assert read_fence(session, {}) == ()
     assert session.asked == 0

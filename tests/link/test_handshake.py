@@ -44,9 +44,9 @@ class Held:
         raise ParameterMissing("none of them", name="X")
 
     def read_existing(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
-        wanted = list(names)
-        self.asked += wanted
-        return {n: self.values[n] for n in wanted if n in self.values}
+        expected = list(names)
+        self.asked += expected
+        return {n: self.values[n] for n in expected if n in self.values}
 
 
 def session(**changes: Any) -> Any:
@@ -69,12 +69,12 @@ def test_an_unsupported_autopilot_or_vehicle_type_is_refused() -> None:
             _firmware(stranger)
 
 
-@pytest.mark.parametrize(("lag", "told"), [(0.029, False), (0.03, True), (0.045, True)])
-def test_a_late_gyro_is_noted_from_thirty_milliseconds_on(lag: float, told: bool) -> None:
+@pytest.mark.parametrize(("lag", "is_noted"), [(0.029, False), (0.03, True), (0.045, True)])
+def test_a_late_gyro_is_noted_from_thirty_milliseconds_on(lag: float, is_noted: bool) -> None:
     here = session()
     _note_late_rates(here, lag)
-    assert bool(here.notes) is told
-    assert not told or f"{1e3 * lag:.0f} ms" in here.notes[0]
+    assert bool(here.notes) is is_noted
+    assert not is_noted or f"{1e3 * lag:.0f} ms" in here.notes[0]
 
 
 @pytest.fixture

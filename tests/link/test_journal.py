@@ -24,7 +24,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "journal.jsonl"
 
 
-def told(path: Path, *events: dict[str, Any]) -> JournalState:
+def state_of(path: Path, *events: dict[str, Any]) -> JournalState:
     path.write_text("".join(json.dumps(event) + "\n" for event in events))
     return read_journal(path)
 
@@ -45,10 +45,10 @@ OPENED = event("opened", vehicle={"system": 1}, link="memory", mode="HOLD", arme
 
 
 def test_the_initial_state_is_read_from_the_first_line(path: Path) -> None:
-    state = told(path, OPENED, event("opened", mode="MANUAL", armed=True))
+    state = state_of(path, OPENED, event("opened", mode="MANUAL", armed=True))
     assert (state.vehicle, state.link, state.mode, state.armed) == ({"system": 1}, "memory", "HOLD", False)
     assert state.fingerprint == {"RC1_TRIM": 1501.0}
-    bare = told(path, event("opened"))
+    bare = state_of(path, event("opened"))
     assert (bare.vehicle, bare.link, bare.mode, bare.armed, bare.fingerprint) == ({}, "", "", None, {})
     assert bare.opened and not bare.closed
 
@@ -56,30 +56,30 @@ def test_the_initial_state_is_read_from_the_first_line(path: Path) -> None:
 def test_a_debt_is_the_value_lent_before_the_first_write(
     path: Path,
 ) -> None:
-    state = told(path, OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), lent("P", 0.5), writing("P", 0.6))
+    state = state_of(path, OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), lent("P", 0.5), writing("P", 0.6))
     assert state.debts == {"P": 0.2}
     assert state.written == {"P": (0.5, 0.6)}
     assert not state.is_settled
-    both = told(path, OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), writing("I", 0.3))
+    both = state_of(path, OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), writing("I", 0.3))
     assert both.debts == {"P": 0.2, "I": 0.1}
 
 
 @pytest.mark.parametrize("settled", [event("returned", name="P", value=0.2), event("kept", values={"P": 0.5})])
 def test_a_returned_or_kept_parameter_is_no_longer_owed(path: Path, settled: dict[str, Any]) -> None:
     events = [OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), writing("I", 0.3), settled]
-    state = told(path, *events)
+    state = state_of(path, *events)
     assert (state.debts, state.written) == ({"I": 0.1}, {"I": (0.3,)})
-    assert told(path, *events, settled).debts == {"I": 0.1}, "said twice"
-    assert told(path, *events, event("closed")).is_settled is False
-    done = told(path, *events, event("returned", name="I", value=0.1), event("closed"))
+    assert state_of(path, *events, settled).debts == {"I": 0.1}, "said twice"
+    assert state_of(path, *events, event("closed")).is_settled is False
+    done = state_of(path, *events, event("returned", name="I", value=0.1), event("closed"))
     assert done.is_settled and done.closed
 
 
 def test_a_resumed_journal_is_open_again(path: Path) -> None:
-    assert told(path, OPENED, event("closed")).is_settled
-    again = told(path, OPENED, event("closed"), event("resumed"))
+    assert state_of(path, OPENED, event("closed")).is_settled
+    again = state_of(path, OPENED, event("closed"), event("resumed"))
     assert not again.closed and not again.is_settled
-    assert told(path).is_settled and not told(path).opened
+    assert state_of(path).is_settled and not state_of(path).opened
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_a_resumed_journal_is_open_again(path: Path) -> None:
 )
 def test_an_invalid_event_raises_bad_file(path: Path, bad: dict[str, Any]) -> None:
     with pytest.raises(BadFile, match="has an invalid event"):
-        told(path, *([] if bad["event"] == "opened" else [OPENED]), bad)
+        state_of(path, *([] if bad["event"] == "opened" else [OPENED]), bad)
 
 
 def test_a_file_of_only_damage_owes_nothing(path: Path) -> None:

@@ -59,14 +59,14 @@ def test_vehicle_time_comes_from_the_midpoint_of_the_fastest_recent_answer(link:
     assert latency.trips(54.0) == ((54.0, pytest.approx(0.4)), (55.0, pytest.approx(0.4)))
 
 
-@pytest.mark.parametrize(("pace", "told"), [(1.0, 1.0), (1.015, 1.0), (0.985, 1.0), (2.0, 2.0), (0.5, 0.5)])
+@pytest.mark.parametrize(("pace", "expected"), [(1.0, 1.0), (1.015, 1.0), (0.985, 1.0), (2.0, 2.0), (0.5, 0.5)])
 def test_a_clock_of_another_speed_is_followed_and_small_drift_is_ignored(
-    link: Listening, latency: Latency, pace: float, told: float
+    link: Listening, latency: Latency, pace: float, expected: float
 ) -> None:
     for k in range(11):
         sync(link, latency, 0.0, 7.0 + pace * k)
     # counted from the first of the last five answers, which are all as quick
-    assert latency.vehicle_time(66.0) == pytest.approx(7.0 + pace * 6.0 + told * 10.0, abs=1e-6)
+    assert latency.vehicle_time(66.0) == pytest.approx(7.0 + pace * 6.0 + expected * 10.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("trips", [(0.25, 0.125), (0.125, 0.25)])
@@ -77,10 +77,10 @@ def test_uneven_trip_times_are_not_taken_for_another_clock_speed(
 ) -> None:
     """Over ten seconds the longer of both trips, twice, makes 5 % beside the 2 % that clocks may drift."""
     middles = (50.0 + 0.5 * trips[0], 60.0 + 0.5 * trips[1])
-    told = 7.0 + (1.0 + side * off) * (middles[1] - middles[0])
+    expected = 7.0 + (1.0 + side * off) * (middles[1] - middles[0])
     sync(link, latency, trips[0], 7.0, after=10.0)
-    sync(link, latency, trips[1], told)
-    counted = (told, middles[1]) if trips[1] < trips[0] else (7.0, middles[0])
+    sync(link, latency, trips[1], expected)
+    counted = (expected, middles[1]) if trips[1] < trips[0] else (7.0, middles[0])
     pace = 1.0 + side * off * followed
     assert latency.vehicle_time(70.0) == pytest.approx(counted[0] + pace * (70.0 - counted[1]), abs=1e-6)
 
@@ -246,7 +246,7 @@ def test_the_uplink_delay_never_exceeds_the_loop_delay(link: Listening, latency:
 
 
 def test_two_outputs_that_move_in_one_message_are_both_timed(latency: Latency) -> None:
-    for k, (wanted, measured) in enumerate(((0.0, 0.0), (0.5, 0.0))):
-        latency.commanded({"N": wanted, "X": -wanted}, {"N": measured, "X": -measured}, 1.0 + k)
+    for k, (commanded_value, measured) in enumerate(((0.0, 0.0), (0.5, 0.0))):
+        latency.commanded({"N": commanded_value, "X": -commanded_value}, {"N": measured, "X": -measured}, 1.0 + k)
     latency.moved(2.3, {"N": 0.4, "X": -0.4})
     assert latency.times().samples == 2

@@ -27,7 +27,7 @@ def board(peer: Peer) -> MavlinkCraft:
     return open_craft(Session(MemoryLink(peer)), wanted_rates=WANTED, arm_patience=3.0)
 
 
-def swing(craft: MavlinkCraft, seconds: int) -> None:
+def oscillate(craft: MavlinkCraft, seconds: int) -> None:
     for k in range(10 * seconds):
         craft.observe()
         craft.send(Actuate(N=0.3 if k // 10 % 2 else -0.3))
@@ -40,7 +40,7 @@ def swing(craft: MavlinkCraft, seconds: int) -> None:
 def test_the_delays_of_a_link_are_measured(boat: ScriptedVehicle, latency: float) -> None:
     craft = board(Narrow(boat, latency=latency))
     craft.arm()
-    swing(craft, 10)
+    oscillate(craft, 10)
     times = craft.link_times
     assert times.round_trip == pytest.approx(2 * latency + 0.03, abs=0.05)
     assert times.command_to_servo == pytest.approx(latency + 0.02, abs=0.03)
@@ -54,9 +54,9 @@ def test_the_loop_delay_is_never_shorter_than_the_command_to_servo_delay(
     """Clocks compared over an uneven link say that a command left before the attitude it answers was there."""
     craft = board(Narrow(boat, latency=0.06))
     craft.arm()
-    told = craft.latency.vehicle_time
-    monkeypatch.setattr(craft.latency, "vehicle_time", lambda t: told(t) - 0.5)
-    swing(craft, 10)
+    vehicle_time = craft.latency.vehicle_time
+    monkeypatch.setattr(craft.latency, "vehicle_time", lambda t: vehicle_time(t) - 0.5)
+    oscillate(craft, 10)
     times = craft.link_times
     assert 0.0 < times.command_to_servo <= times.loop
     assert 0.0 < times.command_to_servo_90 <= times.loop_90
@@ -66,7 +66,7 @@ def test_the_loop_delay_is_never_shorter_than_the_command_to_servo_delay(
 def test_jitter_shows_in_the_90th_percentile(boat: ScriptedVehicle) -> None:
     craft = board(Narrow(boat, latency=0.05, jitter=0.15))
     craft.arm()
-    swing(craft, 20)
+    oscillate(craft, 20)
     times = craft.link_times
     assert times.loop_90 - times.loop > 0.03
     assert times.round_trip_90 - times.round_trip > 0.03
@@ -83,7 +83,7 @@ def test_a_trial_contains_the_link_delays(boat: ScriptedVehicle) -> None:
     craft = board(boat)
     craft.arm()
     craft.start_recording("relay")
-    swing(craft, 3)
+    oscillate(craft, 3)
     meta = craft.stop_recording("completed").meta
     assert meta["link_times"]["override_rate"] >= 25.0
     assert {"round_trip", "command_to_servo", "loop"} <= set(meta["link_times"])
@@ -116,7 +116,7 @@ def test_a_narrow_link_carries_the_most_needed_messages(boat: ScriptedVehicle) -
     assert any("the link carries" in note and "SERVO_OUTPUT_RAW 40 ->" in note for note in craft.session.notes)
     pipe.dropped = 0
     craft.arm()
-    swing(craft, 10)
+    oscillate(craft, 10)
     assert pipe.dropped < 0.02 * pipe.carried
     assert 9.0 <= craft.link_times.override_rate <= 25.0, "the way up is spared too"
 
@@ -236,12 +236,12 @@ def test_rates_changed_by_another_station_are_requested_again_and_reported(boat:
     craft = board(router)
     craft.arm()
     router.say(other, mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 2, 1))
-    swing(craft, 3)
+    oscillate(craft, 3)
     assert boat.intervals[number] == pytest.approx(0.1)
-    said = [note for note in craft.session.notes if "requested again" in note]
-    assert len(said) == 1
-    assert said[0].startswith("message rates were low and were requested again: ATTITUDE at")
-    assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in said[0]
+    notes = [note for note in craft.session.notes if "requested again" in note]
+    assert len(notes) == 1
+    assert notes[0].startswith("message rates were low and were requested again: ATTITUDE at")
+    assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in notes[0]
 
 
 def test_foreign_traffic_through_a_router_changes_nothing_recorded(boat: ScriptedVehicle) -> None:
@@ -252,7 +252,7 @@ def test_foreign_traffic_through_a_router_changes_nothing_recorded(boat: Scripte
     craft = board(router)
     craft.arm()
     craft.start_recording("relay")
-    swing(craft, 5)
+    oscillate(craft, 5)
     trial = craft.stop_recording("completed")
     assert abs(trial["r"].values).max() < 1.0
     assert len(trial["psi"]) == pytest.approx(50, abs=2)

@@ -19,7 +19,7 @@ def numbered(sequence: int, v1: bool = False, origin: str = "") -> Frame:
     return Frame(raw, None, "HEARTBEAT", 1, 1, origin)
 
 
-def told(sequences: list[int], v1: bool = False) -> int:
+def count_notes(sequences: list[int], v1: bool = False) -> int:
     notes: list[str] = []
     sender = HeldSender(notes)
     for sequence in sequences:
@@ -36,17 +36,17 @@ def interleaved(turns: int, begin: int = 0, apart: int = 100) -> list[int]:
 @pytest.mark.parametrize("v1", [True, False])
 @pytest.mark.parametrize("begin", [0, 253])
 def test_two_senders_are_reported_once_after_five_frames_of_each(v1: bool, begin: int) -> None:
-    assert told(interleaved(5, begin), v1) == 0
-    assert told(interleaved(6, begin), v1) == 1
-    assert told(interleaved(40, begin), v1) == 1
-    assert told(list(range(begin, begin + 600)), v1) == 0
+    assert count_notes(interleaved(5, begin), v1) == 0
+    assert count_notes(interleaved(6, begin), v1) == 1
+    assert count_notes(interleaved(40, begin), v1) == 1
+    assert count_notes(list(range(begin, begin + 600)), v1) == 0
 
 
 def test_at_most_sixteen_sequences_are_followed() -> None:
     """Of so many that speak in turn each begins again where it is followed still."""
     in_turn = [[n for k in range(8) for n in range(0, 10 * count, 10)] for count in (16, 17)]
     every = [[(n + k // count) % 256 for k, n in enumerate(row)] for count, row in zip((16, 17), in_turn, strict=True)]
-    assert [told(row) for row in every] == [1, 0]
+    assert [count_notes(row) for row in every] == [1, 0]
 
 
 def test_without_an_origin_every_frame_is_from_the_held_sender() -> None:

@@ -45,11 +45,11 @@ def refusal_over(loss: float, seed: int) -> str:
 
 @pytest.mark.parametrize(("loss", "least"), [(0.3, 15), (0.9, 60)])
 def test_a_lossy_link_is_refused_as_lossy_and_not_as_slow_or_old(loss: float, least: int) -> None:
-    refusals = [said for seed in range(6) if (said := refusal_over(loss, seed))]
-    shares = [int(said.partition("loses ")[2].split(" ")[0]) for said in refusals if "loses" in said]
+    refusals = [refusal for seed in range(6) if (refusal := refusal_over(loss, seed))]
+    shares = [int(refusal.partition("loses ")[2].split(" ")[0]) for refusal in refusals if "loses" in refusal]
     assert 3 <= len(refusals) == len(shares)
     assert all(least <= share <= 99 for share in shares)
-    assert not any("too slow" in said or "older" in said for said in refusals)
+    assert not any("too slow" in refusal or "older" in refusal for refusal in refusals)
 
 
 def test_a_parameter_lost_nine_times_in_ten_is_not_reported_missing() -> None:

@@ -80,7 +80,7 @@ def test_a_vehicle_of_another_type_is_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("aboard", "system", "told"),
+    ("aboard", "system", "reported"),
     [
         ({"MAV_GCS_SYSID": 255}, 255, ""),
         ({"SYSID_MYGCS": 252}, 252, "SYSID_MYGCS is 252: using system id 252"),
@@ -89,13 +89,13 @@ def test_a_vehicle_of_another_type_is_refused_by_name() -> None:
     ],
 )
 def test_the_ground_station_id_that_the_vehicle_obeys_is_adopted_and_reported(
-    boat: ScriptedVehicle, aboard: dict[str, float], system: int, told: str
+    boat: ScriptedVehicle, aboard: dict[str, float], system: int, reported: str
 ) -> None:
     del boat.parameters["MAV_GCS_SYSID"]
     boat.parameters |= aboard
     craft = board(boat)
     assert craft.session.port.system == system
-    assert [note for note in craft.session.notes if "system id" in note] == ([told] if told else [])
+    assert [note for note in craft.session.notes if "system id" in note] == ([reported] if reported else [])
     craft.arm()
     craft.send(Actuate(N=0.5))
     craft.observe()
@@ -144,11 +144,11 @@ def test_in_simulated_time_a_decision_is_taken_at_its_own_tick(craft: Craft) -> 
 def test_the_requested_outputs_appear_at_the_actuators(kind: int) -> None:
     craft = board(ScriptedVehicle(kind))
     craft.arm()
-    wanted = Actuate(N=0.3, X=-0.2, Z=0.0 if kind == BOAT else 0.25)
-    craft.send(wanted)
+    requested = Actuate(N=0.3, X=-0.2, Z=0.0 if kind == BOAT else 0.25)
+    craft.send(requested)
     craft.observe()
     output = craft.observe().output
-    assert output == pytest.approx({name: getattr(wanted, name) for name in output}, abs=0.01)
+    assert output == pytest.approx({name: getattr(requested, name) for name in output}, abs=0.01)
 
 
 def test_heading_is_continuous_beyond_half_a_turn(flying: MavlinkCraft) -> None:
@@ -314,8 +314,8 @@ def test_an_rovs_turn_rate_is_a_yaw_stick_position_beyond_the_scaled_dead_zone(r
         craft.send(TurnRateTarget(r=rate))
         craft.observe()
         offset = rov.last("RC_CHANNELS_OVERRIDE").chan4_raw - 1500
-        told = math.copysign((abs(offset) - 20) / 380 * math.radians(45.0) * 3.375, offset)
-        assert told == pytest.approx(rate, abs=0.005)
+        reported = math.copysign((abs(offset) - 20) / 380 * math.radians(45.0) * 3.375, offset)
+        assert reported == pytest.approx(rate, abs=0.005)
 
 
 def test_an_rovs_targets_keep_the_pilot_input_alive_at_neutral(rov: ScriptedVehicle) -> None:

@@ -47,9 +47,9 @@ def test_a_log_is_complete_even_when_frames_are_lost(boat: ScriptedVehicle, loss
     session = session_with(with_a_card(boat, LOGS), loss=loss, seed=3)
     logs = list_logs(session)
     assert [(log.number, log.size) for log in logs] == [(n, len(data)) for n, data in LOGS.items()]
-    told: list[int] = []
-    assert fetch_log(session, logs[-1], lambda done, whole: told.append(done)) == LOGS[7]
-    assert told == sorted(told)
+    reported: list[int] = []
+    assert fetch_log(session, logs[-1], lambda done, whole: reported.append(done)) == LOGS[7]
+    assert reported == sorted(reported)
     session.pause(0.2)
     assert loss or boat.count("LOG_REQUEST_END") == 1
 
@@ -76,11 +76,11 @@ def connection_to(boat: ScriptedVehicle) -> Connection:
 
 def test_the_newest_log_is_fetched_unless_another_is_requested(boat: ScriptedVehicle) -> None:
     with_a_card(boat, LOGS)
-    for number, wanted in ((None, 7), (3, 3), (0, None)):
+    for number, expected in ((None, 7), (3, 3), (0, None)):
         logs, log, data = fetch_onboard_log(connection_to(boat), number, Unattended(), SilentObserver())
         assert len(logs) == 2
-        assert (None if log is None else log.number) == wanted
-        assert data == (b"" if wanted is None else LOGS[wanted])
+        assert (None if log is None else log.number) == expected
+        assert data == (b"" if expected is None else LOGS[expected])
     with pytest.raises(UsageError, match="Available: 3, 7"):
         fetch_onboard_log(connection_to(boat), 9, Unattended(), SilentObserver())
 

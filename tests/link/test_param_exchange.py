@@ -61,9 +61,9 @@ class Answering:
             self.value(message.param_id)
 
     def value(self, name: str, value: float | None = None, index: int = 65535) -> None:
-        told = self.held[name] if value is None else value
+        reported = self.held[name] if value is None else value
         self.queue.append(("PARAM_VALUE", SimpleNamespace(
-            param_id=name, param_value=told, param_type=9, param_index=index, param_count=len(self.held),
+            param_id=name, param_value=reported, param_type=9, param_index=index, param_count=len(self.held),
         )))  # fmt: skip
 
     def wait_for(self, condition: Callable[[], Any], timeout: float) -> Any:

@@ -493,14 +493,14 @@ def test_the_journal_uses_the_stronger_sync_where_the_system_has_one(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """macOS keeps what was synced in the drive's own memory until it is told F_FULLFSYNC."""
-    asked: list[int] = []
+    requested: list[int] = []
     system = SimpleNamespace(**{n: getattr(journal_module.fcntl, n) for n in ("flock", "LOCK_EX", "LOCK_NB")})
-    system.F_FULLFSYNC, system.fcntl = 51, lambda descriptor, command: asked.append(command)
+    system.F_FULLFSYNC, system.fcntl = 51, lambda descriptor, command: requested.append(command)
     monkeypatch.setattr(journal_module, "fcntl", system)
     journal = Journal(path)
     journal.record("writing", name="A", value=1.0)
     journal.close()
-    assert asked and set(asked) == {51}
+    assert requested and set(requested) == {51}
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a folder can be synced on POSIX systems only")

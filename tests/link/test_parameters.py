@@ -77,8 +77,8 @@ def test_no_more_requests_are_outstanding_than_a_slow_radio_holds(
     before, begun = boat.count("PARAM_REQUEST_READ"), parameters.session.clock.now()
     with pytest.raises(ParameterMissing):
         parameters.read_all(names)
-    asked, took = boat.count("PARAM_REQUEST_READ") - before, parameters.session.clock.now() - begun
-    assert (asked, took) == (
+    requested, took = boat.count("PARAM_REQUEST_READ") - before, parameters.session.clock.now() - begun
+    assert (requested, took) == (
         93,
         pytest.approx(12.0, abs=0.2),
     )  # three tries of groups of ten, ten, ten and one, a second each
@@ -239,8 +239,8 @@ def test_a_complete_list_is_requested_once_and_only_its_gaps_are_requested_again
     boat.edit = lose  # type: ignore[assignment]
     assert len(parameters.read_full()) == len(boat.parameters)
     assert boat.count("PARAM_REQUEST_LIST") == 2
-    asked = [m for m in boat.heard if m.get_type() == "PARAM_REQUEST_READ"]
-    assert sorted((m.param_index, m.param_id) for m in asked) == [(3, ""), (7, ""), (20, "")]
+    requested = [m for m in boat.heard if m.get_type() == "PARAM_REQUEST_READ"]
+    assert sorted((m.param_index, m.param_id) for m in requested) == [(3, ""), (7, ""), (20, "")]
 
 
 def test_gaps_are_not_requested_while_the_list_still_arrives(parameters: Parameters, boat: ScriptedVehicle) -> None:

@@ -72,8 +72,8 @@ ALL = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 5.0, "RC_CHANNELS": 5.0}
 def test_a_message_below_three_fifths_of_its_rate_is_requested_again(name: str, share: float, thin: bool) -> None:
     kept = Kept()
     assert kept.pass_by(4.0, **ALL) == []
-    asked = kept.pass_by(10.0, **{**ALL, name: share * ALL[name]})
-    assert set(asked) == ({name} if thin else set())
+    requested = kept.pass_by(10.0, **{**ALL, name: share * ALL[name]})
+    assert set(requested) == ({name} if thin else set())
     if thin:
         assert kept.sent[0].param2 == pytest.approx(1e6 / (2.0 * ALL[name])), "at the rate granted, in us"
         (note,) = kept.notes

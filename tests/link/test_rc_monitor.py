@@ -102,14 +102,14 @@ def test_driven_channels_non_sticks_and_missing_pulses_are_not_a_movement(
 
 def test_overrides_never_obeyed_are_reported_after_four_seconds(listening: Listening, rc_monitor: RcMonitor) -> None:
     """Three seconds of patience, one of memory: until then the first of them may still be on its way."""
-    said = []
+    verdicts = []
     for _ in range(60):
         rc_monitor.sent(DRIVEN)
         listening.show()
-        said.append((listening.liveness.listened - 100.0, rc_monitor.departed))
+        verdicts.append((listening.liveness.listened - 100.0, rc_monitor.departed))
         listening.liveness.listened += 0.1
-    assert {verdict for after, verdict in said if after <= 3.95} == {None}
-    assert {verdict for after, verdict in said if after >= 4.15} == {(3, 1700, 1500)}
+    assert {verdict for after, verdict in verdicts if after <= 3.95} == {None}
+    assert {verdict for after, verdict in verdicts if after >= 4.15} == {(3, 1700, 1500)}
 
 
 def test_overrides_no_longer_obeyed_are_reported_at_the_third_message(

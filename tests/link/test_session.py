@@ -180,12 +180,12 @@ class RealLink(MemoryLink):
 
 def test_in_real_time_a_stop_is_raised_without_delay(boat: ScriptedVehicle) -> None:
     link = RealLink(boat)
-    asked: list[int] = []
-    with Session(link, interrupt=lambda: bool(asked)) as session:
+    requested: list[int] = []
+    with Session(link, interrupt=lambda: bool(requested)) as session:
         session.discover()
         session.pause(0.5)
         assert max(link.waits) <= 0.02
-        asked.append(1)
+        requested.append(1)
         begun = session.clock.now()
         with pytest.raises(OperatorStopped):
             session.pause(10.0)

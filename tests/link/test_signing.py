@@ -135,10 +135,10 @@ def test_a_timestamp_that_cannot_be_stored_is_reported_and_is_not_fatal(tmp_path
 
 def test_a_passphrase_gives_the_same_key_as_in_other_ground_stations(tmp_path: Path) -> None:
     """SHA-256 of the text; the value is that of `printf %s 'correct horse' | sha256sum`."""
-    wanted = bytes.fromhex("4104d36f8da2c254349f85836793ebe029e0c957063a34c91c2e9203187b5631")
+    expected = bytes.fromhex("4104d36f8da2c254349f85836793ebe029e0c957063a34c91c2e9203187b5631")
     for text in ("correct horse", "correct horse\n", "correct horse\r\n"):
         (tmp_path / "key").write_bytes(text.encode())
-        assert SigningKey.read(tmp_path / "key").secret == wanted
+        assert SigningKey.read(tmp_path / "key").secret == expected
     (tmp_path / "key").write_bytes(SECRET[:-1] + b"\xff")
     assert SigningKey.read(tmp_path / "key").secret == SECRET[:-1] + b"\xff"
     (tmp_path / "key").write_text("thirty-two characters of passwd!")

@@ -52,7 +52,7 @@ class Hull(ScriptedVehicle):
         self.track.append((self.time, self.psi))
 
 
-def swing(hull: Hull, output: float = 0.4) -> Trial:
+def fly_relay(hull: Hull, output: float = 0.4) -> Trial:
     craft = open_craft(Session(MemoryLink(hull)), wanted_rates=WANTED)
     craft.arm()
     relay = Relay(RelaySettings("psi", "N", output=output, hysteresis=math.radians(10.0)), "relay")
@@ -61,13 +61,13 @@ def swing(hull: Hull, output: float = 0.4) -> Trial:
 
 @pytest.fixture(scope="module")
 def trial() -> Trial:
-    return swing(Hull())
+    return fly_relay(Hull())
 
 
 @pytest.fixture(scope="module")
-def swings() -> list[Trial]:
+def relays() -> list[Trial]:
     """One relay per seed. Some changes of output fall between messages 40 ms apart, others 20, as chance has it."""
-    return [swing(Hull(seed=seed)) for seed in range(1, 10)]
+    return [fly_relay(Hull(seed=seed)) for seed in range(1, 10)]
 
 
 def with_rate(trial: Trial, change: Callable[[Channel], Channel]) -> Trial:
@@ -115,7 +115,7 @@ def test_the_fit_is_correct_because_every_sample_has_its_own_stamp(trial: Trial)
 
 def test_every_heading_matches_its_own_stamp_and_would_not_match_even_ones() -> None:
     hull = Hull()
-    trial = swing(hull)
+    trial = fly_relay(hull)
 
     def error(run: Trial) -> float:
         true = np.interp(run["psi"].t, *np.array(hull.track).T)
@@ -131,19 +131,19 @@ def test_a_change_of_output_is_dated_within_one_loop(trial: Trial) -> None:
     assert prepare(replace(trial, meta={**trial.meta, "loop_period": 0.0}), "yaw")[0].dating > 0.015
 
 
-def test_a_good_gyro_joins_every_fit_and_the_standard_error_of_the_inertia_is_correct(swings: list[Trial]) -> None:
-    fits = [fit_axis([run], dof="yaw", structure="linear") for run in swings]
-    assert [fit.extra["signals"] for fit in fits] == [["psi", "r"]] * len(swings)
+def test_a_good_gyro_joins_every_fit_and_the_standard_error_of_the_inertia_is_correct(relays: list[Trial]) -> None:
+    fits = [fit_axis([run], dof="yaw", structure="linear") for run in relays]
+    assert [fit.extra["signals"] for fit in fits] == [["psi", "r"]] * len(relays)
     off = [(f.parameters["alpha_r"].value - LAG / RATE) / f.parameters["alpha_r"].std for f in fits]
     assert max(f.parameters["alpha_r"].std for f in fits) < 0.001 * LAG / RATE
     assert math.sqrt(sum(z**2 for z in off) / len(off)) < 1.8
 
 
-def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(swings: list[Trial]) -> None:
+def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(relays: list[Trial]) -> None:
     """The heading then says neither where the changes of output were nor much of the craft; the gyro does."""
     rng = np.random.default_rng(3)
-    assert len(swings) >= 4
-    for run in swings[:4]:
+    assert len(relays) >= 4
+    for run in relays[:4]:
         psi = run["psi"]
         noisy = replace(psi, values=psi.values + rng.normal(0.0, 0.02, len(psi)))
         coarse = replace(psi, values=np.radians(np.round(np.degrees(psi.values))))
@@ -159,33 +159,33 @@ def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(swings: list[Trial]
     [(late, "lags by"), (filtered, "lags by"), (scaled, "scale differs by +"), (biased, "biased by 0.0")],
 )
 def test_a_late_filtered_scaled_or_biased_gyro_is_excluded_from_every_fit(
-    wrong: Callable[[Channel], Channel], why: str, swings: list[Trial]
+    wrong: Callable[[Channel], Channel], why: str, relays: list[Trial]
 ) -> None:
-    assert len(swings) >= 4
-    for run in swings:
+    assert len(relays) >= 4
+    for run in relays:
         fit = fit_axis([with_rate(run, wrong)], dof="yaw", structure="linear")
         assert fit.extra["signals"] == ["psi"]
         assert why in fit.extra["signals_left_out"]["r"]
 
 
 def test_changes_of_output_between_messages_are_dated_by_the_motion(
-    swings: list[Trial],
+    relays: list[Trial],
 ) -> None:
     """Taken as they were dated they colour the residuals, which raises standard errors two- to fourfold."""
     doubtful = 0
-    for run in swings:
+    for run in relays:
         record = prepare(run, "yaw")[0]
         doubtful += int(np.count_nonzero(record.slack))
         fit = fit_axis([run], dof="yaw", structure="linear", use=("position",))
         assert fit.extra["std_inflation"] == pytest.approx(1.0)
         assert fit.parameters["alpha_r"].value == pytest.approx(LAG / RATE, abs=3.0 * fit.parameters["alpha_r"].std)
-    assert doubtful > len(swings)
+    assert doubtful > len(relays)
 
 
 def test_a_late_gyro_is_corrected_and_joins_the_fit() -> None:
     hull = Hull(late_ticks=3, seed=1)
     hull.parameters["INS_GYRO_FILTER"] = math.sqrt(2.0) / (2.0 * math.pi * 0.06)
-    known = swing(hull)
+    known = fly_relay(hull)
     assert known.meta["rate_lag"] == pytest.approx(0.06)
     assert known["psi"].t[-1] - known["r"].t[-1] == pytest.approx(0.06)
     fit = fit_axis([known], dof="yaw", structure="linear")
@@ -194,7 +194,7 @@ def test_a_late_gyro_is_corrected_and_joins_the_fit() -> None:
 
 
 def test_a_gyro_of_unknown_lag_is_excluded_from_the_fit_and_reported() -> None:
-    fit = fit_axis([swing(Hull(late_ticks=3))], dof="yaw", structure="linear")
+    fit = fit_axis([fly_relay(Hull(late_ticks=3))], dof="yaw", structure="linear")
     assert fit.to_dict()["signals"] == ["psi"]
     assert "lags by" in fit.to_dict()["signals_left_out"]["r"]
 

@@ -59,9 +59,9 @@ def test_a_downlink_too_slow_is_rejected_on_connection_with_the_required_rate(
 ) -> None:
     with pytest.raises(TelemetryFault, match="the link is too slow: it carries") as caught:
         wire(baud, axis)
-    said = re.search(r"carries (\d+) bytes/s, \w+ an experiment needs at least (?:about )?(\d+)", str(caught.value))
-    assert said is not None, caught.value
-    carried, needed = map(int, said.groups())
+    match = re.search(r"carries (\d+) bytes/s, \w+ an experiment needs at least (?:about )?(\d+)", str(caught.value))
+    assert match is not None, caught.value
+    carried, needed = map(int, match.groups())
     assert 0.5 * baud / 10 < carried <= 1.05 * baud / 10
     assert carried < needed
     assert "faster link" in str(caught.value)

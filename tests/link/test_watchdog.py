@@ -69,9 +69,9 @@ def test_a_slower_simulation_is_judged_at_our_pace() -> None:
     ],
 )
 def test_an_older_stamp_is_late_a_jump_back_or_a_restart(its: float, used: bool, words: str) -> None:
-    found, said = seen((0.0, 100.0), (0.1, its))
+    found, fault = seen((0.0, 100.0), (0.1, its))
     assert found == [True, used]
-    assert (words in said) is True and bool(said) is bool(words)
+    assert (words in fault) is True and bool(fault) is bool(words)
 
 
 def test_after_a_restart_the_new_clock_counts_and_the_first_fault_stays() -> None:

@@ -71,18 +71,18 @@ def leave_armed_and_lie(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 def test_a_heartbeat_forged_from_another_address_does_not_settle_the_clean_up(
     craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 ) -> None:
-    said = leave_armed_and_lie(craft, boat, link)
-    assert boat.armed and len(said) == 1 and "armed state" in said[0]
-    told = [note for note in craft.session.notes if ELSEWHERE in note]
-    assert len(told) == 1 and f"the vehicle is at {HOME}. The other sender is ignored" in told[0]
+    errors = leave_armed_and_lie(craft, boat, link)
+    assert boat.armed and len(errors) == 1 and "armed state" in errors[0]
+    reported = [note for note in craft.session.notes if ELSEWHERE in note]
+    assert len(reported) == 1 and f"the vehicle is at {HOME}. The other sender is ignored" in reported[0]
 
 
 def test_a_heartbeat_forged_from_the_vehicles_address_does_not_settle_the_clean_up(
     craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 ) -> None:
     link.forger = HOME
-    said = leave_armed_and_lie(craft, boat, link)
-    assert boat.armed and len(said) == 1 and "contradict each other" in said[0]
+    errors = leave_armed_and_lie(craft, boat, link)
+    assert boat.armed and len(errors) == 1 and "contradict each other" in errors[0]
     assert any("their sequence numbers interleave" in note for note in craft.session.notes)
 
 
@@ -92,10 +92,10 @@ def test_a_forger_who_sends_first_is_reported_as_a_second_sender_not_old_firmwar
     link.forged = [DISARMED]
     with Session(link) as session, pytest.raises(NoReply) as caught:
         open_craft(session, arm_patience=3.0)
-    said = str(caught.value)
-    assert "messages with the ids of " in said
-    assert f"come from 2 addresses: {ELSEWHERE} and {HOME}. Only messages from {ELSEWHERE} are used" in said
-    assert "answers no parameter requests" in said and "firmware" not in said
+    errors = str(caught.value)
+    assert "messages with the ids of " in errors
+    assert f"come from 2 addresses: {ELSEWHERE} and {HOME}. Only messages from {ELSEWHERE} are used" in errors
+    assert "answers no parameter requests" in errors and "firmware" not in errors
     assert not boat.armed
 
 
@@ -143,7 +143,7 @@ def numbered(numbers: list[int]) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("numbers", "told"),
+    ("numbers", "reported"),
     [
         ([n for k in range(20) for n in (k, 100 + k)], 1),
         ([n for k in range(20) for n in (2 * k, 2 * k + 1, 100 + k)], 1),
@@ -155,8 +155,8 @@ def numbered(numbers: list[int]) -> list[str]:
     ],
     ids=["two", "two, one slower", "one", "losses", "doubled", "restarted", "out of order"],
 )
-def test_two_senders_are_detected_by_their_sequences_and_a_bad_link_is_not(numbers: list[int], told: int) -> None:
-    assert len(numbered(numbers)) == told
+def test_two_senders_are_detected_by_their_sequences_and_a_bad_link_is_not(numbers: list[int], reported: int) -> None:
+    assert len(numbered(numbers)) == reported
 
 
 # --- UDP -------------------------------------------------------------------------------------------------------

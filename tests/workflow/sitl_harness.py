@@ -145,8 +145,8 @@ class SitlHarness:
 class Ear(SilentObserver):
     """Remembers what was said."""
 
-    def __init__(self, said: list[str]) -> None:
-        self._said = said
+    def __init__(self, announced: list[str]) -> None:
+        self._said = announced
 
     def say(self, text: str) -> None:
         self._said.append(text)

@@ -35,9 +35,9 @@ def test_a_boat_without_a_position_is_awaited_before_it_is_armed(tmp_path):
     harness.vehicle.autopilot.ready_ms = 42_000
     with pytest.raises(OperatorStopped):
         harness.tune(StopsWhen(harness, "step with present gains"))
-    said = harness.said
-    waiting = next(i for i, t in enumerate(said) if t.startswith("waiting for the vehicle"))
-    assert waiting < said.index("step with present gains")
+    announced = harness.said
+    waiting = next(i for i, t in enumerate(announced) if t.startswith("waiting for the vehicle"))
+    assert waiting < announced.index("step with present gains")
     assert harness.server.now > 42.0
     harness.assert_as_found()
 

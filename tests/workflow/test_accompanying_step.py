@@ -39,17 +39,17 @@ def test_the_turn_rate_step_is_reduced_to_keep_a_margin_to_the_heading_limit() -
 
 
 def test_a_requested_turn_rate_step_that_turns_too_far_is_rejected() -> None:
-    asked = replace(SETTINGS, axis="yaw", step=60.0 * DEG, step_duration=8.0)
+    requested = replace(SETTINGS, axis="yaw", step=60.0 * DEG, step_duration=8.0)
     with pytest.raises(PreconditionFailed, match=r"step of 60 deg/s for 8\.0 s may turn the craft by 234 deg"):
-        proof_of_turn_rate(asked, 0.0, BOAT)
-    assert proof_of_turn_rate(replace(asked, step=20.0 * DEG), 0.0, BOAT).settings.size == 20.0 * DEG
+        proof_of_turn_rate(requested, 0.0, BOAT)
+    assert proof_of_turn_rate(replace(requested, step=20.0 * DEG), 0.0, BOAT).settings.size == 20.0 * DEG
 
 
 def test_the_turn_is_announced_with_its_limit() -> None:
     s = proof_of_turn_rate(SETTINGS, 0.0, BOAT, beside=True).settings
-    told = turn_sentence(s, 120.0 * DEG)
-    assert f"turns the craft by up to {farthest_turn(s) / DEG:.0f} deg. It ends early" in told
-    assert "before the limit of 120 deg" in told
+    reported = turn_sentence(s, 120.0 * DEG)
+    assert f"turns the craft by up to {farthest_turn(s) / DEG:.0f} deg. It ends early" in reported
+    assert "before the limit of 120 deg" in reported
 
 
 def _within(limit: float) -> TuneSettings:

@@ -65,6 +65,6 @@ def test_a_link_lost_on_leaving_is_reported_without_another_error() -> None:
 def test_the_announced_twitch_matches_how_the_craft_steers(vehicle: str, twitched: str) -> None:
     with Session(MemoryLink(open_vehicle(vehicle, seed=1), quantum=0.02)) as session:
         craft = open_craft(session)
-        said = connection.arming(craft).text
-    assert said.startswith("arm the vehicle, and disarm it at the end; move ")
-    assert twitched in said
+        announced = connection.arming(craft).text
+    assert announced.startswith("arm the vehicle, and disarm it at the end; move ")
+    assert twitched in announced

@@ -101,8 +101,8 @@ def test_the_smallest_feasible_distance_is_found_by_search():
 
 def test_the_announcement_contains_distance_time_and_stages():
     whole = Excursion(130.0, 75.0, (("sign check", 40.0), ("zig-zag", 54.0)))
-    told = whole_of(whole, Envelope(), "a test").text
-    assert told == (
+    reported = whole_of(whole, Envelope(), "a test").text
+    assert reported == (
         "need up to 90 m from the start, and up to 2 min 20 s: sign check 40 s, zig-zag 55 s; predicted from a test"
     )
     assert (

@@ -93,13 +93,13 @@ def test_a_half_that_only_one_step_has_is_still_measured() -> None:
     assert measure(flown(0.0), windows=(29.0,)) == measure(flown(0.0))
 
 
-def quick(phase: float, late: float = 0.0, told: float = 0.0, lag: float = 0.0) -> Trial:
+def quick(phase: float, late: float = 0.0, reported: float = 0.0, lag: float = 0.0) -> Trial:
     """A turn-rate step over in half a second, read at 10 Hz from *phase* [s] on, *late* [s] after it was sent."""
     t = np.arange(phase, 11.0, 0.1)
     rise = -0.5 + np.where(t < 4.0 + late, 0.0, 1.0 - np.exp(-np.maximum(t - 4.0 - late, 0.0) / 0.15))
     targets = [Mark(at, "target", {"value": value}) for at, value in ((0.0, -0.5), (4.0, 0.5))]
     channels = {"r": Channel("r", "rad/s", t, rise), "N": Channel("N", "1", t, np.zeros_like(t))}
-    times = {"loop": told, "command_to_servo": 0.4 * told} if told else {}
+    times = {"loop": reported, "command_to_servo": 0.4 * reported} if reported else {}
     meta = {"signal": "r", "duration": 6.0, "rate_lag": lag, "link_times": times}
     return Trial("step", channels, targets, "completed", meta=meta)
 
@@ -112,7 +112,7 @@ def test_the_clock_of_a_fast_step_starts_with_the_step_not_the_next_sample() -> 
 
 
 def test_link_and_gyro_delays_are_not_counted_as_loop_error() -> None:
-    blind, honest = measure(quick(0.03, 0.2)).itae, measure(quick(0.03, 0.2, told=0.15, lag=0.05)).itae
+    blind, honest = measure(quick(0.03, 0.2)).itae, measure(quick(0.03, 0.2, reported=0.15, lag=0.05)).itae
     assert blind > 2.0 * honest
     assert honest == pytest.approx(0.15**2, rel=0.25)
 
@@ -121,7 +121,7 @@ VECTORED = {"MOT_VEC_ANGLEMAX": 30.0}
 
 
 @pytest.mark.parametrize(
-    ("driven", "present", "wanted"),
+    ("driven", "present", "expected"),
     [
         (0.75, VECTORED, 0.75),
         (0.75, {}, 0.4),
@@ -132,12 +132,12 @@ VECTORED = {"MOT_VEC_ANGLEMAX": 30.0}
     ],
     ids=["vectored", "rudder", "rudder, said", "at its stop", "at rest", "lifted over MOT_THR_MIN"],
 )
-def test_a_vectored_thruster_is_identified_at_the_throttle_of_the_autopilot(driven, present, wanted) -> None:
+def test_a_vectored_thruster_is_identified_at_the_throttle_of_the_autopilot(driven, present, expected) -> None:
     step = flown(0.0)
     t = step["psi"].t
     X = Channel("X", "1", t, np.where(t < 0.05, 0.0, driven))
     trial = Trial("step", {**step.channels, "X": X}, step.marks, "completed", meta=step.meta)
-    assert steering_throttle(trial, present, 0.4) == pytest.approx(wanted)
+    assert steering_throttle(trial, present, 0.4) == pytest.approx(expected)
 
 
 def test_a_step_without_recorded_throttle_uses_the_cruise_throttle() -> None:

@@ -123,15 +123,15 @@ def test_a_stopped_plan_is_resumed_and_its_model_is_tested_on_held_out_data(
     assert way_on.startswith("2 of 3 runs of the plan are flown. To fly the rest")
     assert any(text.startswith("coming back: returned to ") for text in harness.said)
 
-    said: list[str] = []
+    announced: list[str] = []
     again = harness.directory.parent / "again"
     common = replace(
         harness.common(), connection=Moored(peer=Later(harness.server)), directory=again, resume=harness.directory
     )
     result = fly_plan(
-        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(said), WHEN
+        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(announced), WHEN
     )
-    assert "1 run (2 already flown): doublets" in " ".join(said)
+    assert "1 run (2 already flown): doublets" in " ".join(announced)
     flown = [load_trial(path) for path in sorted((again / "trials").glob("*.csv"))]
     assert [t.name for t in flown if t.purpose == "identification"] == [*three.names]
     (model,) = result.models
@@ -160,8 +160,8 @@ def test_a_completed_plan_is_evaluated_again_without_asking_or_moving(tmp_path: 
     )
     fly(harness, plan(harness, text))
     checks = "will move: in heave and yaw a small pulse in each direction to check the response, then 2 runs: doublets"
-    assert any(said.startswith(checks) for said in harness.said)
-    said: list[str] = []
+    assert any(announced.startswith(checks) for announced in harness.said)
+    announced: list[str] = []
     common = replace(
         harness.common(),
         connection=Moored(peer=Later(harness.server), simulated=False),
@@ -170,11 +170,11 @@ def test_a_completed_plan_is_evaluated_again_without_asking_or_moving(tmp_path: 
     )
     nobody = Answers()
     result = fly_plan(
-        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, nobody, Ear(said), WHEN
+        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, nobody, Ear(announced), WHEN
     )
     assert nobody.questions == []
-    assert "every run is complete. Nothing is armed or moved; figures and models are computed again" in said
-    assert not any(text.startswith("State before the run: mode") for text in said)
+    assert "every run is complete. Nothing is armed or moved; figures and models are computed again" in announced
+    assert not any(text.startswith("State before the run: mode") for text in announced)
     assert {model.fit.dof for model in result.models} == {"heave", "yaw"}
 
 

@@ -28,8 +28,8 @@ SHARE = {"heading": 20.0 * DEG, "steering": 0.6}
 class Stops(Ear):
     """Watches, and wants to stop as soon as a phase is under way."""
 
-    def __init__(self, said: list[str], phase: str) -> None:
-        super().__init__(said)
+    def __init__(self, announced: list[str], phase: str) -> None:
+        super().__init__(announced)
         self.phase, self.wants = phase, False
 
     def update(self, progress: Any) -> None:
@@ -120,7 +120,7 @@ def test_identify_recovers_the_hidden_model_from_the_run_directory(
 
 def test_everything_is_announced_and_the_vehicle_is_restored(charlie: tuple[SitlHarness, Any]) -> None:
     harness, result = charlie
-    said = " ".join(harness.said)
+    announced = " ".join(harness.said)
     for words in (
         "m from the start",
         "Go ahead?",
@@ -128,8 +128,8 @@ def test_everything_is_announced_and_the_vehicle_is_restored(charlie: tuple[Sitl
         "sign check ",
         "write no parameter",
     ):
-        assert words in said
-    assert said.index("will move") < said.index("Go ahead?") < said.index("State before the run: mode")
+        assert words in announced
+    assert announced.index("will move") < announced.index("Go ahead?") < announced.index("State before the run: mode")
     harness.assert_restored()
     page = (harness.directory / "report.html").read_text()
     assert "20/20 zig-zag" in page

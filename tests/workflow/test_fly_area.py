@@ -86,6 +86,6 @@ def test_a_fence_that_the_vehicle_does_not_report_is_mentioned(tmp_path: Path) -
 
     harness = SitlHarness(tmp_path, meddling=silent, **FENCED)
     fly(harness, square(400.0), "steps")
-    said = " ".join(harness.said)
-    assert "FENCE_ENABLE is on, but the vehicle does not report its fence" in said
-    assert "inside the pond: 400 m to its edge" in said
+    announced = " ".join(harness.said)
+    assert "FENCE_ENABLE is on, but the vehicle does not report its fence" in announced
+    assert "inside the pond: 400 m to its edge" in announced

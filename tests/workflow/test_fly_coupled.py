@@ -71,10 +71,10 @@ def test_normalised_inputs_give_forces_with_a_known_inertia_and_are_doubted_with
         assert abs(p.value - TRUTH[name] / full) < 4.0 * p.std
         assert p.value == pytest.approx(TRUTH[name] / full, rel=0.05)
         assert "N" not in p.unit
-    told = fit(run, form.knowing({n: TRUTH[n] for n in ("X_udot", "N_rdot")}))
-    assert "forces-in-shares" not in {d.slug for d in told.doubts}
+    reported = fit(run, form.knowing({n: TRUTH[n] for n in ("X_udot", "N_rdot")}))
+    assert "forces-in-shares" not in {d.slug for d in reported.doubts}
     for name, true in {"k_X": 8.0, "k_N": 0.1709, "X_u": TRUTH["X_u"], "N_r": TRUTH["N_r"]}.items():
-        p = told.parameters[name]
+        p = reported.parameters[name]
         assert abs(p.value - true) < 4.0 * p.std
         assert p.value == pytest.approx(true, rel=0.03)
 

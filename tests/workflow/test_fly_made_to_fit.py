@@ -27,10 +27,10 @@ def heaved(tmp_path: Path, name: str, vehicle: str = "bluerov2", **more: Any) ->
 
 def test_heave_of_default_size_is_reduced_to_stay_within_the_depth_limit(tmp_path: Path) -> None:
     harness, result = heaved(tmp_path, "free-decay")
-    said = [text for text in harness.said if "is reduced to" in text]
-    assert len(said) == 1
-    assert said[0].startswith("free-decay is reduced to --duration 13, --push 2.1, --steering 0.36. ")
-    assert "usual size safety limit 'depth " in said[0]
+    announced = [text for text in harness.said if "is reduced to" in text]
+    assert len(announced) == 1
+    assert announced[0].startswith("free-decay is reduced to --duration 13, --push 2.1, --steering 0.36. ")
+    assert "usual size safety limit 'depth " in announced[0]
     assert result.trial.duration == pytest.approx(13.0, abs=0.5)
     assert np.ptp(result.trial["z"].values) < Envelope().depth_excursion
     assert result.fit.dof == "heave"

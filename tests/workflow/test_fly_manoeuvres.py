@@ -117,12 +117,12 @@ def test_set_point_relays_measure_the_loop_with_and_without_noise_and_drive_no_a
     (sheet,) = result.sheets
     assert sheet.doubts == ()
     for slug in ("natural-frequency", "damping"):
-        told, calm_water = sheet[slug].reading, true[slug].reading
-        assert 0.0 < told.std < told.value
-        assert abs(told.value - calm_water.value) < 2.0 * math.hypot(told.std, calm_water.std)
+        reported, calm_water = sheet[slug].reading, true[slug].reading
+        assert 0.0 < reported.std < reported.value
+        assert abs(reported.value - calm_water.value) < 2.0 * math.hypot(reported.std, calm_water.std)
     # Linear, without the limit on the turn's acceleration: poles -0.32 +- 0.51j and -1.35 1/s
-    told = sheet["natural-frequency"].reading
-    assert abs(told.value - 0.604) < 2.0 * told.std
+    reported = sheet["natural-frequency"].reading
+    assert abs(reported.value - 0.604) < 2.0 * reported.std
     assert read(load_runs(harness.directory)[0])["damping"] == pytest.approx(sheet["damping"].reading.value, rel=1e-3)
     harness.assert_neutral()
     assert harness.mode == harness.found
@@ -145,9 +145,9 @@ def test_charlies_closed_loop_is_identified_from_the_two_published_relay_cases(
     loop = TransferFunction((k_A * k_I, k_A * (k_FF + k_P)), (k_A * k_I, k_I + k_A * (k_FF + k_P), beta + k_P, alpha))
     omega_n, zeta = oscillation_of(loop)
     for slug, true in (("natural-frequency", omega_n), ("damping", zeta)):
-        told = sheet[slug].reading
-        assert 0.0 < told.std < 0.1 * true
-        assert abs(told.value - true) < 3.0 * told.std
+        reported = sheet[slug].reading
+        assert 0.0 < reported.std < 0.1 * true
+        assert abs(reported.value - true) < 3.0 * reported.std
     assert sheet["explained"].reading.value > 0.95
     assert sheet.doubts == ()
 

@@ -55,9 +55,9 @@ def test_every_vehicle_follows_its_reference_model(vehicle: str, axis: str, tmp_
     assert dict(harness.vehicle.parameters.values) == harness.parameters
     page = (harness.directory / "report.html").read_text()
     assert "follows the model function" in page
-    said = " ".join(harness.said)
-    assert said.index("with our own controller") < said.index("State before the run: mode")
-    assert "write no parameter" in said
+    announced = " ".join(harness.said)
+    assert announced.index("with our own controller") < announced.index("State before the run: mode")
+    assert "write no parameter" in announced
 
 
 def test_a_supplied_model_replaces_the_experiments(tmp_path: Path) -> None:

@@ -63,9 +63,9 @@ def test_the_stages_of_a_tune_are_announced_with_their_times():
     ]
     assert itinerary.legs[1].seconds == pytest.approx(30.0)
     assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
-    told = how_long(itinerary).text
-    assert told.startswith("take about 8 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
-    assert "turning around 3 times 32 s" in told
+    reported = how_long(itinerary).text
+    assert reported.startswith("take about 8 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
+    assert "turning around 3 times 32 s" in reported
 
 
 def test_the_longest_time_of_a_restless_craft_is_announced_with_the_usual_time():
@@ -225,6 +225,6 @@ def test_the_battery_is_announced_as_far_as_known_with_the_assumptions():
 
 
 def test_the_announced_battery_covers_the_longest_run():
-    told = battery(Observation(0.0, 0.0, battery_remaining=0.87), Envelope(), 120.0, 540.0)
-    assert told.text.startswith("use about 5 %, up to 15 % of a battery") and "((" not in told.text
-    assert told.text.count("(") == 0
+    reported = battery(Observation(0.0, 0.0, battery_remaining=0.87), Envelope(), 120.0, 540.0)
+    assert reported.text.startswith("use about 5 %, up to 15 % of a battery") and "((" not in reported.text
+    assert reported.text.count("(") == 0

@@ -105,9 +105,9 @@ def test_the_log_of_the_run_is_fetched_and_identified_with_the_telemetry(tmp_pat
     found = json.loads((harness.directory / "fit-onboard.json").read_text())
     assert found["dof"] == fit.dof == "yaw"
     assert (harness.directory / "onboard.html").stat().st_size > 1000
-    said = "\n".join(harness.said)
-    assert "yaw, from telemetry and from the onboard log" in said
-    assert "alpha_r" in said and "standard errors apart" in said
+    announced = "\n".join(harness.said)
+    assert "yaw, from telemetry and from the onboard log" in announced
+    assert "alpha_r" in announced and "standard errors apart" in announced
     assert_left(harness)
 
 

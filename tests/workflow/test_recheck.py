@@ -79,8 +79,8 @@ def noted(folder: Path, name: str, when: str, board: str, **summary: Any) -> Non
     run = folder / name
     run.mkdir()
     after = {"overshoot": 0.1, "rise": 1.0, "settling": None}
-    told = {"axis": "heading", "kept": True, "when": when, "metrics": {"after": after}, **summary}
-    (run / "summary.json").write_text(json.dumps(told))
+    reported = {"axis": "heading", "kept": True, "when": when, "metrics": {"after": after}, **summary}
+    (run / "summary.json").write_text(json.dumps(reported))
     (run / "setting_out.json").write_text(json.dumps({"vehicle": {"uid": board}, "fingerprint": {}}))
     (run / "parameters_after.json").write_text(json.dumps({"P": 0.3}))
 

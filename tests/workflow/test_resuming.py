@@ -45,16 +45,16 @@ class Again:
         self.operator = Enough(self, words)  # type: ignore[arg-type]
         self.directory = tmp_path / "again"
         connection = Moored(peer=Later(harness.server))
-        wanted = {"resume": harness.directory, **changes}
-        self.settings = replace(harness.settings(), connection=connection, directory=self.directory, **wanted)
+        expected = {"resume": harness.directory, **changes}
+        self.settings = replace(harness.settings(), connection=connection, directory=self.directory, **expected)
 
     def tune(self) -> None:
         tune(self.settings, self.operator, Ear(self.said), WHEN)
 
 
 def test_the_resume_command_is_shown_with_the_reusable_records(ended_early: SitlHarness) -> None:
-    told = [text for text in ended_early.said if "--resume" in text]
-    assert told == [
+    reported = [text for text in ended_early.said if "--resume" in text]
+    assert reported == [
         "these records of the run can be used again: step-before, relay-1. To continue from there, use the same "
         f"options: gcs-autotune tune heading --connect memory --resume {ended_early.directory}"
     ]

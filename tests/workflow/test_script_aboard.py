@@ -89,8 +89,8 @@ class Pond:
     @property
     def word(self) -> str:
         """The last word of the script about itself."""
-        said = [text.removeprefix("aboard 4711 ") for text in self.texts if text.startswith("aboard 4711 ")]
-        return said[-1] if said else ""
+        announced = [text.removeprefix("aboard 4711 ") for text in self.texts if text.startswith("aboard 4711 ")]
+        return announced[-1] if announced else ""
 
     @property
     def is_driven(self) -> bool:

@@ -85,6 +85,6 @@ def test_the_command_names_the_file_after_the_run_and_keeps_an_earlier_one(
     assert main(["share", str(run)]) == main(["share", str(run), "--hide-position"]) == 0
     assert (tmp_path / "20261126-heading.zip").exists()
     assert (tmp_path / "20261126-heading-2.zip").exists()
-    told = capsys.readouterr()
-    assert "no signing key, with positions" in told.out
-    assert "left out: signing.key" in told.err
+    reported = capsys.readouterr()
+    assert "no signing key, with positions" in reported.out
+    assert "left out: signing.key" in reported.err

@@ -66,11 +66,11 @@ def test_an_rov_that_disarmed_in_a_silence_is_armed_again_after_asking(tmp_path:
     operator = Enough(harness, "step-before: completed")
     with pytest.raises(OperatorStopped):
         harness.tune(operator, axis="depth", simulated=False)
-    said = "\n".join(harness.said)
-    assert "continuing: step with present gains is flown again" in said
-    assert "arm the vehicle again if it was disarmed, after asking" in said
+    announced = "\n".join(harness.said)
+    assert "continuing: step with present gains is flown again" in announced
+    assert "arm the vehicle again if it was disarmed, after asking" in announced
     assert [q for q in operator.asked if "Arm the vehicle again" in q]
-    assert "arming the vehicle again, as announced" in said
+    assert "arming the vehicle again, as announced" in announced
     harness.assert_as_found()
 
 

@@ -57,7 +57,7 @@ def step(**craft: float) -> Trial:
     return recorded("step-before", 24.0, output, **craft)
 
 
-def swing(seconds: float, half: float = 2.0, **craft: float) -> Trial:
+def relay_record(seconds: float, half: float = 2.0, **craft: float) -> Trial:
     """A relay with so long a *half* period."""
     trial = recorded("relay-1", seconds, lambda t: 0.4 if int(t / half + 0.5) % 2 == 0 else -0.4, **craft)
     switches = np.arange(0.5 * half, seconds, half)
@@ -71,31 +71,31 @@ def question(**craft: float) -> DesignQuestion:
 
 @pytest.mark.slow
 def test_a_step_and_three_reversals_determine_the_gains_of_a_linear_craft() -> None:
-    found = assess(question(), swing(7.0))
+    found = assess(question(), relay_record(7.0))
     assert found.lacks == ""
     assert found.gains is not None and found.gains.spread < stop_rule.SPREAD
     assert found.values[:2] == pytest.approx((0.4, 0.5), rel=0.05)
 
 
 def test_a_dead_zone_explains_the_oscillation_but_not_the_step() -> None:
-    found = assess(question(dead=0.1), swing(7.0, dead=0.1))
+    found = assess(question(dead=0.1), relay_record(7.0, dead=0.1))
     assert "one model explains" in found.lacks
     assert found.another_size
 
 
 def test_a_boat_with_an_unexplained_step_needs_five_periods() -> None:
-    asked = replace(question(dead=0.1), axis=replace(AXIS, needs_speed=True))
-    found = assess(asked, swing(7.0, dead=0.1))
+    requested = replace(question(dead=0.1), axis=replace(AXIS, needs_speed=True))
+    found = assess(requested, relay_record(7.0, dead=0.1))
     assert found.lacks and not found.another_size
 
 
 def test_in_waves_the_gains_are_undetermined_and_no_other_size_is_requested() -> None:
-    found = assess(question(waves=0.15), swing(7.0, waves=0.15, seed=2))
+    found = assess(question(waves=0.15), relay_record(7.0, waves=0.15, seed=2))
     assert found.lacks and not found.another_size
 
 
 def test_a_record_too_short_to_be_fitted_is_reported() -> None:
-    found = assess(question(), swing(1.8, half=0.5))
+    found = assess(question(), relay_record(1.8, half=0.5))
     assert found.lacks == "18 samples of psi, fewer than 40"
     assert not found.another_size
 
@@ -103,13 +103,13 @@ def test_a_record_too_short_to_be_fitted_is_reported() -> None:
 @pytest.mark.slow
 def test_gains_that_remain_uncertain_are_not_determined(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stop_rule, "SPREAD", 1e-9)
-    assert "the predicted ITAE is uncertain by" in assess(question(), swing(7.0)).lacks
+    assert "the predicted ITAE is uncertain by" in assess(question(), relay_record(7.0)).lacks
 
 
 def test_gains_that_cannot_be_designed_are_undetermined_and_a_specification_is_refused() -> None:
-    asked = question()
-    lost = replace(asked, spec=replace(asked.spec, gain_margin=1e9, settling_time=0.1))
-    found = assess(lost, swing(7.0))
+    requested = question()
+    lost = replace(requested, spec=replace(requested.spec, gain_margin=1e9, settling_time=0.1))
+    found = assess(lost, relay_record(7.0))
     assert found.lacks.startswith("no gains can be designed yet")
     assert found.refused
 
@@ -149,7 +149,7 @@ RELAY = Relay(RelaySettings("psi", "N"))
 
 
 def ruled(desk: Desk) -> KnownDesign:
-    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(7.0))
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: relay_record(7.0))
     rule = KnownDesign(craft, desk, question())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
@@ -182,7 +182,7 @@ def test_the_predicted_cost_is_reported_with_its_worst_case() -> None:
         def note(self, fact: Fact) -> None:
             self.told.append(fact)
 
-    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(7.0))
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: relay_record(7.0))
     rule = KnownDesign(craft, Desk(UNKNOWN, UNKNOWN, KNOWN, KNOWN), question(), Ear())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
@@ -223,7 +223,7 @@ def test_a_request_for_another_size_ends_the_relay_without_gains() -> None:
 def growing(desk: Desk) -> KnownDesign:
     """A rule whose record grows by ten seconds a snapshot: 10, 20, ... s."""
     lengths = iter(range(10, 1000, 10))
-    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(next(lengths)))
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: relay_record(next(lengths)))
     rule = KnownDesign(craft, desk, question())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
@@ -239,22 +239,22 @@ def test_a_slow_computer_ends_a_relay_later_with_the_same_half_periods(looks: in
     rule = growing(Desk(*ANSWERS, looks=looks))
     assert ended_after(rule, reversals=40)[0] == ends
     assert rule.known
-    assert rule.counted_to == pytest.approx(swing(30).end)
+    assert rule.counted_to == pytest.approx(relay_record(30).end)
 
 
 def test_an_assessment_pending_after_five_periods_is_awaited() -> None:
     desk = Desk(*ANSWERS, looks=40)
-    rule, run = growing(desk), swing(60)
+    rule, run = growing(desk), relay_record(60)
     assert ended_after(rule, reversals=7) == (0, "")
     counted = rule.conclude(run, desk.result)
     assert rule.known and counted.meta["enough"]
-    assert counted.end == pytest.approx(swing(30).end)
+    assert counted.end == pytest.approx(relay_record(30).end)
     assert counted.reason.startswith("the model is accurate enough")
 
 
 def test_a_relay_that_ended_by_itself_counts_whole_without_determined_gains() -> None:
     desk = Desk(*[UNKNOWN] * 9, looks=40)
-    rule, run = growing(desk), swing(60)
+    rule, run = growing(desk), relay_record(60)
     ended_after(rule, reversals=7)
     assert rule.conclude(run, desk.result) is run
     assert not rule.known
@@ -283,16 +283,16 @@ def test_a_failing_assessment_ends_nothing_and_a_running_one_is_abandoned() -> N
 def test_in_simulated_time_an_assessment_is_immediate_and_starts_from_the_last_gains(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked: list[tuple[int, ProvisionalGains | None]] = []
+    requested: list[tuple[int, ProvisionalGains | None]] = []
 
     def answer(question: DesignQuestion, run: Trial | None, last: ProvisionalGains | None) -> Assessment:
-        asked.append((0 if run is None else len(run["psi"]), last))
+        requested.append((0 if run is None else len(run["psi"]), last))
         return KNOWN
 
     monkeypatch.setattr(stop_rule, "assess", answer)
-    craft: Any = SimpleNamespace(clock=ManualClock(), recorded_so_far=lambda meta: swing(7.0))
+    craft: Any = SimpleNamespace(clock=ManualClock(), recorded_so_far=lambda meta: relay_record(7.0))
     rule = KnownDesign(craft, Desk(), question())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
     assert ended_after(rule)[0] == 3
-    assert asked == [(0, None), (70, GAINS)]
+    assert requested == [(0, None), (70, GAINS)]

@@ -47,8 +47,8 @@ def test_one_run_is_checked_on_its_last_third_and_the_final_fit_uses_all_of_it()
 def test_each_of_several_runs_is_predicted_from_the_others() -> None:
     found = study([steps(1), steps(2), steps(3)], [], StudySettings(), "2026-01-01T00:00:00")
     assert found.answer.unseen is not None
-    told = [(t.run, t.signal) for t in found.answer.unseen.traces]
-    assert told == [(f"steps-{k}", s) for k in (1, 2, 3) for s in ("psi", "r")]
+    reported = [(t.run, t.signal) for t in found.answer.unseen.traces]
+    assert reported == [(f"steps-{k}", s) for k in (1, 2, 3) for s in ("psi", "r")]
 
 
 def test_a_run_of_another_vehicle_is_predicted_badly() -> None:

@@ -14,7 +14,7 @@ from gcs_autotune.trial import Channel, Trial, save_trial
 from gcs_autotune.workflow import StudySettings, study
 
 
-def swing(name: str, half: int) -> Trial:
+def square_wave_run(name: str, half: int) -> Trial:
     """Return 40 s at 10 Hz of 0.04 r' + 0.02 r = N under a square wave of *half* ticks each way."""
     n = np.where(np.arange(400) // half % 2, -0.06, 0.06)
     psi, r = np.zeros(400), np.zeros(400)
@@ -28,17 +28,17 @@ def swing(name: str, half: int) -> Trial:
     return Trial(name, {c: Channel(c, unit, t, values) for c, (unit, values) in channels.items()})
 
 
-def told(runs, settings: StudySettings, unseen=()) -> list[tuple[str, int, int]]:
+def stages_of(runs, settings: StudySettings, unseen=()) -> list[tuple[str, int, int]]:
     stages: list[tuple[str, int, int]] = []
     study(runs, unseen, settings, "", lambda *stage: stages.append(stage))
     return stages
 
 
-RUNS = (swing("a", 40), swing("b", 25))
+RUNS = (square_wave_run("a", 40), square_wave_run("b", 25))
 
 
 def test_each_fit_and_each_held_out_check_is_a_stage():
-    assert told(RUNS, StudySettings(dof="yaw", structure="linear", delay=0.0)) == [
+    assert stages_of(RUNS, StudySettings(dof="yaw", structure="linear", delay=0.0)) == [
         ("output-error: fitting", 0, 3),
         ("output-error: checking", 1, 3),
         ("output-error: checking", 2, 3),
@@ -46,24 +46,24 @@ def test_each_fit_and_each_held_out_check_is_a_stage():
 
 
 def test_without_a_check_there_is_one_stage_and_planning_is_reported_too():
-    stages = told(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0, check=False, plan_next=20.0))
+    stages = stages_of(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0, check=False, plan_next=20.0))
     assert stages == [("output-error: fitting", 0, 1), ("planning the next manoeuvre", 0, 1)]
 
 
 def test_a_refusing_method_skips_its_checks(monkeypatch):
-    room = importlib.import_module("gcs_autotune.workflow.study")
-    real = room.fit
+    study_module = importlib.import_module("gcs_autotune.workflow.study")
+    real = study_module.fit
 
     def choosy(trials, structure, method, **options):
         if method == "two":
             raise NotInformative("not for me")
         return real(trials, structure, "output-error", **options)
 
-    row = room.METHODS["output-error"]
-    monkeypatch.setattr(room, "METHODS", dict.fromkeys(("one", "two", "three"), row))
-    monkeypatch.setattr(room, "_methods", lambda settings: ["one", "two", "three"])
-    monkeypatch.setattr(room, "fit", choosy)
-    stages = told(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0), unseen=RUNS[1:])
+    row = study_module.METHODS["output-error"]
+    monkeypatch.setattr(study_module, "METHODS", dict.fromkeys(("one", "two", "three"), row))
+    monkeypatch.setattr(study_module, "_methods", lambda settings: ["one", "two", "three"])
+    monkeypatch.setattr(study_module, "fit", choosy)
+    stages = stages_of(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0), unseen=RUNS[1:])
     assert stages == [
         ("one: fitting", 0, 6),
         ("one: checking", 1, 6),

@@ -25,12 +25,12 @@ DEAD_BAND = 0.12
 
 def oscillation(name: str, output: float, half_period: float, share: float, dead: float = 0.0) -> Trial:
     """A square wave on an ROV's yaw, thrust ``v (1 - share + share |v|)``, *v* what exceeds the dead band."""
-    n, swing = 10_000, round(half_period / DT)
-    u = np.where((np.arange(n) + swing // 2) // swing % 2 == 0, output, -output)
+    n, half_ticks = 10_000, round(half_period / DT)
+    u = np.where((np.arange(n) + half_ticks // 2) // half_ticks % 2 == 0, output, -output)
     return flown(name, u, share, dead, {"C": output})
 
 
-def dying_swing(share: float, dead: float) -> Trial:
+def decaying_oscillation(share: float, dead: float) -> Trial:
     """What a loop does after a step: an output that runs through all sizes and ends at what holds a constant force."""
     t = DT * np.arange(10_000)
     return flown("step", 0.5 * np.exp(-t / 6.0) * np.cos(2.0 * t), share, dead, {})
@@ -90,11 +90,11 @@ def dead_band() -> tuple[list[Trial], AxisFit]:
 def test_the_step_distinguishes_a_dead_zone_from_a_curve_where_two_sizes_cannot(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
     assert "dead-zone@N.width" not in fit_thrust_curve(runs, plain).parameters
-    found = fit_thrust_curve(runs, plain, dying_swing(0.0, DEAD_BAND))
+    found = fit_thrust_curve(runs, plain, decaying_oscillation(0.0, DEAD_BAND))
     assert found.parameters["dead-zone@N.width"].value == pytest.approx(DEAD_BAND, abs=0.01)
     assert (
         "the oscillations and the step together indicate an actuator that does nothing below 12"
-        in describe_thrust_curve(found, plain, dying_swing(0.0, DEAD_BAND))
+        in describe_thrust_curve(found, plain, decaying_oscillation(0.0, DEAD_BAND))
     )
 
 
@@ -116,8 +116,8 @@ def test_a_dead_zone_that_explains_three_sizes_is_reported(sizes, step, found, m
     curve = fit_thrust_curve([None] * sizes, plain, step)
     assert (curve is fits["dead-zone",]) is found
     if found:
-        said = describe_thrust_curve(curve, plain)
-        assert said == "the three oscillations indicate an actuator that does nothing below 14.4% of full output"
+        announced = describe_thrust_curve(curve, plain)
+        assert announced == "the three oscillations indicate an actuator that does nothing below 14.4% of full output"
 
 
 def test_a_dead_zone_found_from_three_sizes_may_saturate_as_well(monkeypatch):
@@ -129,9 +129,9 @@ def test_a_dead_zone_found_from_three_sizes_may_saturate_as_well(monkeypatch):
     monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
     found = fit_thrust_curve([None] * 3, a_fit(89.7))
     assert found is fits["saturation", "dead-zone"]
-    told = describe_thrust_curve(found, a_fit(89.7))
-    assert "does nothing below 16.7% of full" in told
-    assert "Beyond 77% the force hardly grows" in told
+    description = describe_thrust_curve(found, a_fit(89.7))
+    assert "does nothing below 16.7% of full" in description
+    assert "Beyond 77% the force hardly grows" in description
 
 
 @pytest.mark.slow
@@ -158,25 +158,25 @@ def test_a_step_at_its_edge_distinguishes_a_speed_controllers_neutral_band_from_
 def test_the_step_of_a_boats_turn_rate_tune_is_not_used_in_its_model(axis: str):
     found = Identified(SimpleNamespace(), ())
     context = SimpleNamespace(axis=FIRMWARE["ardurover"].axes[axis])
-    assert again_with_step(context, found, dying_swing(0.0, 0.0)) is found
+    assert again_with_step(context, found, decaying_oscillation(0.0, 0.0)) is found
 
 
 def test_an_rovs_turn_rate_step_is_used_in_its_model_with_a_neutral_band(dead_band):
     runs, plain = dead_band
-    asked = []
+    requested = []
 
     def run_in_background(work: Callable[..., object], *args: object, **named: object) -> None:
-        asked.append((work, args, named))
+        requested.append((work, args, named))
 
     context = SimpleNamespace(
         axis=FIRMWARE["ardusub"].axes["heading"],
         settings=SimpleNamespace(structure=None),
         run_in_background=run_in_background,
-        log=SimpleNamespace(say=asked.append),
+        log=SimpleNamespace(say=requested.append),
     )
-    step = dying_swing(0.0, DEAD_BAND)
+    step = decaying_oscillation(0.0, DEAD_BAND)
     assert again_with_step(context, Identified(plain, runs), step).extended is None
-    assert asked == [
+    assert requested == [
         "identifying from the experiments and the step",
         (fit_thrust_curve, (runs, plain, step), {"with_band": True}),
         (fit_slow_actuator, (runs, plain), {}),
@@ -200,11 +200,11 @@ def test_a_linear_actuator_needs_no_third_size():
 
 
 def test_an_experiment_reports_the_model_with_the_curve_as_a_tune_does():
-    runs, said = two(0.8), []
+    runs, announced = two(0.8), []
     plain = fit_axis(runs, dof="yaw")
 
-    def told_of(structure: str | None) -> AxisFit:
-        log = SimpleNamespace(say=said.append, fit=plain)
+    def fit_reported(structure: str | None) -> AxisFit:
+        log = SimpleNamespace(say=announced.append, fit=plain)
         settings = SimpleNamespace(structure=structure)
         context = SimpleNamespace(
             log=log, settings=settings, run_in_background=lambda work, *args, **named: work(*args, **named)
@@ -212,10 +212,10 @@ def test_an_experiment_reports_the_model_with_the_curve_as_a_tune_does():
         identification._extended(context, plain, runs, None)  # type: ignore[arg-type]
         return log.fit
 
-    found = told_of(None)
+    found = fit_reported(None)
     assert [e.slug for e in found.effects] == ["quadratic-actuator"]
     assert found.fit_percent > plain.fit_percent + 5.0
     assert found.covariance.shape == (len(found.parameters),) * 2 == (6, 6)
     assert found.correlation[0, 5] != 0.0
-    assert any("weak for small commands" in text for text in said)
-    assert told_of("affine") is plain
+    assert any("weak for small commands" in text for text in announced)
+    assert fit_reported("affine") is plain

@@ -133,11 +133,11 @@ def test_a_boat_stays_within_the_announced_space(tuned):
     assert 100.0 < far < float(need.split(" up to ")[1].split(" m")[0])
 
 
-def told_and_flown(harness):
+def announced_and_flown(harness):
     """Return how long [s] a tune said it would take, and how long what it flew was."""
-    said = " ".join(harness.said)
-    count, unit = re.search(r"take about (\d+) (s|min) of the vehicle's time", said).groups()
-    flown = sum(int(seconds) for seconds in re.findall(r"\((\d+) s recorded\)", said))
+    messages = " ".join(harness.said)
+    count, unit = re.search(r"take about (\d+) (s|min) of the vehicle's time", messages).groups()
+    flown = sum(int(seconds) for seconds in re.findall(r"\((\d+) s recorded\)", messages))
     return float(count) * {"s": 1.0, "min": 60.0}[unit], float(flown)
 
 
@@ -148,8 +148,8 @@ def test_the_announced_time_is_within_30_percent_of_the_actual_time(tuned, tmp_p
     small = SitlHarness(tmp_path, QUICK)
     small.tune(axis="speed")
     for harness in (large, small):
-        told, flown = told_and_flown(harness)
-        assert 0.7 * flown <= told <= 1.3 * flown, (told, flown)
+        announced_time, flown = announced_and_flown(harness)
+        assert 0.7 * flown <= announced_time <= 1.3 * flown, (announced_time, flown)
     assert flown < 90.0
 
 
@@ -274,7 +274,9 @@ def test_a_boat_that_runs_out_of_space_is_tuned_from_the_partial_records(tmp_pat
     harness = SitlHarness(tmp_path, "blueboat", effects=[waves])
     story = harness.tune(stop_rule="settled", envelope=Envelope(distance=60.0), dry_run=True)
     assert story.ending == "dry-run"
-    said = " ".join(harness.said)
-    assert re.search(r"step-before: stopped, out of space \d+ s into the step and 4 s into the step back: 4\d m", said)
-    assert re.search(r"relay-2: stopped, out of space, not settled after \d+ reversals: 4\d m", said)
+    messages = " ".join(harness.said)
+    assert re.search(
+        r"step-before: stopped, out of space \d+ s into the step and 4 s into the step back: 4\d m", messages
+    )
+    assert re.search(r"relay-2: stopped, out of space, not settled after \d+ reversals: 4\d m", messages)
     assert story.proposal.changes

@@ -54,8 +54,8 @@ def test_a_dead_zone_and_weak_astern_thrust_are_corrected_and_proved(tmp_path: P
     summary = json.loads((harness.directory / "summary.json").read_text())
     assert summary["thrust"]["after"]["departure"] == pytest.approx(story.thrust_after.departure)
     assert "Thrust at each command" in (harness.directory / "report.html").read_text()
-    said = " ".join(harness.said)
-    assert said.index("will write some of MOT_THR_MIN") < said.index("State before the run")
+    announced = " ".join(harness.said)
+    assert announced.index("will write some of MOT_THR_MIN") < announced.index("State before the run")
 
 
 def test_a_tuned_vehicle_is_left_unchanged_by_another_tune(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ class Scripted:
         self.flown.append(name)
         ending = self.endings.get(name, "kept")
         settings.directory.mkdir(parents=True)
-        told = {
+        reported = {
             "ending": ending if isinstance(ending, str) else "aborted",
             "reason": "scripted",
             "gains": {"GAIN_OF_" + name.upper(): [0.2, 0.8]},
@@ -55,7 +55,7 @@ class Scripted:
             },
             "track": None,
         }
-        (settings.directory / "summary.json").write_text(json.dumps(told))
+        (settings.directory / "summary.json").write_text(json.dumps(reported))
         (settings.directory / "parameters_after.json").write_text("{}")
         if isinstance(ending, BaseException):
             raise ending
@@ -99,15 +99,15 @@ def test_an_rov_is_tuned_in_table_order_after_one_announcement(tmp_path, scripte
     story = bench.tune()
     assert script.flown == ["heading", "depth"]
     assert bench.endings == {"heading": "kept", "depth": "restored"}
-    said = [text for text in bench.said if text.startswith("will ")]
-    assert any("in this order: heading, depth" in text for text in said)
-    assert any("take about" in text and "heading" in text and "depth" in text for text in said)
+    messages = [text for text in bench.said if text.startswith("will ")]
+    assert any("in this order: heading, depth" in text for text in messages)
+    assert any("take about" in text and "heading" in text and "depth" in text for text in messages)
     assert sum("Go ahead" in text for text in bench.said) == 1
     assert story.ending == "kept" and not story.resume
     page = (bench.job / "report.html").read_text()
     assert "2 loops: 1 kept, 1 restored." in page
-    told = "Heading: the new gains are kept, tracking error 75\u00a0% lower (measured). GAIN_OF_HEADING "
-    assert told in page.replace("&nbsp;", "\u00a0")
+    reported = "Heading: the new gains are kept, tracking error 75\u00a0% lower (measured). GAIN_OF_HEADING "
+    assert reported in page.replace("&nbsp;", "\u00a0")
     assert "GAIN_OF_HEADING" in page and "params restore" in page
     assert (bench.job / "parameters_before.param").read_text().count("PSC_") >= 4
     assert not bench.link.stays_open
@@ -133,8 +133,8 @@ def test_position_is_omitted_without_a_position_estimate(tmp_path, scripted) -> 
     bench, script = Bench(tmp_path, "bluerov2-6dof", meddling=lost, **SLOW_LOOP), scripted()
     bench.tune(loops=("heading", "depth", "roll", "pitch", "position"))
     assert script.flown == ["heading", "depth", "roll", "pitch"]
-    (told,) = (text for text in bench.said if text.startswith("will not tune position"))
-    assert "no position estimate for 5 s" in told
+    (reported,) = (text for text in bench.said if text.startswith("will not tune position"))
+    assert "no position estimate for 5 s" in reported
 
 
 def test_nothing_is_flown_when_the_answer_is_no(tmp_path, scripted) -> None:

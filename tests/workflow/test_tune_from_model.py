@@ -56,9 +56,9 @@ def test_no_experiment_is_flown_or_announced(tuned):
 
 def test_the_model_is_compared_with_the_step_flown_first(tuned):
     harness, _ = tuned
-    said = next(text for text in harness.said if "explains" in text)
-    assert float(said.split("explains ")[1].split(" %")[0]) > 85.0
-    assert "the model is of this craft" not in said
+    announced = next(text for text in harness.said if "explains" in text)
+    assert float(announced.split("explains ")[1].split(" %")[0]) > 85.0
+    assert "the model is of this craft" not in announced
 
 
 def test_the_handling_of_the_effect_is_reported_and_recorded(tuned):

@@ -76,9 +76,9 @@ def test_better_parameters_are_kept_and_the_mission_is_restored(tmp_path: Path) 
     assert summary["track"]["after"]["rms"] == pytest.approx(story.track_after.rms)
     page = (harness.directory / "report.html").read_text()
     assert "Distance from the route (measured)" in page
-    said = " ".join(harness.said)
-    assert "will need" in said
-    assert said.index("replaces the vehicle's own one") < said.index("State before the run")
+    announced = " ".join(harness.said)
+    assert "will need" in announced
+    assert announced.index("replaces the vehicle's own one") < announced.index("State before the run")
 
 
 def test_a_dry_run_flies_once_and_writes_nothing(tmp_path: Path) -> None:

@@ -51,8 +51,8 @@ def test_better_gains_are_kept_after_a_step_and_a_push(tmp_path: Path) -> None:
     assert all(title in page for title in ("Position before and after", "Model of surge", "Model of sway"))
     sway = load_model(harness.directory / "model-sway.json").axis
     assert sway is not None and sway.axis.name == "sway"
-    said = " ".join(harness.said)
-    assert said.index("need about") < said.index("State before the run")
+    announced = " ".join(harness.said)
+    assert announced.index("need about") < announced.index("State before the run")
 
 
 def test_a_dry_run_writes_nothing_and_flies_once(tmp_path: Path) -> None:

@@ -46,5 +46,5 @@ def test_a_frame_without_a_pitch_motor_is_refused_before_anything_moves(tmp_path
 
 def test_the_angle_at_which_a_run_ends_is_announced(tmp_path: Path) -> None:
     settings = SitlHarness(tmp_path).settings("pitch", envelope=Envelope(pitch=math.radians(30.0)))
-    told = room("pitch", 0.0, settings, Observation(0.0, 0.0, z=2.0), Excursion(60.0, 2.0))
-    assert "More than 30 deg of pitch ends the run (--max-pitch)" in told.text
+    reported = room("pitch", 0.0, settings, Observation(0.0, 0.0, z=2.0), Excursion(60.0, 2.0))
+    assert "More than 30 deg of pitch ends the run (--max-pitch)" in reported.text

@@ -40,8 +40,10 @@ def craft(vehicle: VehicleIdentity = BOARD) -> MavlinkCraft:
 
 
 def settings(folder: Path, **changes: Any) -> TuneSettings:
-    asked = TuneSettings(Connection("sitl:charlie"), folder / "again", axis="heading", step=0.5, resume=folder / "run")
-    return replace(asked, **changes)
+    requested = TuneSettings(
+        Connection("sitl:charlie"), folder / "again", axis="heading", step=0.5, resume=folder / "run"
+    )
+    return replace(requested, **changes)
 
 
 @pytest.fixture
@@ -86,8 +88,8 @@ def test_changed_settings_are_refused_by_name_unless_they_may_differ(run: Path, 
 def test_a_flight_recorded_with_the_settings_of_a_tune_can_be_resumed(run: Path, tmp_path: Path) -> None:
     """Earlier versions recorded a flight as a tune of the heading."""
     note = run / "setting_out.json"
-    told = json.loads(note.read_text())
-    note.write_text(json.dumps({**told, "settings": {**told["settings"], "step": None, "throttle": 0.4}}))
+    reported = json.loads(note.read_text())
+    note.write_text(json.dumps({**reported, "settings": {**reported["settings"], "step": None, "throttle": 0.4}}))
     flight = CommonSettings(Connection("sitl:charlie"), tmp_path / "again", throttle=0.4, resume=run)
     assert Earlier(flight, ("relay-1",)).names == ["relay-1"]
     with pytest.raises(UsageError, match=r"throttle 0\.4 then, 0\.5 now"):
@@ -159,9 +161,9 @@ def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
 
 
 def test_the_resume_advice_lists_reusable_records_and_is_empty_without_any(tmp_path: Path) -> None:
-    asked = settings(tmp_path)
-    told = way_on(asked, ["sign-check", "relay-1", "step-before"], RuntimeError())
-    assert "can be used again: step-before, relay-1. " in told
-    assert f"--resume {asked.directory}" in told
-    assert way_on(asked, ["sign-check"], RuntimeError()) == ""
+    requested = settings(tmp_path)
+    reported = way_on(requested, ["sign-check", "relay-1", "step-before"], RuntimeError())
+    assert "can be used again: step-before, relay-1. " in reported
+    assert f"--resume {requested.directory}" in reported
+    assert way_on(requested, ["sign-check"], RuntimeError()) == ""
     assert set(USED_AGAIN) >= {"step-before", "relay-1"}

@@ -60,26 +60,26 @@ def test_unusual_settings_are_reported_by_the_vehicles_own_names(tmp_path):
 
 def test_a_missing_pressure_is_requested():
     """ArduSub on a link of its own streams none; at 584 m above the sea its simulated depth stays 0 for ever."""
-    told, asked = {}, []
+    reported, requested = {}, []
 
     def send(number):
-        asked.append(number)
-        told["pressure"] = -58000.0
+        requested.append(number)
+        reported["pressure"] = -58000.0
 
     session = SimpleNamespace(request_message=send, wait_for=lambda condition, patience: condition())
-    craft = SimpleNamespace(telemetry=SimpleNamespace(latest=told), session=session)
+    craft = SimpleNamespace(telemetry=SimpleNamespace(latest=reported), session=session)
     check_depth_is_reported(craft, "yaw")
-    assert not asked, "a heading needs no depth"
+    assert not requested, "a heading needs no depth"
     with pytest.raises(PreconditionFailed, match=r"-580 hPa .* altitude of 0\. Nothing was armed"):
         check_depth_is_reported(craft, "heave")
-    assert len(asked) == 1
+    assert len(requested) == 1
 
 
 def test_a_vehicle_that_reports_no_pressure_is_accepted():
-    asked = []
-    session = SimpleNamespace(request_message=asked.append, wait_for=lambda condition, patience: condition())
+    requested = []
+    session = SimpleNamespace(request_message=requested.append, wait_for=lambda condition, patience: condition())
     check_depth_is_reported(SimpleNamespace(telemetry=SimpleNamespace(latest={}), session=session), "heave")
-    assert len(asked) == 1
+    assert len(requested) == 1
 
 
 def test_an_implausible_pressure_is_refused_before_anything_is_armed(tmp_path):

@@ -66,8 +66,8 @@ def test_a_directionally_unstable_ship_is_not_mistaken_for_swapped_steering() ->
         psi[i] = psi[i - 1] + 0.1 * r[i]
     columns = {"N": N, "X": np.full(len(t), 0.4), "psi": psi}
     ship = Trial("own", {n: Channel(n, "1", t, v) for n, v in columns.items()})
-    told = why_tripped(ship, TRIPPED, BOAT, servos_of(RUDDER))
-    assert told is None or "while the steering was to" not in str(told)
+    reported = why_tripped(ship, TRIPPED, BOAT, servos_of(RUDDER))
+    assert reported is None or "while the steering was to" not in str(reported)
 
 
 def test_a_reversed_rudder_is_reported_with_its_servo() -> None:
@@ -111,17 +111,17 @@ def test_no_thruster_is_reported_if_the_craft_ran_straight_before_at_this_thrott
 ) -> None:
     assert straight_throttle(unstable(0.0, 0.4)) == pytest.approx(0.4)
     assert straight_throttle(turning(0.0, 1.0, 0.0)) == straight_throttle(unstable(0.4, 0.0)) == 0.0
-    told = str(why_tripped(unstable(0.4, 0.0), TRIPPED, BOAT, servos_of(SKID), straight))
-    assert ("reversed or dead" in told) == blames
-    assert ("Earlier in this run the craft ran straight" in told) != blames
-    assert "does not keep its course by itself" in told
-    assert ("SERVO" in told) == blames
+    reported = str(why_tripped(unstable(0.4, 0.0), TRIPPED, BOAT, servos_of(SKID), straight))
+    assert ("reversed or dead" in reported) == blames
+    assert ("Earlier in this run the craft ran straight" in reported) != blames
+    assert "does not keep its course by itself" in reported
+    assert ("SERVO" in reported) == blames
 
 
 @pytest.mark.parametrize("steering", [0.0, 0.5])
 def test_a_dead_thruster_is_not_mistaken_for_an_unstable_hull(steering: float) -> None:
-    told = str(why_tripped(turning(0.0, 1.0, -steering), TRIPPED, BOAT, servos_of(SKID)))
-    assert "reversed or dead" in told and "keep its course" not in told
+    reported = str(why_tripped(turning(0.0, 1.0, -steering), TRIPPED, BOAT, servos_of(SKID)))
+    assert "reversed or dead" in reported and "keep its course" not in reported
 
 
 def test_correct_steering_or_another_limit_gives_no_cause() -> None:
