@@ -1,4 +1,4 @@
-"""What docs/developing.md tells of transports, done as it says: one file outside the package and one line."""
+"""The transport of docs/developing.md, built as described: one file outside the package and one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a vehicle says of its parameters: it is boarded, or refused in one sentence with name and value."""
+"""Any parameter value is accepted on connection, or refused in one sentence with name and value."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ KINDS = {
 LIKE_OTHERS = re.compile(
     r"(RC|SERVO)[5-8]_.*|MOT_[3-8]_.*|(RC2|RC4|SERVO2|SERVO4)_(MIN|MAX|DZ|REVERSED|TRIM)|SERVO\d_MIN"
 )
-"""What is read just as its neighbour is, or not at all: left as it should be."""
+"""Parameters that are read exactly as a similar one is, or not at all; they are not varied."""
 
 
 def vehicle_of(firmware: str) -> ScriptedVehicle:
-    """One that has every parameter we ever ask for, each with a value that it may well have."""
+    """Return a vehicle with every parameter that the tool reads, each with a plausible value."""
     kind, own = KINDS[firmware]
     vehicle = ScriptedVehicle(kind)
     axes = FIRMWARE[firmware].axes.values()
@@ -44,7 +44,7 @@ def vehicle_of(firmware: str) -> ScriptedVehicle:
 
 
 class Aboard:
-    """Everything that is read of a vehicle from boarding to the announcement, over one session."""
+    """Everything that is read from a vehicle between connection and announcement, over one session."""
 
     def __init__(self, name: str) -> None:
         self.firmware, self.vehicle = FIRMWARE[name], vehicle_of(name)
@@ -64,7 +64,7 @@ class Aboard:
         remarks_on(craft)
 
     def refusal(self, name: str, value: float) -> str:
-        """What is said when *name* has that *value*; empty when it is taken."""
+        """Return the refusal when *name* has that *value*; empty when it is accepted."""
         self.vehicle.parameters = {**self.own, name: value}
         obeyed = self.own.get("MAV_GCS_SYSID", 255.0)
         self.session.port.system = int(obeyed)

@@ -1,4 +1,4 @@
-"""Outputs asked for, overrides looked for, the steering twitched: how often, how long, and when it is given up."""
+"""Outputs requested, overrides checked, the steering twitched: how often, how long, and when it is given up."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def test_outputs_are_requested_until_two_arrive_and_the_newest_is_used(answers: 
     session = OutputSession(answers)
     assert read(session) == {"first": 1000.0 + heard, "last": 8000.0 + heard}
     assert session.requests == requests
-    assert session.listener is None, "it listens no longer"
+    assert session.listener is None, "its listener is removed"
 
 
 def test_outputs_that_do_not_arrive_are_requested_for_five_seconds() -> None:
     session = OutputSession([])
     assert read(session) == {}
     assert session.requests == 10 and sum(session.waits) == 5.0
-    assert read(OutputSession([1])) == {"first": 1001.0, "last": 8001.0}, "one is better than none"
+    assert read(OutputSession([1])) == {"first": 1001.0, "last": 8001.0}, "one message is used if no second arrives"
     assert read(OutputSession([3], port=1)) == {}, "the second bank of outputs is another"
 
 
@@ -152,7 +152,7 @@ def test_accepted_overrides_are_released_and_awaited_for_a_second(monkeypatch: p
 
 
 class Outputs:
-    """A session and its telemetry in one: outputs heard every 0.1 s, from *silent* seconds on."""
+    """A session and its telemetry in one: outputs received every 0.1 s, from *silent* seconds on."""
 
     def __init__(self, outputs: dict[str, float], silent: float = 0.0) -> None:
         self.clock = self.liveness = ManualClock()

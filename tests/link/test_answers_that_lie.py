@@ -19,7 +19,7 @@ def lie(boat: ScriptedVehicle, value: float) -> None:
 
 
 class Liar:
-    """Answers each question for P with a lie of its own before or after (or instead of) the truth."""
+    """Answers each request for P with a wrong value before or after the true one."""
 
     def __init__(self, boat: ScriptedVehicle, lies: list[float], *, after: bool = False) -> None:
         self.boat, self.lies, self.after = boat, lies, after

@@ -19,7 +19,7 @@ def commands(session: Session) -> Commands:
 
 
 def answering(boat: ScriptedVehicle, *results: int) -> None:
-    """Make the boat answer COMMAND_LONGs with these results, one each; then say nothing."""
+    """Make the boat answer COMMAND_LONGs with these results, one each, and none after them."""
     left = list(results)
 
     def answer(m: Any) -> None:

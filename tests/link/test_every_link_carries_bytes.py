@@ -54,7 +54,7 @@ def read_until(ends: Ends, expected: bytes) -> bytes:
 def receive_until(ends: Ends, expected: bytes) -> bytes:
     data, deadline = b"", Deadline.after(WallClock(), PATIENCE)
     while expected not in data:
-        assert not deadline.expired, "it has not arrived"
+        assert not deadline.expired, "the bytes have not arrived"
         data += ends.receive()
     return data
 

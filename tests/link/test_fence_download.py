@@ -1,4 +1,4 @@
-"""The fence asked of the vehicle item by item: what is lost is asked for again, what answers something else ignored."""
+"""The fence is requested item by item: lost items are requested again, other answers are ignored."""
 
 from __future__ import annotations
 

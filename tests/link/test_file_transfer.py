@@ -79,7 +79,7 @@ def test_a_missing_scripts_folder_is_reported_with_its_cure():
 
 
 class Loaded:
-    """Counts how often the autopilot was told to load its scripts."""
+    """Counts the requests to load the scripts."""
 
     def __init__(self) -> None:
         self.restarts = 0

@@ -1,4 +1,4 @@
-"""Is it the vehicle that a journal was written for? Told by kind, board, or what was calibrated."""
+"""The vehicle of a journal is identified by its type, board or calibration."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_board_without_an_id_is_not_taken_for_one_with_an_id() -> None:
 
 
 def test_a_vehicle_without_an_id_is_identified_by_its_calibration() -> None:
-    """A journal of it holds the fingerprint; the vehicle here may well have told an id since."""
+    """Its journal contains the fingerprint; the vehicle here may report an id by now."""
     known = {**HERE.to_dict(), "uid": ""}
     assert difference(known, PRINT, HERE, having(dict(PRINT))) == ""
     other = {**PRINT, "INS_ACCOFFS_X": 0.013}

@@ -1,4 +1,4 @@
-"""Coming aboard on stand-ins: whom the vehicle obeys, how it is wired, and what a failure leaves behind."""
+"""Connecting, on stand-ins: whom the vehicle obeys, how it is wired, and what a failure leaves behind."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class Steps:
         self.telemetry.ticks += self.ticks
         return condition()
 
-    def board(self, monkeypatch: pytest.MonkeyPatch, **options: Any) -> Any:
+    def connect(self, monkeypatch: pytest.MonkeyPatch, **options: Any) -> Any:
         steps = self
 
         class Rates:
@@ -190,7 +190,7 @@ def test_rates_are_requested_fitted_raised_and_kept_before_the_tick_is_followed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     steps = Steps(radio="SiK")
-    steps.board(
+    steps.connect(
         monkeypatch, wanted_rates=WANTED, needed_rates=NEEDED, spare_rates={"ATTITUDE": 25.0}, first_rates=WANTED
     )
     assert steps.done == [
@@ -207,18 +207,18 @@ def test_rates_are_requested_fitted_raised_and_kept_before_the_tick_is_followed(
     assert "by 50 ms" in late
     assert radio == "telemetry radio: SiK"
     bare = Steps()
-    bare.board(monkeypatch)
+    bare.connect(monkeypatch)
     assert ("quicken", {}, 0.02, "latency") in bare.done
     assert len(bare.session.notes) == 1
 
 
 def test_a_vehicle_already_discovered_is_not_discovered_again(monkeypatch: pytest.MonkeyPatch) -> None:
     known = Steps()
-    known.board(monkeypatch, timeout=4.0, system_id=9)
+    known.connect(monkeypatch, timeout=4.0, system_id=9)
     assert known.done[0][0] == "rates"
     new = Steps()
     new.session.vehicle = None
-    new.board(monkeypatch, timeout=4.0, system_id=9)
+    new.connect(monkeypatch, timeout=4.0, system_id=9)
     assert new.done[0] == ("discover", 4.0, 9)
 
 
@@ -226,7 +226,7 @@ def test_a_vehicle_already_discovered_is_not_discovered_again(monkeypatch: pytes
 def test_rates_are_restored_when_connecting_fails(monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
     steps = Steps(fails=fails)
     with pytest.raises(TelemetryFault):
-        steps.board(monkeypatch)
+        steps.connect(monkeypatch)
     assert steps.done[-1] == ("restore",)
     assert ("keep",) not in steps.done
 
@@ -249,7 +249,7 @@ def test_a_vehicle_that_does_not_answer_causes_a_check_for_a_full_link(
     def refuse(*_: Any) -> None:
         raise error
 
-    def board() -> None:
+    def connect() -> None:
         monkeypatch.setattr(handshake, "_read_config", refuse)
         monkeypatch.setattr(handshake, "check_answers_come", lambda *given: looked.append(given))
         monkeypatch.setattr(handshake, "Parameters", lambda session: "parameters")
@@ -257,5 +257,5 @@ def test_a_vehicle_that_does_not_answer_causes_a_check_for_a_full_link(
         open_craft(steps.session, wanted_rates=WANTED, first_rates=NEEDED)
 
     with pytest.raises(type(error)):
-        board()
+        connect()
     assert looked == [(steps.session, WANTED, NEEDED, error)]

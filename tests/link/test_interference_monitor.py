@@ -1,4 +1,4 @@
-"""Other stations and a pilot on the same vehicle: we stop, and say who it was."""
+"""Other stations and a pilot on the same vehicle: the run stops and reports who it was."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
 from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
 
 
-def board(peer: Peer) -> MavlinkCraft:
+def connect(peer: Peer) -> MavlinkCraft:
     return open_craft(Session(MemoryLink(peer)), arm_patience=3.0)
 
 
@@ -42,7 +42,7 @@ def router(boat: ScriptedVehicle) -> Router:
 
 @pytest.fixture
 def flying(router: Router) -> MavlinkCraft:
-    """An armed boat under our hands, with a second station (system 252) on the link."""
+    """An armed boat flown by this tool, with a second station (system 252) on the link."""
     router.other = router.station(252)  # type: ignore[attr-defined]
     return lone(router)
 
@@ -67,15 +67,15 @@ def test_a_mode_change_is_reported_with_the_station_that_ordered_it(flying: Mavl
 
 
 def lone(peer: Peer) -> MavlinkCraft:
-    """An armed boat under our hands, nobody else flying it."""
-    craft = board(peer)
+    """An armed boat that only this tool flies."""
+    craft = connect(peer)
     craft.arm()
     fly(craft)
     return craft
 
 
 def pause(craft: MavlinkCraft, seconds: float) -> None:
-    """This program does nothing for so long."""
+    """Let this program pause for so long."""
     clock: Any = craft.clock
     clock.advance(seconds)
 
@@ -103,7 +103,7 @@ def test_a_failsafe_after_our_own_pause_is_reported_as_caused_by_the_pause(boat:
 def test_a_hold_after_a_pause_too_short_for_a_failsafe_is_another_stations_order(
     boat: ScriptedVehicle, paused: float, receiver: bool
 ) -> None:
-    """Its acknowledgement goes to that station alone, so nobody else is heard."""
+    """Its acknowledgement goes to that station alone, so no other station is detected."""
     craft = lone(boat) if receiver else alone(boat)
     boat.mode = 4
     pause(craft, paused)
@@ -209,7 +209,7 @@ def test_an_order_between_manoeuvres_is_detected(boat: ScriptedVehicle) -> None:
 
 
 def test_a_vehicle_that_is_armed_by_another_station_is_not_disarmed(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     craft.take_over()
     boat.armed = True
     found = craft.intervention()
@@ -248,7 +248,7 @@ def test_the_check_for_a_restart_ends_with_its_answer(boat: ScriptedVehicle) -> 
 
 
 def test_a_failsafe_that_the_vehicle_reports_is_not_attributed_to_another_station(boat: ScriptedVehicle) -> None:
-    """As ArduRover 4.5 said when its stock boat span at full rudder."""
+    """ArduRover 4.5 sent these texts when its stock boat spun at full rudder."""
     craft = lone(boat)
     boat.say("EKF variance")
     boat.say("EKF failsafe")
@@ -260,10 +260,10 @@ def test_a_failsafe_that_the_vehicle_reports_is_not_attributed_to_another_statio
 
 
 def test_a_failsafe_reported_without_our_pause_is_reported_as_a_failsafe(rov: ScriptedVehicle) -> None:
-    """Its text holds no word of a failsafe."""
+    """Its text does not contain the word failsafe."""
     rov.receiver = None
     rov.parameters.update(FS_PILOT_INPUT=2.0, FS_PILOT_TIMEOUT=1.0)
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     for _ in range(10):
         craft.observe()
@@ -322,7 +322,7 @@ def test_a_foreign_parameter_write_is_reported_with_the_stations_present(flying:
 def test_a_foreign_parameter_write_is_reported_with_its_sender_on_a_broadcast_link(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     other = router.station(42, 25)
-    craft = board(router)
+    craft = connect(router)
     craft.arm()
     craft.parameters.watch({"WP_SPEED": 2.0})
     router.say(other, mavlink.MAVLink_param_set_message(1, 1, b"WP_SPEED", 8.0, 9))
@@ -440,7 +440,7 @@ def test_another_stations_request_for_control_is_reported_and_not_granted(flying
 def test_commands_to_another_vehicle_are_ignored(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     other = router.station(42, 25)
-    craft = board(router)
+    craft = connect(router)
     router.say(other, mavlink.MAVLink_param_set_message(7, 1, b"WP_SPEED", 8.0, 9))
     craft.observe()
     assert not craft.other_stations.orders
@@ -582,7 +582,7 @@ def refused(craft: MavlinkCraft) -> str:
 
 
 def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     boat.parameters["MAV_GCS_SYSID"] = 42
     said = refused(craft)
     assert "RC_CHANNELS shows channel 1 1500 us for 1508" in said
@@ -604,7 +604,7 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle)
 def test_the_reason_for_ignored_overrides_is_read_from_the_parameters(
     boat: ScriptedVehicle, changes: dict[str, float], words: str
 ) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
     boat.parameters |= changes
     assert words in refused(craft)
@@ -612,13 +612,13 @@ def test_the_reason_for_ignored_overrides_is_read_from_the_parameters(
 
 
 def test_a_vehicle_that_receives_nothing_has_a_broken_uplink(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     boat.receive = lambda data: None  # type: ignore[method-assign]
     assert "the uplink is broken" in refused(craft)
 
 
 def test_outputs_that_do_not_follow_are_detected_before_anything_is_flown(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     boat.servos[0], boat._actuate = (
         1500,
         lambda: boat.rc.__setitem__(  # type: ignore[method-assign]
@@ -634,7 +634,7 @@ def test_outputs_that_do_not_follow_are_detected_before_anything_is_flown(boat: 
 
 def test_a_boat_without_rc_channels_is_checked_by_its_outputs(boat: ScriptedVehicle) -> None:
     boat.mute.add("RC_CHANNELS")
-    craft = board(boat)
+    craft = connect(boat)
     craft.arm()
     assert any("sends no RC_CHANNELS" in note for note in craft.session.notes)
 
@@ -642,7 +642,7 @@ def test_a_boat_without_rc_channels_is_checked_by_its_outputs(boat: ScriptedVehi
 def test_options_that_forbid_overrides_are_rejected_on_connection(boat: ScriptedVehicle) -> None:
     boat.parameters["RC_OPTIONS"] = 34
     with pytest.raises(PreconditionFailed, match="Set it to 32"):
-        board(boat)
+        connect(boat)
 
 
 # --- channels --------------------------------------------------------------------------------
@@ -651,7 +651,7 @@ def test_options_that_forbid_overrides_are_rejected_on_connection(boat: Scripted
 def test_remapped_channels_are_driven(boat: ScriptedVehicle) -> None:
     boat.parameters |= {"RCMAP_ROLL": 4, "RCMAP_THROTTLE": 2}
     boat._actuate = lambda: None  # type: ignore[method-assign]
-    craft = board(boat)
+    craft = connect(boat)
     craft.send(Actuate(X=0.5))
     craft.observe()
     message = boat.last("RC_CHANNELS_OVERRIDE")
@@ -661,7 +661,7 @@ def test_remapped_channels_are_driven(boat: ScriptedVehicle) -> None:
 def test_a_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> None:
     """Without a receiver a channel keeps its last value for ever, be it a joystick's that was unplugged."""
     rov.receiver, rov.rc[1] = None, 1650
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     assert rov.rc[1] == 1500
 
@@ -676,7 +676,7 @@ def make_older(rov: ScriptedVehicle) -> None:
 def test_an_older_rovs_throttle_stick_is_neutral_at_mid_travel(rov: ScriptedVehicle) -> None:
     make_older(rov)
     rov._actuate = lambda: None  # type: ignore[method-assign]
-    craft = board(rov)
+    craft = connect(rov)
     for down, pwm in ((0.5, 1300), (0.0, 1500), (-1.0, 1900)):
         craft.send(Actuate(Z=down))
         craft.observe()
@@ -690,18 +690,18 @@ def test_an_older_rovs_throttle_stick_is_neutral_at_mid_travel(rov: ScriptedVehi
 def test_an_older_rov_without_neutral_throttle_at_mid_travel_is_refused(
     rov: ScriptedVehicle, name: str, value: float, cure: str
 ) -> None:
-    """Such a one would dive at full thrust with the stick at 1500."""
+    """Such an ROV would dive at full thrust with the stick at 1500."""
     make_older(rov)
     rov.parameters[name] = value
     with pytest.raises(PreconditionFailed, match=f"Set RC3_TRIM 1100{cure} and try again"):
-        board(rov)
+        connect(rov)
 
 
 def test_an_older_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> None:
     """Pitch is channel 1 there, roll channel 2."""
     make_older(rov)
     rov.receiver, rov.rc[1], rov.rc[2] = None, 1600, 1650
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     assert (rov.rc[1], rov.rc[2]) == (1500, 1500)
 
@@ -723,7 +723,7 @@ def test_a_release_without_effect_is_reported(flying: MavlinkCraft, boat: Script
 def test_an_rov_is_neutral_after_disarming() -> None:
     rov = ScriptedVehicle(ROV)
     rov.receiver = None
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     craft.neutral()
     craft.disarm()

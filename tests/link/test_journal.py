@@ -1,4 +1,4 @@
-"""A journal line by line: what each event makes of the debts, and what is let go of when writing fails."""
+"""A journal line by line: the debts after each event, and what is closed when writing fails."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_returned_or_kept_parameter_is_no_longer_owed(path: Path, settled: dic
     events = [OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), writing("I", 0.3), settled]
     state = state_of(path, *events)
     assert (state.debts, state.written) == ({"I": 0.1}, {"I": (0.3,)})
-    assert state_of(path, *events, settled).debts == {"I": 0.1}, "said twice"
+    assert state_of(path, *events, settled).debts == {"I": 0.1}, "recorded twice"
     assert state_of(path, *events, event("closed")).is_settled is False
     done = state_of(path, *events, event("returned", name="I", value=0.1), event("closed"))
     assert done.is_settled and done.closed
@@ -162,7 +162,7 @@ def full(*_: object) -> int:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("begin", [Journal, Journal.resume], ids=["new", "gone on with"])
+@pytest.mark.parametrize("begin", [Journal, Journal.resume], ids=["new", "resumed"])
 @pytest.mark.parametrize("call", ["write", "fsync"])
 def test_a_journal_that_cannot_be_begun_is_closed(
     path: Path, monkeypatch: pytest.MonkeyPatch, begin: Callable[[Path], Journal], call: str
@@ -173,7 +173,7 @@ def test_a_journal_that_cannot_be_begun_is_closed(
         patch.setattr(journal_module.os, call, full)
         with pytest.raises(PreconditionFailed, match=r"No space left on device.*so no parameter may be"):
             begin(path)
-    assert path.read_bytes() == before, "no half line is left"
+    assert path.read_bytes() == before, "no partial line is left"
     begin(path).close()
 
 

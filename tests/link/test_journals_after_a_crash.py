@@ -1,4 +1,4 @@
-"""What a power cut, a full disk or a second program leaves of a journal, and what is still made of it."""
+"""A journal after a power cut, a full disk or a second program, and how it is recovered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How late things are, answer by answer: clocks compared, changes timed, and what is not timed."""
+"""Delays, answer by answer: clocks compared, changes timed, and what is not timed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune.link.vehicle.latency import Latency, least_period
 
 
 class Listening:
-    """As much of a session as ``Latency`` needs."""
+    """The part of a session that ``Latency`` needs."""
 
     def __init__(self) -> None:
         self.clock = ManualClock(50.0)
@@ -40,7 +40,7 @@ def latency(link: Listening) -> Latency:
 
 
 def sync(link: Listening, latency: Latency, trip: float, boot: float, after: float = 1.0) -> None:
-    """Ask, and be answered after *trip* [s] by a vehicle whose clock says *boot* half-way."""
+    """Request and answer after *trip* [s], the vehicle's clock at *boot* half-way."""
     latency.ask()
     link.clock.advance(trip)
     link.answer(SimpleNamespace(tc1=round(boot * 1e9), ts1=link.sent[-1].ts1))
@@ -75,7 +75,7 @@ def test_a_clock_of_another_speed_is_followed_and_small_drift_is_ignored(
 def test_uneven_trip_times_are_not_taken_for_another_clock_speed(
     link: Listening, latency: Latency, trips: tuple[float, float], side: float, off: float, followed: bool
 ) -> None:
-    """Over ten seconds the longer of both trips, twice, makes 5 % beside the 2 % that clocks may drift."""
+    """Over ten seconds the longer of both trips, twice, adds 5 % to the 2 % that clocks may drift."""
     middles = (50.0 + 0.5 * trips[0], 60.0 + 0.5 * trips[1])
     expected = 7.0 + (1.0 + side * off) * (middles[1] - middles[0])
     sync(link, latency, trips[0], 7.0, after=10.0)

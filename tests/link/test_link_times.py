@@ -20,10 +20,10 @@ from sitl import open_vehicle
 
 WANTED = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 40.0, "RC_CHANNELS": 10.0, "GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 5.0}
 ALL = 10 * 40 + 40 * 33 + 10 * 54 + 10 * 40 + 5 * 32
-"""Bytes a second that these take, roughly."""
+"""Approximate bytes per second of these messages."""
 
 
-def board(peer: Peer) -> MavlinkCraft:
+def connect(peer: Peer) -> MavlinkCraft:
     return open_craft(Session(MemoryLink(peer)), wanted_rates=WANTED, arm_patience=3.0)
 
 
@@ -38,7 +38,7 @@ def oscillate(craft: MavlinkCraft, seconds: int) -> None:
 
 @pytest.mark.parametrize("latency", [0.0, 0.06, 0.2])
 def test_the_delays_of_a_link_are_measured(boat: ScriptedVehicle, latency: float) -> None:
-    craft = board(Narrow(boat, latency=latency))
+    craft = connect(Narrow(boat, latency=latency))
     craft.arm()
     oscillate(craft, 10)
     times = craft.link_times
@@ -51,8 +51,8 @@ def test_the_delays_of_a_link_are_measured(boat: ScriptedVehicle, latency: float
 def test_the_loop_delay_is_never_shorter_than_the_command_to_servo_delay(
     boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Clocks compared over an uneven link say that a command left before the attitude it answers was there."""
-    craft = board(Narrow(boat, latency=0.06))
+    """Over an uneven link the compared clocks place a command before the attitude that it responds to."""
+    craft = connect(Narrow(boat, latency=0.06))
     craft.arm()
     vehicle_time = craft.latency.vehicle_time
     monkeypatch.setattr(craft.latency, "vehicle_time", lambda t: vehicle_time(t) - 0.5)
@@ -64,7 +64,7 @@ def test_the_loop_delay_is_never_shorter_than_the_command_to_servo_delay(
 
 
 def test_jitter_shows_in_the_90th_percentile(boat: ScriptedVehicle) -> None:
-    craft = board(Narrow(boat, latency=0.05, jitter=0.15))
+    craft = connect(Narrow(boat, latency=0.05, jitter=0.15))
     craft.arm()
     oscillate(craft, 20)
     times = craft.link_times
@@ -73,14 +73,14 @@ def test_jitter_shows_in_the_90th_percentile(boat: ScriptedVehicle) -> None:
 
 
 def test_the_delay_sets_the_shortest_period_that_can_be_flown(boat: ScriptedVehicle) -> None:
-    craft = board(Narrow(boat, latency=0.2))
+    craft = connect(Narrow(boat, latency=0.2))
     assert craft.least_period == pytest.approx(8 / 10.0, rel=0.1)
     craft.arm()
     assert craft.least_period == pytest.approx(8 * (0.42 + 0.05), rel=0.15)
 
 
 def test_a_trial_contains_the_link_delays(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     craft.arm()
     craft.start_recording("relay")
     oscillate(craft, 3)
@@ -92,7 +92,7 @@ def test_a_trial_contains_the_link_delays(boat: ScriptedVehicle) -> None:
 
 def test_a_vehicle_without_timesync_can_be_flown(boat: ScriptedVehicle) -> None:
     boat.on["TIMESYNC"] = lambda _: None
-    craft = board(boat)
+    craft = connect(boat)
     craft.arm()
     assert str(craft.link_times).startswith("whole loop")
 
@@ -101,14 +101,14 @@ def test_a_vehicle_without_timesync_can_be_flown(boat: ScriptedVehicle) -> None:
 
 
 def test_a_wide_link_gets_the_full_rates(boat: ScriptedVehicle) -> None:
-    craft = board(Narrow(boat, rate=11520.0))
+    craft = connect(Narrow(boat, rate=11520.0))
     assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.1)
     assert not any("bytes/s" in note for note in craft.session.notes)
 
 
 def test_a_narrow_link_carries_the_most_needed_messages(boat: ScriptedVehicle) -> None:
     pipe = Narrow(boat, rate=1100.0, latency=0.05, jitter=0.02)
-    craft = board(pipe)
+    craft = connect(pipe)
     rates = craft.rates.measured
     assert rates["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
     assert 10.0 <= rates["SERVO_OUTPUT_RAW"] < 30.0
@@ -121,7 +121,7 @@ def test_a_narrow_link_carries_the_most_needed_messages(boat: ScriptedVehicle) -
     assert 9.0 <= craft.link_times.override_rate <= 25.0, "the way up is spared too"
 
 
-def board_with_room_to_spare(peer: Peer) -> MavlinkCraft:
+def connect_with_spare_rates(peer: Peer) -> MavlinkCraft:
     return open_craft(
         Session(MemoryLink(peer)), wanted_rates=WANTED, spare_rates={"SERVO_OUTPUT_RAW": 100.0}, arm_patience=3.0
     )
@@ -129,7 +129,7 @@ def board_with_room_to_spare(peer: Peer) -> MavlinkCraft:
 
 def test_outputs_are_requested_at_100_hz_from_a_fast_loop_and_40_hz_from_a_slow_one() -> None:
     for vehicle, rate in (("falcon", 100.0), ("charlie", 40.0)):
-        craft = board_with_room_to_spare(open_vehicle(vehicle))
+        craft = connect_with_spare_rates(open_vehicle(vehicle))
         assert craft.rates.granted["SERVO_OUTPUT_RAW"].granted == rate
         craft.rates.measure({})
         assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(rate, rel=0.1)
@@ -137,7 +137,7 @@ def test_outputs_are_requested_at_100_hz_from_a_fast_loop_and_40_hz_from_a_slow_
 
 
 def test_a_link_without_spare_capacity_keeps_the_usual_rates() -> None:
-    craft = board_with_room_to_spare(Narrow(open_vehicle("falcon"), rate=3600.0))
+    craft = connect_with_spare_rates(Narrow(open_vehicle("falcon"), rate=3600.0))
     assert craft.rates.granted["SERVO_OUTPUT_RAW"].granted == 40.0
     assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.1)
     assert craft.rates.measured["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
@@ -147,7 +147,7 @@ RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
 
 
 def chatting(boat: ScriptedVehicle) -> ScriptedVehicle:
-    """Have *boat* send RAW_IMU at 20 Hz unasked, behind all else, as an autopilot streams by default."""
+    """Have *boat* send RAW_IMU at 20 Hz without a request, after all else, as an autopilot streams by default."""
     boat.intervals[RAW_IMU] = 0.05
     step = boat._step
 
@@ -162,7 +162,7 @@ def chatting(boat: ScriptedVehicle) -> ScriptedVehicle:
 
 
 def test_unrequested_streams_are_turned_off_on_a_narrow_link_and_restored(boat: ScriptedVehicle) -> None:
-    craft = board(Narrow(chatting(boat), rate=1200.0))
+    craft = connect(Narrow(chatting(boat), rate=1200.0))
     assert craft.rates.measured["ATTITUDE"] >= 4.5
     assert any("RAW_IMU off" in note for note in craft.session.notes)
     craft.rates.restore()
@@ -176,17 +176,17 @@ def test_unrequested_streams_are_turned_off_on_a_narrow_link_and_restored(boat: 
 def test_messages_crowded_out_on_a_narrow_link_are_not_taken_for_missing(
     boat: ScriptedVehicle, rate: int, answers_by_name: bool
 ) -> None:
-    """With this much room attitudes and outputs alone fill it, to the message, and three others never come."""
+    """At this capacity attitudes and outputs alone fill the link, and three other messages never arrive."""
     if not answers_by_name:
         boat.asked_for = lambda number: number == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-    craft = board(Narrow(chatting(boat), rate=rate))
+    craft = connect(Narrow(chatting(boat), rate=rate))
     assert all(craft.rates.measured[name] > 0.5 for name in WANTED)
     assert any("the link carries" in note for note in craft.session.notes)
 
 
 def test_an_unsupported_message_does_not_affect_the_others(boat: ScriptedVehicle) -> None:
     boat.mute.add("VFR_HUD")
-    craft = board(boat)
+    craft = connect(boat)
     assert craft.rates.measured["VFR_HUD"] == 0.0
     assert {n: g.granted for n, g in craft.rates.granted.items()} == WANTED
     assert boat.intervals[mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == pytest.approx(1.0 / WANTED["SERVO_OUTPUT_RAW"])
@@ -197,7 +197,7 @@ def test_the_status_report_of_a_radio_is_shown(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     radio = mavlink.MAVLink(None, srcSystem=51, srcComponent=68)
     router.every(radio, 0.5, lambda: mavlink.MAVLink_radio_status_message(180, 150, 40, 20, 30, 7, 0))
-    craft = board(router)
+    craft = connect(router)
     assert any(
         "radio: signal 180 and noise 20 here" in n and "40 % of its buffer free" in n for n in craft.session.notes
     )
@@ -207,7 +207,7 @@ def test_the_status_report_of_a_radio_is_shown(boat: ScriptedVehicle) -> None:
 def test_a_link_too_narrow_for_the_minimum_is_refused_with_its_capacity(boat: ScriptedVehicle) -> None:
     lossy, slow = r"loses \d+ % of .* is overloaded", r"it carries \d+ bytes/s.* Use a faster link"
     with pytest.raises(TelemetryFault, match=f"{lossy}|{slow}"):
-        board(Narrow(boat, rate=250.0))
+        connect(Narrow(boat, rate=250.0))
 
 
 @settings(max_examples=50, deadline=None)
@@ -233,7 +233,7 @@ def test_rates_changed_by_another_station_are_requested_again_and_reported(boat:
         boat.intervals[number] = 1.0 / m.req_message_rate
 
     boat.on["REQUEST_DATA_STREAM"] = stream
-    craft = board(router)
+    craft = connect(router)
     craft.arm()
     router.say(other, mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 2, 1))
     oscillate(craft, 3)
@@ -249,7 +249,7 @@ def test_foreign_traffic_through_a_router_changes_nothing_recorded(boat: Scripte
     router = Router(boat, repeats=True)
     other = router.station(252)
     router.every(other, 0.1, lambda: mavlink.MAVLink_attitude_message(1, 0.0, 0.0, 2.0, 0.0, 0.0, 9.0))
-    craft = board(router)
+    craft = connect(router)
     craft.arm()
     craft.start_recording("relay")
     oscillate(craft, 5)

@@ -1,4 +1,4 @@
-"""Who speaks, by number: both protocols, two that interleave, strangers told of once, a vehicle that moved."""
+"""Senders by sequence number: both protocols, two that interleave, others reported once, a vehicle that moved."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_two_senders_are_reported_once_after_five_frames_of_each(v1: bool, begin
 
 
 def test_at_most_sixteen_sequences_are_followed() -> None:
-    """Of so many that speak in turn each begins again where it is followed still."""
+    """Seventeen interleaved senders exceed the limit, so none of them is followed."""
     in_turn = [[n for k in range(8) for n in range(0, 10 * count, 10)] for count in (16, 17)]
     every = [[(n + k // count) % 256 for k, n in enumerate(row)] for count, row in zip((16, 17), in_turn, strict=True)]
     assert [count_notes(row) for row in every] == [1, 0]
@@ -65,7 +65,7 @@ def test_other_senders_are_reported_once_each_when_the_held_sender_is_heard_agai
     for _ in range(2):
         for k in range(2):
             sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 3, 9, f"{ELSEWHERE}{k}"))
-        assert len(notes) in (0, 2), "who is silent since may be him, at another port"
+        assert len(notes) in (0, 2), "the vehicle may have moved to another port"
         sender.hear(numbered(2, origin=HOME))
         assert len(notes) == 2
     assert f"another sender at {ELSEWHERE}0 uses the vehicle's ids (system 3, component 9)" in notes[0]
@@ -131,7 +131,7 @@ def test_the_longest_of_several_silences_is_reported_while_its_end_is_in_the_spa
 
 
 def test_only_time_spent_listening_counts_as_silence() -> None:
-    """Half a second from pump to pump at most: longer, it was we who were away."""
+    """A gap between pumps counts at most half a second: in a longer one this program was away."""
     hearing = Liveness(100.0)
     hearing.count(100.4)
     assert (hearing.listened, hearing.silence) == (pytest.approx(0.4), pytest.approx(0.4))
@@ -167,4 +167,4 @@ def test_the_longest_silence_ignores_short_ones_and_those_outside_the_span(silen
     liveness.bear(3.0)
     assert (liveness.silence, liveness.actual_silence) == (pytest.approx(-3.0), pytest.approx(4.8))
     liveness.heard()
-    assert liveness.longest(1.0) == pytest.approx(4.8), "a silence that was borne was one"
+    assert liveness.longest(1.0) == pytest.approx(4.8), "a tolerated silence still counts"

@@ -1,4 +1,4 @@
-"""A link that loses messages is told as such, by the gaps in the vehicle's sequence numbers."""
+"""A lossy link is detected by the gaps in the vehicle's sequence numbers."""
 
 from __future__ import annotations
 

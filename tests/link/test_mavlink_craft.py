@@ -25,20 +25,20 @@ from gcs_autotune.errors import (
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
 
 
-def board(vehicle: ScriptedVehicle, interrupt: Callable[[], bool] = lambda: False) -> MavlinkCraft:
+def connect(vehicle: ScriptedVehicle, interrupt: Callable[[], bool] = lambda: False) -> MavlinkCraft:
     return open_craft(Session(MemoryLink(vehicle), interrupt=interrupt), arm_patience=3.0)
 
 
 @pytest.fixture
 def craft(boat: ScriptedVehicle) -> Craft:
-    """A boarded boat; that it is a ``Craft`` is checked by the type checker here."""
-    return board(boat)
+    """A connected boat; the type checker verifies here that it is a ``Craft``."""
+    return connect(boat)
 
 
 @pytest.fixture
 def flying(boat: ScriptedVehicle) -> MavlinkCraft:
-    """A boarded, armed boat that steers."""
-    craft = board(boat)
+    """A connected, armed boat that steers."""
+    craft = connect(boat)
     craft.arm()
     craft.send(Actuate(N=0.4, X=0.5))
     for _ in range(5):
@@ -59,7 +59,7 @@ def test_a_stop_during_a_mode_change_does_not_leave_the_autopilot_steering(
         while_cut_off.setattr(flying.commands, "set_mode", cut_off)
         with pytest.raises(OperatorStopped):
             flying.set_mode("GUIDED")
-    assert (flying.mode, boat.mode) == ("MANUAL", 15), "no heartbeat has told yet"
+    assert (flying.mode, boat.mode) == ("MANUAL", 15), "no heartbeat has arrived yet"
     flying.neutral()
     assert boat.mode == flying.firmware.modes["HOLD"]
 
@@ -76,7 +76,7 @@ def test_connecting_identifies_firmware_and_vehicle(craft: Craft) -> None:
 
 def test_a_vehicle_of_another_type_is_refused_by_name() -> None:
     with pytest.raises(WrongVehicle, match="QUADROTOR"):
-        board(ScriptedVehicle(2))
+        connect(ScriptedVehicle(2))
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_the_ground_station_id_that_the_vehicle_obeys_is_adopted_and_reported(
 ) -> None:
     del boat.parameters["MAV_GCS_SYSID"]
     boat.parameters |= aboard
-    craft = board(boat)
+    craft = connect(boat)
     assert craft.session.port.system == system
     assert [note for note in craft.session.notes if "system id" in note] == ([reported] if reported else [])
     craft.arm()
@@ -105,14 +105,14 @@ def test_the_ground_station_id_that_the_vehicle_obeys_is_adopted_and_reported(
 def test_telemetry_too_slow_for_control_restores_the_rates(boat: ScriptedVehicle) -> None:
     boat.mute.add("SERVO_OUTPUT_RAW")
     with pytest.raises(TelemetryFault, match="SERVO_OUTPUT_RAW 0"):
-        board(boat)
+        connect(boat)
     assert boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(0.25)
 
 
 def test_a_vehicle_that_grants_no_rates_and_streams_nothing_is_refused(boat: ScriptedVehicle) -> None:
     boat.fastest = 0.1
     with pytest.raises(TelemetryFault, match="no ATTITUDE"):
-        board(boat)
+        connect(boat)
 
 
 def test_stopping_while_connecting_restores_the_rates(boat: ScriptedVehicle) -> None:
@@ -142,7 +142,7 @@ def test_in_simulated_time_a_decision_is_taken_at_its_own_tick(craft: Craft) -> 
 
 @pytest.mark.parametrize("kind", [BOAT, ROV])
 def test_the_requested_outputs_appear_at_the_actuators(kind: int) -> None:
-    craft = board(ScriptedVehicle(kind))
+    craft = connect(ScriptedVehicle(kind))
     craft.arm()
     requested = Actuate(N=0.3, X=-0.2, Z=0.0 if kind == BOAT else 0.25)
     craft.send(requested)
@@ -307,7 +307,7 @@ def test_a_boats_turn_rate_target_is_a_body_rate_and_a_fraction_of_full_speed(
 def test_an_rovs_turn_rate_is_a_yaw_stick_position_beyond_the_scaled_dead_zone(rov: ScriptedVehicle) -> None:
     """As measured: rate = (|rc - 1500| - 40 gain)/(400 - 40 gain) of 45 deg/s times ACRO_YAW_P."""
     rov.parameters |= {"ACRO_YAW_P": 3.375, "RC4_DZ": 40, "JS_GAIN_DEFAULT": 0.5}
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     craft.set_mode("ALT_HOLD")
     for rate in (0.3, -0.3):
@@ -319,7 +319,7 @@ def test_an_rovs_turn_rate_is_a_yaw_stick_position_beyond_the_scaled_dead_zone(r
 
 
 def test_an_rovs_targets_keep_the_pilot_input_alive_at_neutral(rov: ScriptedVehicle) -> None:
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     craft.set_mode("ALT_HOLD")
     craft.send(HeadingTarget(psi=1.0))
@@ -338,14 +338,14 @@ def test_an_rovs_targets_keep_the_pilot_input_alive_at_neutral(rov: ScriptedVehi
 
 def test_a_boat_without_a_receiver_arms_because_neutral_overrides_flow_first(boat: ScriptedVehicle) -> None:
     boat.needs_overrides_to_arm = True
-    craft = board(boat)
+    craft = connect(boat)
     craft.arm()
     assert boat.armed
     assert boat.last("RC_CHANNELS_OVERRIDE").chan3_raw == 1500
 
 
 def test_prearm_checks_that_settle_are_awaited(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     boat.arming_refusals = ["PreArm: Accels inconsistent"]
     craft.session.every(2.5, lambda: boat.arming_refusals.clear() if craft.clock.now() > begun + 2 else None)
     begun = craft.clock.now()
@@ -354,7 +354,7 @@ def test_prearm_checks_that_settle_are_awaited(boat: ScriptedVehicle) -> None:
 
 
 def test_refused_arming_leaves_no_override_active(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     boat.arming_refusals = ["Arm: Leak detected"]
     with pytest.raises(ArmingRefused, match="Leak detected"):
         craft.arm()
@@ -363,7 +363,7 @@ def test_refused_arming_leaves_no_override_active(boat: ScriptedVehicle) -> None
 
 
 def test_neutral_is_verified_at_the_outputs_and_held_while_armed(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
-    """Without a receiver ArduRover takes its pilot for lost half a second after the last override."""
+    """Without a receiver ArduRover considers its pilot lost half a second after the last override."""
     flying.neutral()
     assert boat.servos[:3] == [1500, 1500, 1500]
     flying.session.pause(10.0)
@@ -417,7 +417,7 @@ def test_the_actuators_end_neutral_whenever_the_operator_stops(pumps: int) -> No
         left[0] -= 1
         return left[0] < 0
 
-    craft = board(boat, stop)
+    craft = connect(boat, stop)
     left[0] = pumps
     try:
         craft.arm()
@@ -451,7 +451,7 @@ def test_a_trial_contains_its_vehicle(flying: MavlinkCraft) -> None:
 
 def test_the_same_flight_gives_a_bit_identical_record() -> None:
     def flight() -> Any:
-        craft = board(ScriptedVehicle())
+        craft = connect(ScriptedVehicle())
         craft.arm()
         craft.start_recording("relay")
         for k in range(60):

@@ -1,4 +1,4 @@
-"""The whole parameter set by MAVLink FTP, with the firmware's defaults; a vehicle that cannot is asked one by one."""
+"""The whole parameter set by MAVLink FTP, with the firmware's defaults; a vehicle without it is read one by one."""
 
 from __future__ import annotations
 

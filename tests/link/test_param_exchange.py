@@ -1,4 +1,4 @@
-"""Questions and answers about parameters, one by one: what is outstanding, asked for again, and taken for an answer."""
+"""Parameter requests and answers: what is outstanding, requested again, and accepted as an answer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.link.parameters.exchange import ParamExchange, ParamWatch, as_
 
 
 class Answering:
-    """A session with a vehicle that holds ``held``; ``answer`` says what becomes of a question (its answers)."""
+    """A session with a vehicle that holds ``held``; ``answer`` handles a request."""
 
     def __init__(self, **held: float) -> None:
         self.held = held
@@ -174,7 +174,7 @@ def test_contradicting_answers_are_given_up_after_eight_requests() -> None:
     with pytest.raises(TelemetryFault, match=r"\(0, 0\.1\)"):
         read_confirmed(parameters(session), ["P"])
     assert session.asked()["P"] == 9, "twice at once to begin with, for a second answer in the same time"
-    assert len(session.listeners["PARAM_VALUE"]) == 2, "nobody counts any more"
+    assert len(session.listeners["PARAM_VALUE"]) == 2, "no counter is left"
     steady = Answering(P=0.5, I=0.2)
     assert read_confirmed(parameters(steady), ["P", "I", "P"]) == {"P": 0.5, "I": 0.2}
     assert steady.asked() == {"P": 2, "I": 2}
@@ -288,7 +288,7 @@ def test_an_unexpected_value_is_requested_again_and_is_an_intrusion_when_repeate
     hear("P", 0.8)
     assert watch.intrusions == [("P", 0.5, 0.8)]
     hear("P", 0.8)
-    assert (session.asked(), len(watch.intrusions)) == ({"P": 3}, 1), "now it is what it stays"
+    assert (session.asked(), len(watch.intrusions)) == ({"P": 3}, 1), "a confirmed intrusion is not requested again"
 
 
 def test_our_own_writes_and_unwatched_parameters_are_not_intrusions() -> None:
@@ -309,7 +309,7 @@ def test_our_own_writes_and_unwatched_parameters_are_not_intrusions() -> None:
     assert (len(session.sent), watch.intrusions) == (1, [])
     watch.add({"P": 0.9})
     hear("P", 0.7)
-    assert watch.intrusions == [], "it is suspected anew"
+    assert watch.intrusions == [], "the suspicion starts again"
 
 
 @pytest.mark.parametrize("scale", [1.0, -1.0, 1e-20, 1e20])

@@ -1,4 +1,4 @@
-"""Journal and transaction: whatever happens, the vehicle is as found, or the journal says what it is not."""
+"""Journal and transaction: the vehicle is restored in every case, or the journal lists what is not."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_the_operator_can_stop_at_any_pump_and_all_values_are_restored(tmp_path:
 
 
 class PowerCut(BaseException):
-    """Nothing of ours runs after it."""
+    """No code of this program runs after it."""
 
 
 @pytest.mark.parametrize("last", range(1, 8))
@@ -492,7 +492,7 @@ def test_a_gain_changed_elsewhere_without_notice_is_not_overwritten(
 def test_the_journal_uses_the_stronger_sync_where_the_system_has_one(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """macOS keeps what was synced in the drive's own memory until it is told F_FULLFSYNC."""
+    """macOS keeps synced data in the drive's cache until F_FULLFSYNC."""
     requested: list[int] = []
     system = SimpleNamespace(**{n: getattr(journal_module.fcntl, n) for n in ("flock", "LOCK_EX", "LOCK_NB")})
     system.F_FULLFSYNC, system.fcntl = 51, lambda descriptor, command: requested.append(command)

@@ -1,4 +1,4 @@
-"""Who took a hand, and messages that thin out: by number, on as little of a session as that needs."""
+"""Interference causes and falling message rates, on a minimal session."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Kept:
         self.look = look
 
     def pass_by(self, seconds: float, **rates: float) -> list[str]:
-        """Let seconds go by with so many messages a second; return what was asked for again."""
+        """Let seconds pass with so many messages a second; return the messages requested again."""
         before = len(self.sent)
         begun = self.clock.now()
         for step in range(round(20.0 * seconds)):
@@ -107,7 +107,7 @@ def test_rates_are_not_judged_after_a_silence_or_before_the_first_stamp() -> Non
     silent = Kept()
     silent.pass_by(4.0, **ALL)
     silent.clock.advance(9.0)  # neither a message nor a look for so long
-    assert silent.pass_by(1.0, **ALL) == [], "more than ten seconds at once tell nothing"
+    assert silent.pass_by(1.0, **ALL) == [], "more than ten seconds at once are not judged"
     nobody = Kept()
     nobody.pass_by(4.0, **ALL)
     nobody.session.vehicle = None
@@ -115,7 +115,7 @@ def test_rates_are_not_judged_after_a_silence_or_before_the_first_stamp() -> Non
 
 
 class Ours:
-    """A monitor on as much of everything as it looks at; the radio failsafe waits for two seconds."""
+    """A monitor on minimal stand-ins; the radio failsafe waits for two seconds."""
 
     def __init__(
         self, *, pause: float = 0.0, pace: float = 1.0, ordered: bool = False, says: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ DRIVEN = {1: 1500, 3: 1700}
 
 
 class Listening:
-    """As much of a session as ``RcMonitor`` needs: the time listened, and who wants RC_CHANNELS."""
+    """The part of a session that ``RcMonitor`` needs: the time listened, and the RC_CHANNELS listener."""
 
     def __init__(self) -> None:
         self.liveness = SimpleNamespace(listened=100.0)
@@ -101,7 +101,7 @@ def test_driven_channels_non_sticks_and_missing_pulses_are_not_a_movement(
 
 
 def test_overrides_never_obeyed_are_reported_after_four_seconds(listening: Listening, rc_monitor: RcMonitor) -> None:
-    """Three seconds of patience, one of memory: until then the first of them may still be on its way."""
+    """Three seconds of patience and one of memory: until then the first may still be under way."""
     verdicts = []
     for _ in range(60):
         rc_monitor.sent(DRIVEN)

@@ -1,4 +1,4 @@
-"""Our serial transport on a real pseudo-terminal that passes as many bytes a second as the baud rate says."""
+"""Our serial transport on a real pseudo-terminal that passes the bytes per second of its baud rate."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_data_that_would_wait_half_a_second_is_dropped_and_reported() -> None:
 
 
 class Driver:
-    """A serial driver that tells how much it still has to send; a pseudo-terminal has never any."""
+    """A serial driver that reports its unsent bytes; a pseudo-terminal never has any."""
 
     out_waiting = 0
 

@@ -17,7 +17,7 @@ from gcs_autotune.mavlink import AT_WORK, Framer, TextLog, TlogWriter, read_tlog
 
 
 class Babbler:
-    """A peer that sends given bytes and notes what it hears."""
+    """A peer that sends the supplied bytes and records what it receives."""
 
     def __init__(self, *chunks: bytes) -> None:
         self._chunks = list(chunks)
@@ -165,7 +165,7 @@ def test_the_operators_stop_is_raised_by_the_next_pump(boat: ScriptedVehicle) ->
 
 
 class RealLink(MemoryLink):
-    """Memory that says its time is the machine's, and notes how long it was waited at once."""
+    """A memory link that claims to run in real time and records every wait."""
 
     is_simulated = False
 
@@ -368,7 +368,7 @@ def test_a_suspended_machine_does_not_count_its_own_absence_as_silence(boat):
 
 
 class Backlog:
-    """A vehicle whose messages queue up while nobody reads: each read returns one of them."""
+    """A vehicle whose unread messages queue up: each read returns one of them."""
 
     def __init__(self, boat: ScriptedVehicle) -> None:
         self.boat = boat

@@ -66,7 +66,7 @@ def trial() -> Trial:
 
 @pytest.fixture(scope="module")
 def relays() -> list[Trial]:
-    """One relay per seed. Some changes of output fall between messages 40 ms apart, others 20, as chance has it."""
+    """One relay per seed. Some changes of output fall between messages 40 ms apart, others 20."""
     return [fly_relay(Hull(seed=seed)) for seed in range(1, 10)]
 
 
@@ -140,7 +140,7 @@ def test_a_good_gyro_joins_every_fit_and_the_standard_error_of_the_inertia_is_co
 
 
 def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(relays: list[Trial]) -> None:
-    """The heading then says neither where the changes of output were nor much of the craft; the gyro does."""
+    """Such a heading dates no change of output and contains little information; the gyro does both."""
     rng = np.random.default_rng(3)
     assert len(relays) >= 4
     for run in relays[:4]:
@@ -171,7 +171,7 @@ def test_a_late_filtered_scaled_or_biased_gyro_is_excluded_from_every_fit(
 def test_changes_of_output_between_messages_are_dated_by_the_motion(
     relays: list[Trial],
 ) -> None:
-    """Taken as they were dated they colour the residuals, which raises standard errors two- to fourfold."""
+    """With their original dates they colour the residuals and raise standard errors two- to fourfold."""
     doubtful = 0
     for run in relays:
         record = prepare(run, "yaw")[0]

@@ -118,14 +118,14 @@ SERVOS = ServoMap.of_mixing([Output(1, 1500, 1000, 2000), Output(3, 1500, 1000, 
 
 
 class FedTelemetry:
-    """A session with a telemetry, told things directly."""
+    """A session with a telemetry that receives messages directly."""
 
     def __init__(self, session: Session, boat: ScriptedVehicle) -> None:
         self.recorder = Recorder()
         self.telemetry = Telemetry(session, SERVOS, self.recorder)
         self._session, self._boat = session, boat
 
-    def tell(self, *messages: Any) -> Telemetry:
+    def feed(self, *messages: Any) -> Telemetry:
         for message in messages:
             self._boat.send(message)
         self._session.pump()
@@ -133,7 +133,7 @@ class FedTelemetry:
 
 
 @pytest.fixture
-def fed(session: Session, boat: ScriptedVehicle) -> FedTelemetry:
+def feeder(session: Session, boat: ScriptedVehicle) -> FedTelemetry:
     return FedTelemetry(session, boat)
 
 
@@ -141,8 +141,8 @@ def attitude(ms: int, yaw: float = 0.0, yawspeed: float = 0.0) -> Any:
     return mavlink.MAVLink_attitude_message(ms, 0.01, 0.02, yaw, 0.0, 0.0, yawspeed)
 
 
-def test_velocity_is_rotated_into_the_body_frame_at_its_own_time(fed: FedTelemetry) -> None:
-    telemetry = fed.tell(
+def test_velocity_is_rotated_into_the_body_frame_at_its_own_time(feeder: FedTelemetry) -> None:
+    telemetry = feeder.feed(
         attitude(1000, yaw=math.pi / 2 - 0.1, yawspeed=0.5),
         mavlink.MAVLink_local_position_ned_message(1200, 10.0, 20.0, -1.0, -0.5, 2.0, 0.25),
     )
@@ -152,8 +152,8 @@ def test_velocity_is_rotated_into_the_body_frame_at_its_own_time(fed: FedTelemet
     assert (telemetry.value("x"), telemetry.value("y"), telemetry.value("z")) == (10.0, 20.0, -1.0)
 
 
-def test_depth_is_minus_relative_altitude_and_positive_down(fed: FedTelemetry) -> None:
-    telemetry = fed.tell(
+def test_depth_is_minus_relative_altitude_and_positive_down(feeder: FedTelemetry) -> None:
+    telemetry = feeder.feed(
         attitude(1000), mavlink.MAVLink_global_position_int_message(1000, 0, 0, 0, -2500, 100, 0, 30, 0)
     )
     assert telemetry.value("z") == pytest.approx(2.5)
@@ -161,49 +161,49 @@ def test_depth_is_minus_relative_altitude_and_positive_down(fed: FedTelemetry) -
     assert math.isnan(telemetry.value("u")), "without a fix the velocity is not known to be zero"
 
 
-def test_a_position_that_the_estimator_has_lost_is_not_used(fed: FedTelemetry) -> None:
+def test_a_position_that_the_estimator_has_lost_is_not_used(feeder: FedTelemetry) -> None:
     def status(flags: int) -> Any:
         return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
 
     place = mavlink.MAVLink_local_position_ned_message(1200, 10.0, 20.0, 3.0, 0.5, 0.0, 0.0)
     never_had_one, has_one = 167, 831
-    assert fed.tell(attitude(1000), status(never_had_one), place).value("x") == 10.0
-    assert fed.tell(status(has_one), place).value("x") == 10.0
-    lost = fed.tell(status(never_had_one), place)
+    assert feeder.feed(attitude(1000), status(never_had_one), place).value("x") == 10.0
+    assert feeder.feed(status(has_one), place).value("x") == 10.0
+    lost = feeder.feed(status(never_had_one), place)
     assert math.isnan(lost.value("x")) and math.isnan(lost.value("u")) and lost.value("z") == 3.0
-    assert fed.tell(status(has_one), place).value("x") == 10.0
+    assert feeder.feed(status(has_one), place).value("x") == 10.0
 
 
-def test_home_and_origin_may_be_at_different_depths(fed: FedTelemetry) -> None:
+def test_home_and_origin_may_be_at_different_depths(feeder: FedTelemetry) -> None:
     local = mavlink.MAVLink_local_position_ned_message(1000, 0.0, 0.0, 2.53, 0.0, 0.0, 0.0)
-    telemetry = fed.tell(
+    telemetry = feeder.feed(
         attitude(1000), local, mavlink.MAVLink_global_position_int_message(1000, 0, 0, 0, -2500, 100, 0, 30, 0)
     )
     assert telemetry.depth_offset == pytest.approx(0.03)
-    telemetry = fed.tell(mavlink.MAVLink_global_position_int_message(1600, 0, 0, 0, -3500, 100, 0, 30, 0))
+    telemetry = feeder.feed(mavlink.MAVLink_global_position_int_message(1600, 0, 0, 0, -3500, 100, 0, 30, 0))
     assert telemetry.depth_offset == pytest.approx(0.03), "messages of different moments say nothing about it"
 
 
 def depths(ms: int, below_origin: float, below_home: float) -> tuple[Any, Any]:
-    """Return what a vehicle tells of its depth [m] in one moment: below its estimator's origin, and below home."""
+    """Return the two depth messages [m] of one moment: below the estimator's origin, and below home."""
     local = mavlink.MAVLink_local_position_ned_message(ms, 0.0, 0.0, below_origin, 0.0, 0.0, 0.0)
     return local, mavlink.MAVLink_global_position_int_message(ms, 0, 0, 0, round(-1e3 * below_home), 100, 0, 0, 0)
 
 
-def test_the_depth_offset_of_home_is_found_in_ardupilots_message_order(fed: FedTelemetry) -> None:
-    """Home is set anew at arming: at 200 s ArduSub 4.5 told -0.46 m below home, then -0.05 m, 0.19 m below origin."""
+def test_the_depth_offset_of_home_is_found_in_ardupilots_message_order(feeder: FedTelemetry) -> None:
+    """Home is reset at arming: at 200 s ArduSub 4.5 sent -0.46 m below home, then -0.05 m, 0.19 m below origin."""
     order = [m for k in range(5) for m in reversed(depths(1000 + 100 * k, 0.19 + 0.1 * k, 0.46 + 0.1 * k))]
-    telemetry = fed.tell(attitude(1000), *order)
+    telemetry = feeder.feed(attitude(1000), *order)
     assert telemetry.depth_offset == pytest.approx(-0.27, abs=1e-3)
     again = [m for k in range(5) for m in reversed(depths(1500 + 100 * k, 0.19, 0.01))]
-    assert fed.tell(attitude(1500), *again).depth_offset == pytest.approx(0.18, abs=1e-3)
+    assert feeder.feed(attitude(1500), *again).depth_offset == pytest.approx(0.18, abs=1e-3)
 
 
-def test_the_depth_offset_of_home_is_found_from_messages_at_different_times(fed: FedTelemetry) -> None:
+def test_the_depth_offset_of_home_is_found_from_messages_at_different_times(feeder: FedTelemetry) -> None:
     staggered = []
     for k in range(5):
         staggered += [depths(1000 + 100 * k, 0.5 + 0.1 * k, 0.0)[0], depths(1060 + 100 * k, 0.0, 0.31 + 0.1 * k)[1]]
-    assert fed.tell(attitude(1000), *staggered).depth_offset == pytest.approx(0.25, abs=2e-3)
+    assert feeder.feed(attitude(1000), *staggered).depth_offset == pytest.approx(0.25, abs=2e-3)
 
 
 def global_position(ms: int, north: float) -> Any:
@@ -211,41 +211,41 @@ def global_position(ms: int, north: float) -> Any:
     return mavlink.MAVLink_global_position_int_message(ms, lat, 100000000, 0, 0, 150, 0, 0, 0)
 
 
-def test_gps_replaces_a_missing_local_position(fed: FedTelemetry) -> None:
+def test_gps_replaces_a_missing_local_position(feeder: FedTelemetry) -> None:
     for second in range(5):
-        telemetry = fed.tell(attitude(second * 1000), global_position(second * 1000, 3.0 * second))
+        telemetry = feeder.feed(attitude(second * 1000), global_position(second * 1000, 3.0 * second))
     assert telemetry.value("x") == pytest.approx(6.0, abs=0.02)
     assert telemetry.value("u") == pytest.approx(1.5)
 
 
-def test_gps_replaces_the_local_position_after_a_wait_whatever_the_vehicles_clock(fed: FedTelemetry) -> None:
+def test_gps_replaces_the_local_position_after_a_wait_whatever_the_vehicles_clock(feeder: FedTelemetry) -> None:
     for second in range(3):
         at = 100_000 + 1000 * second
-        telemetry = fed.tell(attitude(at), global_position(at, 0.0))
+        telemetry = feeder.feed(attitude(at), global_position(at, 0.0))
         assert math.isfinite(telemetry.value("x")) == (second >= 2)
 
 
-def test_longitude_is_metres_east_at_that_latitude(fed: FedTelemetry) -> None:
+def test_longitude_is_metres_east_at_that_latitude(feeder: FedTelemetry) -> None:
     for second, degrees in enumerate((10.0, 10.0, 10.0, 10.0001)):
         fix = mavlink.MAVLink_global_position_int_message(
             1000 * second, 540000000, round(degrees * 1e7), 0, 0, 0, 0, 0, 0
         )
-        telemetry = fed.tell(attitude(1000 * second), fix)
+        telemetry = feeder.feed(attitude(1000 * second), fix)
     assert telemetry.fix == pytest.approx((54.0, 10.0001))
     assert telemetry.value("y") == pytest.approx(
         6378137.0 * math.radians(1e-4) * math.cos(math.radians(54.0)), rel=5e-3
     )
 
 
-def test_two_position_sources_are_never_mixed(fed: FedTelemetry) -> None:
+def test_two_position_sources_are_never_mixed(feeder: FedTelemetry) -> None:
     local = mavlink.MAVLink_local_position_ned_message(1000, 100.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    telemetry = fed.tell(attitude(1000), local, *(global_position(1000 * s, 3.0 * s) for s in range(1, 6)))
+    telemetry = feeder.feed(attitude(1000), local, *(global_position(1000 * s, 3.0 * s) for s in range(1, 6)))
     assert telemetry.value("x") == 100.0
 
 
-def test_battery_and_prearm_come_from_sys_status(fed: FedTelemetry) -> None:
+def test_battery_and_prearm_come_from_sys_status(feeder: FedTelemetry) -> None:
     bit = 0x10000000
-    telemetry = fed.tell(
+    telemetry = feeder.feed(
         attitude(1000), mavlink.MAVLink_sys_status_message(bit, bit, 0, 0, 11800, 0, 61, 0, 0, 0, 0, 0, 0)
     )
     assert telemetry.value("battery") == pytest.approx(11.8)
@@ -253,38 +253,40 @@ def test_battery_and_prearm_come_from_sys_status(fed: FedTelemetry) -> None:
     assert telemetry.value("prearm_ok") == 0.0
 
 
-def test_water_pressure_is_in_pascals_at_its_own_time(fed: FedTelemetry) -> None:
-    fed.tell(attitude(900))
-    fed.recorder.start("dive")
-    telemetry = fed.tell(
+def test_water_pressure_is_in_pascals_at_its_own_time(feeder: FedTelemetry) -> None:
+    feeder.feed(attitude(900))
+    feeder.recorder.start("dive")
+    telemetry = feeder.feed(
         attitude(1000),
         mavlink.MAVLink_scaled_pressure2_message(1100, 1013.25, 0.0, 2000),
         mavlink.MAVLink_scaled_pressure2_message(1350, 1111.25, 0.0, 2000),
     )
     assert telemetry.value("pressure") == pytest.approx(111125.0)
-    pressure = fed.recorder.stop("completed", "", {}).channels["pressure"]
+    pressure = feeder.recorder.stop("completed", "", {}).channels["pressure"]
     assert pressure.t.tolist() == pytest.approx([1.1, 1.35])
     assert pressure.values.tolist() == pytest.approx([101325.0, 111125.0])
 
 
-def test_an_unmeasured_battery_stays_unknown(fed: FedTelemetry) -> None:
-    telemetry = fed.tell(attitude(1000), mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, 0, -1, 0, 0, 0, 0, 0, 0))
+def test_an_unmeasured_battery_stays_unknown(feeder: FedTelemetry) -> None:
+    telemetry = feeder.feed(
+        attitude(1000), mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, 0, -1, 0, 0, 0, 0, 0, 0)
+    )
     assert math.isnan(telemetry.value("battery"))
     assert math.isnan(telemetry.value("battery_remaining"))
 
 
-def test_a_trial_contains_every_sample_with_its_own_stamp(fed: FedTelemetry) -> None:
-    fed.tell(attitude(900))
-    fed.recorder.start("turn")
-    fed.tell(
+def test_a_trial_contains_every_sample_with_its_own_stamp(feeder: FedTelemetry) -> None:
+    feeder.feed(attitude(900))
+    feeder.recorder.start("turn")
+    feeder.feed(
         attitude(1000, yaw=3.0),
         mavlink.MAVLink_servo_output_raw_message(1_020_000, 0, 1750, 0, 1500, 0, 0, 0, 0, 0),
         attitude(1100, yaw=-3.0),
         attitude(1050, yaw=2.0),
         mavlink.MAVLink_servo_output_raw_message(1_120_000, 1, 2000, 0, 2000, 0, 0, 0, 0, 0),
     )
-    fed.recorder.mark(Mark(1.1, "switch"))
-    trial = fed.recorder.stop("completed", "", {"a": 1})
+    feeder.recorder.mark(Mark(1.1, "switch"))
+    trial = feeder.recorder.stop("completed", "", {"a": 1})
     assert trial["psi"].t.tolist() == pytest.approx([1.0, 1.1])
     assert trial["psi"].values.tolist() == pytest.approx([3.0, math.tau - 3.0])
     assert trial["N"].t.tolist() == pytest.approx([1.02])

@@ -29,13 +29,13 @@ def wire(boat: ScriptedVehicle) -> Iterator[Any]:
     """Return what makes a craft over a serial line of so many baud."""
     links: list[ThrottledPty] = []
 
-    def board(baud: int, axis: str = "heading") -> MavlinkCraft:
+    def connect(baud: int, axis: str = "heading") -> MavlinkCraft:
         links.append(ThrottledPty(boat, baud))
         session = Session(links[-1])
         session.discover()
         return open_craft(session, wanted_rates=WANTED, first_rates=AXES[axis].rates or None, arm_patience=3.0)
 
-    yield board
+    yield connect
     for link in links:
         link.close()
 

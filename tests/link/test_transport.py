@@ -14,7 +14,7 @@ from gcs_autotune.link.transports.transport import ReconnectingTransport, Steppe
 
 
 class Bare(Transport):
-    """Returns what it is told to, one piece a read, each after a tenth of a second."""
+    """Returns the supplied pieces, one per read, each after a tenth of a second."""
 
     def __init__(self, *pieces: bytes) -> None:
         super().__init__("bare:", ManualClock(10.0))
@@ -138,7 +138,7 @@ def test_a_lost_link_is_reported_once_and_reconnection_is_tried_every_second(
 
 
 class Stepped(SteppedTransport):
-    """Notes what it is granted and handed over; says it reached ``beyond`` what it was granted."""
+    """Records grants and data; reports a time ``beyond`` its grant."""
 
     def __init__(self, beyond: float = 0.0) -> None:
         super().__init__("stepped:", 0.1)

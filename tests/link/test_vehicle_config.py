@@ -1,4 +1,4 @@
-"""Fractions to RC channels by number: limits, trims, dead zones, signs; what is driven, held and handed back."""
+"""Fractions to RC channels by number: limits, trims, dead zones, signs; what is driven, held and released."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LEFT_ALONE, RELEASED = 65535, 0
 
 
 class ReportedParameters:
-    """Parameters that a vehicle told."""
+    """Parameters that a vehicle reports."""
 
     def __init__(self, values: dict[str, float]) -> None:
         self.values = values
@@ -88,7 +88,7 @@ def test_a_pitch_channel_that_is_shared_or_out_of_range_is_left_alone(pitch: int
 
 @pytest.mark.parametrize(("low", "trim", "high"), [(1471.0, 1500.0, 1900.0), (1100.0, 1500.0, 1529.0)])
 def test_a_stick_side_within_the_dead_zone_has_no_travel(low: float, trim: float, high: float) -> None:
-    """A dead zone of 30 us: one microsecond more on either side, and there is room."""
+    """A dead zone of 30 us: one microsecond more on either side leaves travel."""
     narrow = {"RC1_MIN": low, "RC1_TRIM": trim, "RC1_MAX": high}
     with pytest.raises(PreconditionFailed, match=r"RC1_MIN .* DZ 30 leave no travel on both sides"):
         read_override_map(reported_parameters(**narrow), ROVER)

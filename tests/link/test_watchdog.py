@@ -14,7 +14,7 @@ from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog, g
 
 
 def seen(*stamps: tuple[float, float]) -> tuple[list[bool], str]:
-    """Show a watchdog stamps (our time, its time); return which are to be used, and what it says."""
+    """Show a watchdog stamps (our time, its time); return which of them are used, and the fault."""
     clock = ManualClock()
     watchdog = Watchdog(clock)
     used = []
@@ -115,10 +115,10 @@ def test_an_attitude_is_frozen_only_while_an_actuator_works(force: str, limit: f
     watchdog.note_outputs(1.0, {force: 0.0})
     watchdog.note_outputs(limit, {force: 0.5})
     watchdog.check_attitude(limit + 0.1, (0.1, 0.2))
-    assert watchdog.fault is None, "it began anew"
+    assert watchdog.fault is None, "the count restarted"
     watchdog.check_attitude(2.0 * limit - 0.1, (0.1, 0.21))
     watchdog.check_attitude(3.0 * limit - 0.2, (0.1, 0.21))
-    assert watchdog.fault is None, "it has moved meanwhile"
+    assert watchdog.fault is None, "the attitude changed meanwhile"
     watchdog.check_attitude(3.0 * limit, (0.1, 0.21))
     assert watchdog.fault is not None
 

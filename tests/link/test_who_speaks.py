@@ -1,4 +1,4 @@
-"""The peer that was boarded is held to: what another sends under the vehicle's ids is told of, never believed."""
+"""Messages from another sender with the vehicle's ids are reported and never used."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OBEYED = mavlink.MAVLink_command_ack_message(ARM, 0, 0, 0, 255, 0)
 
 
 class Forged(MemoryLink):
-    """A link on which somebody else speaks too: every 0.3 s what ``forged`` holds, from ``forger``'s address."""
+    """A link with a second sender: every 0.3 s the messages of ``forged``, from ``forger``'s address."""
 
     def __init__(self, boat: ScriptedVehicle) -> None:
         super().__init__(boat)
@@ -56,7 +56,7 @@ def craft(link: Forged) -> Iterator[MavlinkCraft]:
 
 
 def leave_armed_and_lie(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> list[str]:
-    """Come aboard and arm; on leaving the boat will not disarm, and a forger says that all was done."""
+    """Connect and arm; on leaving the boat does not disarm, and a forger acknowledges the disarm."""
     settled: list[str] = []
     with (
         pytest.raises(NotAsFound) as caught,
@@ -132,7 +132,7 @@ def test_another_vehicle_in_its_place_is_not_accepted(craft: MavlinkCraft, boat:
 
 
 def numbered(numbers: list[int]) -> list[str]:
-    """What is told of frames of these sequence numbers, from one address."""
+    """Return the notes about frames of these sequence numbers from one address."""
     notes: list[str] = []
     peer, mouth, framer = HeldSender(notes), mavlink.MAVLink(None, srcSystem=1, srcComponent=1), Framer()
     for number in numbers:
