@@ -1,4 +1,4 @@
-"""Just booted, at the surface, cruising fast: what the tool met on ArduPilot's own simulator."""
+"""Just booted, at the surface, cruising fast: cases met on ArduPilot's own simulator."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.workflow.sitl_harness import SitlHarness
 
 
 class StopsWhen:
-    """Presses Ctrl-C once something has been said."""
+    """Presses Ctrl-C at the first announcement that begins with *beginning*."""
 
     def __init__(self, harness, beginning):
         self.harness, self.beginning = harness, beginning

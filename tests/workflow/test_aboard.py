@@ -82,7 +82,7 @@ class Scripted(SitlHarness):
         return fly_aboard(settings, operator or Unattended(), Ear(self.said), WHEN)
 
     def when(self, begins: str, act: Callable[[], object]) -> None:
-        """Do *act* once, some seconds after the script has said that it flies part *begins*."""
+        """Do *act* once, some seconds after the script has announced part *begins*."""
         seen: list[float] = []
 
         def watch() -> None:

@@ -1,4 +1,4 @@
-"""The turn-rate step beside a heading step stays within the heading limit, and is left out where it tells nothing."""
+"""The turn-rate step that accompanies a heading step stays within the heading limit."""
 
 from __future__ import annotations
 

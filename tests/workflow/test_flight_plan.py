@@ -22,7 +22,7 @@ ZIG_ZAG = '[[run]]\nmanoeuvre = "zig-zag"\nheading = 10\nexecutes = 3\n'
 
 @pytest.fixture(scope="module", autouse=True)
 def without_pictures() -> None:
-    """They are drawn here: a page is looked at."""
+    """Plot the figures here: the page is checked."""
 
 
 def plan(harness: SitlHarness, text: str) -> FlightPlan:

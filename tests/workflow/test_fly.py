@@ -1,4 +1,4 @@
-"""A zig-zag flown over MAVLink: figures, model, preview; whatever ends it, the vehicle is left as found."""
+"""A zig-zag flown over MAVLink: figures, model, preview; the vehicle is restored after every ending."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SHARE = {"heading": 20.0 * DEG, "steering": 0.6}
 
 
 class Stops(Ear):
-    """Watches, and wants to stop as soon as a phase is under way."""
+    """Observes, and stops as soon as a phase is under way."""
 
     def __init__(self, announced: list[str], phase: str) -> None:
         super().__init__(announced)
@@ -65,7 +65,7 @@ def figures(run: Any) -> dict[str, float]:
 
 @pytest.fixture(scope="module", autouse=True)
 def without_pictures() -> None:
-    """They are drawn here: a page is looked at."""
+    """Plot the figures here: the page is checked."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What goes wrong at sea: a sentence that says so, everything put back, the record kept."""
+"""Errors during a flight: one sentence, everything restored, the record kept."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .test_fly import PAIR, flown
 
 
 def ended(harness: SitlHarness, error: type[AutotuneError], words: str, name: str, *args: Any, **more: Any) -> None:
-    """Fly *name*; it ends by *error* with *words*, the vehicle is as found, the record is there and says aborted."""
+    """Fly *name*; it ends by *error* with *words*, the vehicle is restored, the record exists and is marked aborted."""
     with pytest.raises(error, match=words) as caught:
         flown(harness, *args, name=name, **more)
     assert "\n" not in str(caught.value)

@@ -19,7 +19,7 @@ from .sitl_harness import SLOW_LOOP, SitlHarness
 from .test_fly import flown
 
 TRUTH = {"X_udot": -8.2372, "Y_vdot": -8.2372, "N_rdot": -0.0372, "X_u": -4.4283, "Y_v": -14.9571, "N_r": -0.0997}
-"""Miskovic2007, final matrix; beside these, Coriolis' forces follow from the inertia, and a small constant moment."""
+"""Miskovic2007, final matrix; Coriolis forces follow from the inertia; there is a small constant moment."""
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What nobody gave is made smaller until it stays inside the limits; what was given is foreseen whole."""
+"""Default sizes are reduced until they stay inside the limits; user-supplied sizes are previewed unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Standard manoeuvres over MAVLink: the figures of a noisy run are those of one without noise; limits are told."""
+"""Standard manoeuvres over MAVLink: the figures of a noisy run are those of one without noise; limits are reported."""
 
 from __future__ import annotations
 

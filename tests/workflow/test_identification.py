@@ -1,4 +1,4 @@
-"""Which oscillations are flown: one where it tells the gains, two sizes where the actuator asks, all else in full."""
+"""Which oscillations are flown: one where it determines the gains, two sizes where the actuator needs them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STEP = flown("step-before")
 
 
 class Rule:
-    """A stop rule that knows as much after each relay as it is told here."""
+    """A stop rule with the supplied state after each relay."""
 
     question = None
 
@@ -160,7 +160,7 @@ TURNED = Trial("turn-about", {}, ending="completed")
         (0.0, float("inf"), False, True),
         (float("nan"), 30.0, False, True),
     ],
-    ids=["near", "far", "far, last", "the guard is near", "a long way ahead", "in any case", "nobody knows where"],
+    ids=["near", "far", "far, last", "the guard is near", "a long way ahead", "in any case", "unknown position"],
 )
 def test_a_boat_turns_around_only_where_the_space_requires_it(
     monkeypatch: pytest.MonkeyPatch, x: float, ahead: float, last: bool, turns: bool

@@ -1,4 +1,4 @@
-"""Told before "Go ahead?": how long, how much room, how much battery; while it runs: which step, how long yet."""
+"""Announced before "Go ahead?": time, space and battery; during the run: the step and the time left."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_the_stages_of_a_tune_are_announced_with_their_times():
 
 
 def test_the_longest_time_of_a_restless_craft_is_announced_with_the_usual_time():
-    """ArduSub's stock ROV hunts in its thrusters' dead band: told 2 min, it took 5 min 30 s."""
+    """ArduSub's stock ROV hunts in its thrusters' dead band: announced 2 min, took 5 min 30 s."""
     usual, patient = (
         Itinerary(legs_of_tune(settings("depth", **how), "heave", p, moving=False, given=False, dives=True))
         for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of("rov", restless=True)))

@@ -1,4 +1,4 @@
-"""``--fetch-log``: the vehicle's own log of a run is fetched and identified, once all is put back."""
+"""``--fetch-log``: the vehicle's own log of a run is fetched and identified after everything is restored."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OLD, NEW = 3, 4
 
 
 class CardAboard:
-    """A vehicle that keeps logs: one from before, and one of every time it was armed, told only disarmed."""
+    """A vehicle that keeps logs: one from before, and one of every time it was armed, listed only while disarmed."""
 
     def __init__(self, harness: SitlHarness, *, writes: bool = True) -> None:
         self._peer, self._autopilot, self._writes = harness.peer, harness.vehicle.autopilot, writes
@@ -66,7 +66,7 @@ class CardAboard:
 
 
 class StopsWhenAsked(Unattended):
-    """An operator who stops once *when* says so."""
+    """An operator who stops once *when* returns true."""
 
     def __init__(self, when: Any) -> None:
         self._when = when

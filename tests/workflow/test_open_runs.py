@@ -55,7 +55,7 @@ def test_doctor_checks_for_open_runs_first(tmp_path: Path) -> None:
 
 
 class Real(SitlHarness):
-    """A vehicle that counts as a real one: nobody knows who else is at it."""
+    """A vehicle that counts as a real one: other stations may use it."""
 
     def settings(self, axis: str = "heading", *, simulated: bool = False, **changes: Any) -> Any:
         return super().settings(axis, simulated=simulated, **changes)
@@ -76,7 +76,7 @@ def test_a_vehicle_with_an_open_run_is_refused_before_it_is_armed(tmp_path: Path
 
 
 def uid_of(harness: SitlHarness, tmp_path: Path) -> str:
-    """The board's id that this vehicle tells."""
+    """Return the board's id that this vehicle reports."""
     from gcs_autotune.link import MemoryLink, Session
 
     from .sitl_harness import Later
@@ -96,7 +96,7 @@ def test_a_simulated_vehicle_that_ended_leaves_no_open_run(tmp_path: Path) -> No
 
 
 def heard_from(at_work: bool, component: int = 30) -> SimpleNamespace:
-    """A craft on whose link a station of our system was heard to have a run going on, or none; our beacon is 25."""
+    """A craft on whose link a station of our system announces a run in progress, or none; our beacon is 25."""
     session: Any = SimpleNamespace(
         vehicle=VehicleIdentity(1, 1, 3, 11),
         clock=ManualClock(),

@@ -1,4 +1,4 @@
-"""``restore`` after whatever: the vehicle is asked itself, and is as it was found."""
+"""``restore`` after a crash: the vehicle itself is checked, and is in its original state."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def test_a_restart_is_detected_by_two_clocks(hours: float, boot: float, restarte
 
 
 class Person(Unattended):
-    """Somebody at the keyboard: *overrules* what others did, or not; agrees to the rest."""
+    """An operator who *overrules* what others did, or not, and agrees to the rest."""
 
     answered_beforehand = False
 

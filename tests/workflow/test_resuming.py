@@ -38,7 +38,7 @@ def ended_early(tmp_path_factory: pytest.TempPathFactory) -> SitlHarness:
 
 
 class Again:
-    """The same vehicle, tuned by somebody who goes on from an earlier run, until *words* are said."""
+    """The same vehicle, tuned with an earlier run resumed, until *words* are announced."""
 
     def __init__(self, harness: SitlHarness, tmp_path: Path, words: str = "identifying", **changes: Any) -> None:
         self.said: list[str] = []

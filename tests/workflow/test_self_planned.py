@@ -1,4 +1,4 @@
-"""A trial that plans itself: after each run the model, then what brings the precision asked for nearest."""
+"""A trial that plans itself: after each run the model, then the run that best approaches the required precision."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def test_the_first_depth_run_of_an_unknown_craft_is_short(tmp_path: Path) -> Non
 
 @pytest.fixture(scope="module", autouse=True)
 def without_pictures() -> None:
-    """They are drawn here: a page is looked at."""
+    """Plot the figures here: the page is checked."""
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +186,7 @@ def test_the_trial_ends_when_its_total_time_is_up(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_trial_ends_when_the_model_lacks_an_effect(tmp_path: Path) -> None:
-    """Hard turns slow this boat down and leave its thrusters no room: no one yaw equation holds for all of them."""
+    """Hard turns slow this boat and saturate its thrusters: no single yaw equation fits all of them."""
     harness = SitlHarness(tmp_path, QUICK)
     result = trial(harness, "N_r 0.1%, N_rdot 0.05%")
     assert "the model lacks an effect" in result.steps[-1].ended

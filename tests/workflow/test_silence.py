@@ -1,4 +1,4 @@
-"""A silence of some seconds pauses a tune, and it goes on where it was; a longer one ends it, all put back."""
+"""A silence of some seconds pauses a tune, which then continues; a longer one ends it, everything restored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("plainly")]
 
 
 class Hushed(SitlHarness):
-    """A vehicle that cannot be heard, and hears nothing, for ``silence`` [s], from ``after`` [s] into *stage* on."""
+    """A vehicle that neither sends nor receives for ``silence`` [s], from ``after`` [s] into *stage* on."""
 
     def __init__(self, tmp_path: Any, stage: str, after: float, silence: float, **options: Any) -> None:
         self.stage, self.after, self.silence, self.begun = stage, after, silence, float("inf")
@@ -33,7 +33,7 @@ class Hushed(SitlHarness):
 
 
 class Enough:
-    """An operator who has seen enough as soon as *words* have been said."""
+    """An operator who has seen enough as soon as *words* have been announced."""
 
     def __init__(self, harness: SitlHarness, words: str, declined: str = "nothing") -> None:
         self.harness, self.words, self.declined = harness, words, declined

@@ -1,4 +1,4 @@
-"""The study behind ``identify``: what is checked on what, and what is told."""
+"""The study behind ``identify``: what is checked on what, and what is reported."""
 
 from __future__ import annotations
 

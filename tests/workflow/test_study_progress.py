@@ -1,4 +1,4 @@
-"""Who waits for an identification is told what it is at, and how much of it is done."""
+"""An identification reports its stage and its progress."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def test_a_sufficient_cap_or_one_on_another_axis_is_accepted() -> None:
 
 @pytest.mark.parametrize(("firmware", "throttle"), [("ardusub", 0.0), ("ardurover", 0.25)])
 def test_steering_is_checked_at_rest_where_a_craft_needs_no_headway(firmware: str, throttle: float) -> None:
-    """With way on many an ROV turns by itself, and then nothing is seen of its thrusters."""
+    """With headway many an ROV turns by itself, which hides its thrusters."""
     craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], servos=SimpleNamespace(driving=lambda force: []))
     check = sign_check_for("yaw", craft, 0.25, needs_speed=False)
     assert check.meta_fields["throttle"] == throttle

@@ -1,4 +1,4 @@
-"""Two oscillations of different size tell a thruster that is weak for small commands from a straight one."""
+"""Two oscillations of different size distinguish a thruster that is weak for small commands from a linear one."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
 
 @pytest.mark.parametrize(("sizes", "step", "found"), [(3, None, True), (2, None, False), (3, "a step", False)])
 def test_a_dead_zone_that_explains_three_sizes_is_reported(sizes, step, found, monkeypatch):
-    """Of a BlueROV2's surge: 10 % left straight, 8.8 with a curve, 6.4 with a dead zone; the straight fit was told."""
+    """BlueROV2 surge: 10 % left straight, 8.8 with a curve, 6.4 with a dead zone; the linear one was reported."""
     fits = {("quadratic-actuator",): a_fit(91.2, quadratic_actuator=0.4), ("dead-zone",): a_fit(93.6, dead_zone=0.144)}
     monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
     plain = a_fit(90.0)

@@ -99,7 +99,7 @@ CHANGE = Change("P", 1.0, 2.0, 0.0, 9.0, "better")
 
 @pytest.fixture
 def context(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A craft whose step after is as good as ``context.flies`` says; the operator's answer is ``context.answer``."""
+    """A craft whose step after has the cost ``context.flies``; the operator's answer is ``context.answer``."""
     done.clear()
     said: list[str] = []
     log = SimpleNamespace(

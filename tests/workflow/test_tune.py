@@ -134,7 +134,7 @@ def test_a_boat_stays_within_the_announced_space(tuned):
 
 
 def announced_and_flown(harness):
-    """Return how long [s] a tune said it would take, and how long what it flew was."""
+    """Return the announced time and the time flown [s]."""
     messages = " ".join(harness.said)
     count, unit = re.search(r"take about (\d+) (s|min) of the vehicle's time", messages).groups()
     flown = sum(int(seconds) for seconds in re.findall(r"\((\d+) s recorded\)", messages))

@@ -24,7 +24,7 @@ OWN = {"ATC_STR_RAT_P": 0.2, "CRUISE_SPEED": 1.5}
 
 
 class Kept:
-    """Writes what a run leaves, as its run directory does."""
+    """Writes the files of a run, as its run directory does."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

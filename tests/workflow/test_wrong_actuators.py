@@ -1,4 +1,4 @@
-"""Boats and ROVs whose actuators are wired wrongly: refused before anything swings, with the cure."""
+"""Boats and ROVs whose actuators are wired wrongly: refused before the first relay, with the cure."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def test_a_craft_that_turns_the_wrong_way_is_reported_with_the_functions_to_swap
 
 
 def test_a_directionally_unstable_ship_is_not_mistaken_for_swapped_steering() -> None:
-    """She turns away from where she is steered, for she is steered against the turn; the steering does slow it."""
+    """It turns against the steering because it is steered against the turn; the steering does slow the turn."""
     t = np.arange(0.0, 10.0, 0.1)
     N, r, psi = np.zeros(len(t)), np.zeros(len(t)), np.zeros(len(t))
     for i in range(1, len(t)):
