@@ -40,7 +40,7 @@ def test_a_stalling_rudder_ends_the_zig_zag_with_the_advice_to_use_less(tmp_path
     ended(harness, NotAchieved, r"20 deg required.*\(.*less if it stalls\)", "zig-zag", {**PAIR, "rudder": 0.5})
 
 
-def test_a_rangefinder_lost_in_flight_ends_the_relay_before_the_wall(tmp_path: Path) -> None:
+def test_a_rangefinder_lost_in_flight_ends_the_wall_relay(tmp_path: Path) -> None:
     def blind(t: float, message: Any) -> list[Any]:
         return [] if message.get_type() == "DISTANCE_SENSOR" and t > 40.0 else [message]
 

@@ -235,7 +235,7 @@ def test_every_thruster_is_checked_before_the_relay_that_drives_it(
 
 
 @pytest.mark.slow
-def test_a_reversed_thruster_ends_the_relay_before_the_wall(tmp_path: Path) -> None:
+def test_a_reversed_thruster_ends_the_wall_relay(tmp_path: Path) -> None:
     astern = {f"MOT_{n}_DIRECTION": -1.0 for n in (1, 2)}
     harness = SitlHarness(tmp_path, "videoray-lasers", parameters=astern)
     with pytest.raises(AutotuneError, match=r"first surge self-oscillation|sign check"):
