@@ -1,4 +1,4 @@
-"""A bare ground station for looking at how a firmware behaves, ArduPilot's own or ours: the same questions to both.
+"""A minimal ground station for testing how a firmware behaves. It sends the same requests to ArduPilot's and to ours.
 
 All times are the vehicle's own stamps, so that it does not matter how fast its clock runs beside the wall's.
 """
@@ -23,7 +23,7 @@ _STICKS = 0.03
 
 
 class BareStation:
-    """Attributes: ``t`` vehicle time [s]; ``pwm`` last servo outputs [us]; ``said`` (t, text) of every STATUSTEXT.
+    """Attributes: ``t`` vehicle time [s]; ``pwm`` last servo outputs [us]; ``texts`` (t, text) of every STATUSTEXT.
 
     ``sticks`` is called for the message to repeat about 30 times a second of vehicle time, None for silence.
     """
@@ -39,13 +39,13 @@ class BareStation:
         self.rates = Rates(session, self.commands)
         self.t = math.nan
         self.pwm: tuple[int, ...] = ()
-        self.said: list[tuple[float, str]] = []
+        self.texts: list[tuple[float, str]] = []
         self.sticks: Callable[[], Any] | None = None
         self._sticks_t = -math.inf
         session.listen("SYSTEM_TIME", lambda m: self._see(m.time_boot_ms * 1e-3))
         session.listen("ATTITUDE", lambda m: self._see(m.time_boot_ms * 1e-3))
         session.listen("SERVO_OUTPUT_RAW", self._on_outputs)
-        session.listen("STATUSTEXT", lambda m: self.said.append((self.t, m.text)))
+        session.listen("STATUSTEXT", lambda m: self.texts.append((self.t, m.text)))
         session.wait_for(lambda: None if math.isnan(self.t) else True, 5.0)
 
     def _see(self, t: float) -> None:
@@ -71,7 +71,7 @@ class BareStation:
         begun = self.t
         while not condition():
             if self.t - begun > within:
-                raise AssertionError(f"not within {within:g} s; outputs {self.pwm}, said {self.said[-3:]}")
+                raise AssertionError(f"not within {within:g} s; outputs {self.pwm}, texts {self.texts[-3:]}")
             self.session.pump(0.01)
         return self.t - begun
 

@@ -1,4 +1,4 @@
-"""Vehicles for asking how a firmware behaves: ArduPilot's own simulator (marked ``ardupilot``), and ours beside it."""
+"""Vehicles for testing firmware behaviour: ArduPilot's own simulator (marked ``ardupilot``) and ours."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def started(kind: Kind, **options: object) -> ArduPilot:
     """Return a firmware just started, or skip when there is none."""
     binary = binary_of(kind)
     if binary is None:
-        pytest.skip(f"{kind.variable} is not set: say where ArduPilot's binary is (see docs/ardupilot.md)")
+        pytest.skip(f"{kind.variable} is not set: set it to ArduPilot's binary (see docs/ardupilot.md)")
     return ArduPilot(kind, binary, **options)  # type: ignore[arg-type]
 
 

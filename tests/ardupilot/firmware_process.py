@@ -1,4 +1,4 @@
-"""ArduPilot's own simulator as a child process, and a witness that hears it on a wire of its own.
+"""ArduPilot's own simulator as a child process, and a witness that listens on a separate link.
 
 The tool under test talks to SERIAL0 (UDP, as a telemetry radio would); the witness to SERIAL1 (TCP), as another ground
 station that only looks. What a test claims about the vehicle it asks the witness, never the tool.
@@ -23,7 +23,7 @@ __all__ = ["KINDS", "ArduPilot", "Kind", "Witness", "binary_of"]
 
 @dataclass(frozen=True)
 class Kind:
-    """One of ArduPilot's simulated vehicles: where its binary is told, its model, the files of its own parameters.
+    """One of ArduPilot's simulated vehicles: the variable with its binary's path, its model, its own parameter files.
 
     ``least`` is what it needs set where those files are not at hand. ``manual`` and ``guided`` are mode numbers.
     """
@@ -89,7 +89,7 @@ KINDS = {
 
 
 def binary_of(kind: Kind) -> Path | None:
-    """Return the binary that the environment names, None when it names none.
+    """Return the binary that the environment names, None without one.
 
     Raises
     ------
@@ -107,13 +107,15 @@ def binary_of(kind: Kind) -> Path | None:
 
 def _defaults(kind: Kind, binary: Path, folder: Path) -> list[Path]:
     """Return the parameter files to start with: ArduPilot's own where they can be found, else the few needed."""
-    told = os.environ.get("ARDUPILOT_PARAMS")
-    places = [Path(told)] if told else [p / "Tools/autotest/default_params" for p in binary.resolve().parents]
+    folder_name = os.environ.get("ARDUPILOT_PARAMS")
+    places = (
+        [Path(folder_name)] if folder_name else [p / "Tools/autotest/default_params" for p in binary.resolve().parents]
+    )
     for place in places:
         if all((place / name).is_file() for name in kind.files):
             return [place / name for name in kind.files]
-    if told:
-        raise FileNotFoundError(f"ARDUPILOT_PARAMS={told}: {' and '.join(kind.files)} are not in it")
+    if folder_name:
+        raise FileNotFoundError(f"ARDUPILOT_PARAMS={folder_name}: {' and '.join(kind.files)} are not in it")
     return [_write(folder / "least.parm", _least(kind))]
 
 
@@ -132,7 +134,7 @@ def _write(path: Path, values: Mapping[str, float]) -> Path:
 
 
 def _free_instance() -> int:
-    """Return an instance number whose ports nobody uses: SERIAL0 to SERIAL2 and the RC input."""
+    """Return an instance number whose ports are free: SERIAL0 to SERIAL2 and the RC input."""
     first = int(os.environ.get("ARDUPILOT_INSTANCE", "10"))
     for number in range(first, first + 10):
         if all(_is_free(5760 + 10 * number + k, socket.SOCK_STREAM) for k in (0, 2, 3)) and _is_free(
@@ -163,8 +165,8 @@ class ArduPilot:
 
     Attributes
     ----------
-    kind : which vehicle. extra : parameters besides its defaults. speedup : its time over the wall's.
-    uri : what to give to ``--connect``.
+    kind : which vehicle. extra : parameters in addition to its defaults. speedup : its time over wall time.
+    uri : the argument of ``--connect``.
     """
 
     kind: Kind
@@ -219,7 +221,7 @@ class ArduPilot:
 class Witness:
     """Looks at the vehicle as another ground station (system 200), which ArduPilot takes no overrides from.
 
-    Everything is asked when it is wanted and answered from messages that arrived after that. Waits are counted in wall
+    Every value is requested when it is needed and comes from a message that arrived after the request. Waits count wall
     time, because a vehicle that has died has no other.
     """
 
@@ -284,12 +286,12 @@ class Witness:
         raise TimeoutError(f"no {name} in answer to {question.get_type()}")
 
     def ask_for(self, name: str, hz: float = 10.0) -> None:
-        """Ask for a message on this wire."""
+        """Request a message on this link."""
         number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}")
         self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz)
 
     def command(self, number: int, *values: float) -> int:
-        """Give a command and return its MAV_RESULT."""
+        """Send a command and return its MAV_RESULT."""
         filled = [float(v) for v in values] + [0.0] * (7 - len(values))
         question = mavlink.MAVLink_command_long_message(1, 1, number, 0, *filled)
         return int(self._answer(question, "COMMAND_ACK", lambda m: m.command == number).result)

@@ -2,7 +2,7 @@
 
 A recording of an older version gets a name of its own: ``python -m record sub sub-4.6``.
 
-One short session with an unmodified ArduPilot at its own pace: its whole parameter list, every sort of question and
+One short session with an unmodified ArduPilot at its own pace: its whole parameter list, every type of request and
 answer, and two relay experiments. Needs the environment of the tests marked ``ardupilot``.
 """
 
@@ -37,7 +37,7 @@ RELAYS = {"rover": (0.2, 0.3, 0.3), "sub": (0.25, 0.5, 0.0)}
 
 
 def questions(station: BareStation, kind: str) -> None:
-    """Ask everything once: parameters, rates up and down the ladder, a mode that does not exist, arming too early."""
+    """Send every request once: parameters, rates up and down the ladder, an unknown mode, arming too early."""
     parameters, name = station.parameters, GAIN[kind]
     parameters.read_full()
     old = parameters.read(name)

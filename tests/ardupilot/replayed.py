@@ -1,6 +1,6 @@
 """A recorded session with ArduPilot as a vehicle on a memory link: it answers as it was answered then.
 
-Not a simulator: what was not asked in the recording is met with silence (an interval never asked for, with the answer
+Not a simulator: a request that is not in the recording gets no answer (an interval not in the recording gets the answer
 to the nearest one), and commands do not move it. Telemetry runs by the vehicle's own stamps from a moment of the
 recording that the test chooses.
 """
@@ -24,7 +24,7 @@ __all__ = ["RECORDED", "Recording", "Replayed"]
 RECORDED = Path(__file__).parent / "recorded"
 GROUND = 255
 ANSWERS = ("COMMAND_ACK", "PARAM_VALUE", "PARAM_ERROR", "AUTOPILOT_VERSION", "MESSAGE_INTERVAL", "TIMESYNC")
-"""Sent only when asked for."""
+"""Sent only on request."""
 TICK = 0.02
 
 
@@ -43,7 +43,7 @@ def _name(text: str) -> str:
 
 
 def _key(m: Any) -> tuple[Any, ...] | None:
-    """Return what makes a question the same question; None for what is none."""
+    """Return the key that identifies a request; None for a message that is not a request."""
     match m.get_type():
         case "PARAM_REQUEST_READ":
             return ("parameter", _name(m.param_id) if m.param_index < 0 else int(m.param_index))
@@ -61,7 +61,7 @@ class Recording:
 
     Attributes
     ----------
-    telemetry : what the vehicle sent unasked, in order, dated by the last stamp heard.
+    telemetry : the messages that the vehicle sent without a request, in order, dated by the last stamp heard.
     relays : when the experiments in it began and ended [s since boot], and their outputs.
     """
 
@@ -93,21 +93,21 @@ class Recording:
         match name:
             case "PARAM_VALUE":
                 self._values.setdefault(_name(m.param_id), raw)
-                asked = pending.get(_name(m.param_id), ("parameter", _name(m.param_id)))
-                self._answers.setdefault(asked, [raw])
+                requests = pending.get(_name(m.param_id), ("parameter", _name(m.param_id)))
+                self._answers.setdefault(requests, [raw])
             case "PARAM_ERROR":
                 self._answers.setdefault(("parameter", _name(m.param_id)), [raw])
             case "COMMAND_ACK":
-                asked = pending.get(m.command, ())
-                self._answers.setdefault(asked, []).append(raw)
+                requests = pending.get(m.command, ())
+                self._answers.setdefault(requests, []).append(raw)
             case "AUTOPILOT_VERSION":
                 self._answers.setdefault(("version",), [raw])
             case "MESSAGE_INTERVAL":
-                asked = pending.get(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, ())
-                self._answers.setdefault((*asked, "interval"), [raw])
+                requests = pending.get(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, ())
+                self._answers.setdefault((*requests, "interval"), [raw])
 
     def answers(self, question: Any) -> list[bytes]:
-        """Return the recorded frames that answer *question*, none when it was never asked."""
+        """Return the recorded frames that answer *question*, none when it was never requested."""
         key = _key(question)
         if key is None:
             return []
@@ -123,8 +123,10 @@ class Recording:
 
     def _nearest(self, key: tuple[Any, ...]) -> tuple[Any, ...]:
         """Return the recorded request nearest in interval, of this message or else of one that is always there."""
-        asked = [k for k in self._answers if k[:2] == key[:2]]
-        of_this = [k for k in asked if k[2] == key[2]] or [k for k in asked if k[2] == mavlink.MAVLINK_MSG_ID_VFR_HUD]
+        requests = [k for k in self._answers if k[:2] == key[:2]]
+        of_this = [k for k in requests if k[2] == key[2]] or [
+            k for k in requests if k[2] == mavlink.MAVLINK_MSG_ID_VFR_HUD
+        ]
         return min(of_this, key=lambda k: abs(k[3] - key[3]))
 
     def between(self, begin: float, end: float) -> Iterator[Heard]:
@@ -139,7 +141,7 @@ class Recording:
 class Replayed:
     """A ``Peer`` for ``MemoryLink``: *recording* from *begin* [s since boot] on.
 
-    Attributes: ``asked`` every message received; ``unanswered`` the questions that the recording does not answer.
+    Attributes: ``received`` every message received; ``unanswered`` the requests that the recording does not answer.
     """
 
     def __init__(self, recording: Recording, begin: float) -> None:
@@ -150,12 +152,12 @@ class Replayed:
         self._out = bytearray()
         self._ear = mavlink.MAVLink(None)
         self._written: dict[str, list[bytes]] = {}
-        self.asked: list[Any] = []
+        self.received: list[Any] = []
         self.unanswered: list[Any] = []
 
     def receive(self, data: bytes) -> None:
         for message in self._ear.parse_buffer(data) or ():
-            self.asked.append(message)
+            self.received.append(message)
             answers = self._held(message) or self._recording.answers(message)
             if not answers and _key(message) is not None:
                 self.unanswered.append(message)

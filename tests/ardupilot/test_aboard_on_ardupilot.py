@@ -17,7 +17,7 @@ from sitl import load_vehicle
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(2000)]
 
 WARM_UP = 120.0
-"""Seconds before anybody does anything: the estimator's heading drifts until it knows its gyros."""
+"""Seconds before the first command: the estimator's heading drifts until the gyro biases are estimated."""
 TRUTH = {"alpha_r": 16.361, "beta_r": 4.909}
 """Charlie at 80 % throttle."""
 
@@ -27,14 +27,16 @@ def test_a_script_aboard_identifies_a_boat_and_leaves_nothing_behind(tmp_path: P
     if binary_of(KINDS[data.firmware]) is None:
         pytest.skip(f"{KINDS[data.firmware].variable} is not set")
     data = replace(data, parameters={**data.parameters, "SCR_ENABLE": 1})
-    run, said = tmp_path / "run", tmp_path / "said.txt"
+    run, output = tmp_path / "run", tmp_path / "output.txt"
     sea = FirmwareLoop(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
     try:
         sea.run(WARM_UP)
         words = ["aboard", "heading", "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
         words += ["--silence", "60"]  # of vehicle time, on a machine that may be busy
-        status = sea.host(words, said, while_running=lambda pid: None)  # scripts have no lock step: at the wall's pace
-        assert status == 0, said.read_text()[-2000:]
+        status = sea.host(
+            words, output, while_running=lambda pid: None
+        )  # scripts have no lock step: at the wall's pace
+        assert status == 0, output.read_text()[-2000:]
         sea.run(5.0)
         assert not sea.armed
         assert all(abs(share) < 0.01 for share in sea.physics.shares.values())

@@ -1,4 +1,4 @@
-"""Ctrl-C at every announced stage, lost power in mid-proof: the vehicle is as found, as another station sees it."""
+"""Ctrl-C at every announced stage, lost power in mid-proof: another station sees the vehicle in its original state."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STAGES = (
     "new gains written and verified by reading back",
     "step with new gains",
 )
-"""How each stage begins to announce itself; an ROV does not turn about."""
+"""The start of each stage's announcement; an ROV does not turn around."""
 
 SLUGGISH = {
     "rover": {"ATC_STR_RAT_FF": 0.2, "ATC_STR_RAT_P": 0.05, "ATC_STR_ANG_P": 1.0},
@@ -65,7 +65,7 @@ def detune(witness, kind):
 
 
 @pytest.mark.parametrize("stage", [s for s in STAGES if s != "turning around"])
-def test_a_boat_is_left_as_found_whenever_it_is_stopped(rover, witness, tmp_path, stage):
+def test_a_boat_is_unchanged_whenever_the_tune_is_stopped(rover, witness, tmp_path, stage):
     before = witness.parameters(ROVER_GAINS)
     with pytest.raises(OperatorStopped):
         tune_until(rover, "heading", stage, tmp_path / "run", stop_rule="settled")
@@ -74,7 +74,7 @@ def test_a_boat_is_left_as_found_whenever_it_is_stopped(rover, witness, tmp_path
 
 
 @pytest.mark.parametrize("stage", [s for s in STAGES if s != "turning around"])
-def test_an_rov_is_left_as_found_whenever_it_is_stopped(sub, witness, tmp_path, stage):
+def test_an_rov_is_unchanged_whenever_the_tune_is_stopped(sub, witness, tmp_path, stage):
     before = witness.parameters(SUB_GAINS)
     with pytest.raises(OperatorStopped):
         tune_until(sub, "heading", stage, tmp_path / "run", stop_rule="settled")
@@ -82,7 +82,7 @@ def test_an_rov_is_left_as_found_whenever_it_is_stopped(sub, witness, tmp_path, 
     assert summary_of(tmp_path / "run")["ending"] == "aborted"
 
 
-def killed_in_mid_proof(firmware, run, blow):
+def interrupted_in_mid_proof(firmware, run, blow):
     """Start a tune and call *blow* with its process when the new gains are being flown; return its exit code."""
     command = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--connect", firmware.uri, "--yes"]
     with subprocess.Popen(
@@ -96,19 +96,19 @@ def killed_in_mid_proof(firmware, run, blow):
                 blow(process)
                 break
         else:
-            pytest.fail("it never came to the proof:\n" + "".join(heard))
+            pytest.fail("the proof was never reached:\n" + "".join(heard))
         process.stderr.read()
     return process.returncode
 
 
-def test_ctrl_c_on_the_command_line_puts_the_old_gains_back(rover, witness, tmp_path):
+def test_ctrl_c_on_the_command_line_restores_the_old_gains(rover, witness, tmp_path):
     before = witness.parameters(ROVER_GAINS)
-    code = killed_in_mid_proof(rover, tmp_path / "run", lambda process: process.send_signal(signal.SIGINT))
+    code = interrupted_in_mid_proof(rover, tmp_path / "run", lambda process: process.send_signal(signal.SIGINT))
     assert code == 130
     assert_left_alone(witness, before, KINDS["rover"].manual)
 
 
-def test_after_the_autopilot_lost_power_in_mid_proof_restore_puts_the_old_gains_back(tmp_path):
+def test_restore_restores_the_old_gains_after_the_autopilot_lost_power_in_mid_proof(tmp_path):
     run = tmp_path / "run"
     with started(KINDS["rover"]) as firmware:
         warm(firmware)
@@ -116,7 +116,7 @@ def test_after_the_autopilot_lost_power_in_mid_proof_restore_puts_the_old_gains_
         detune(witness, "rover")
         before = witness.parameters(ROVER_GAINS)
         witness.close()
-        code = killed_in_mid_proof(firmware, run, lambda _: firmware.kill())
+        code = interrupted_in_mid_proof(firmware, run, lambda _: firmware.kill())
         assert code not in (0, 8)
         firmware.start(wipe=False)
         witness = firmware.witness()
@@ -130,10 +130,10 @@ def test_after_the_autopilot_lost_power_in_mid_proof_restore_puts_the_old_gains_
         witness.close()
 
 
-def test_after_the_tool_was_killed_in_mid_proof_restore_puts_the_old_gains_back(rover, witness, tmp_path):
+def test_restore_restores_the_old_gains_after_the_tool_was_interrupted_in_mid_proof(rover, witness, tmp_path):
     run = tmp_path / "run"
     before = witness.parameters(ROVER_GAINS)
-    killed_in_mid_proof(rover, run, lambda process: process.kill())
+    interrupted_in_mid_proof(rover, run, lambda process: process.kill())
     assert witness.parameters(ROVER_GAINS) != before
     restored = command_line("restore", str(run), "--connect", rover.uri, "--yes")
     assert restored.returncode == 0, restored.stderr

@@ -1,4 +1,4 @@
-"""Discovery, parameters, modes, rates: ours answers as ArduPilot's own simulator does; the tool copes with both."""
+"""Discovery, parameters, modes, rates: our simulator responds as ArduPilot's does, and the tool works with both."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def interval(station, name: str, hz: float) -> int:
     return station.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz)
 
 
-def test_it_is_found_and_known_for_what_it_is(craft):
+def test_the_vehicle_is_discovered_with_its_type_and_version(craft):
     vehicle = craft.session.vehicle
     assert (vehicle.system, vehicle.component, vehicle.autopilot) == (1, 1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
     kinds = {"boat": mavlink.MAV_TYPE_SURFACE_BOAT, "rov": mavlink.MAV_TYPE_SUBMARINE}
@@ -29,7 +29,7 @@ def test_it_is_found_and_known_for_what_it_is(craft):
     assert vehicle.version.startswith("4.")
 
 
-def test_a_gain_is_written_read_back_and_put_back_as_a_32_bit_float(craft):
+def test_a_gain_is_written_read_back_and_restored_as_a_32_bit_float(craft):
     name = GAIN[craft.firmware.kind]
     old = craft.parameters.read(name)
     craft.parameters.write(name, 0.33)
@@ -39,7 +39,7 @@ def test_a_gain_is_written_read_back_and_put_back_as_a_32_bit_float(craft):
     assert craft.parameters.read(name) == old
 
 
-def test_values_out_of_their_documented_range_are_taken(craft):
+def test_values_outside_the_documented_range_are_accepted(craft):
     name = GAIN[craft.firmware.kind]
     old = craft.parameters.read(name)
     craft.parameters.write(name, 99.0)
@@ -47,14 +47,14 @@ def test_values_out_of_their_documented_range_are_taken(craft):
     craft.parameters.write(name, old)
 
 
-def test_an_unknown_name_is_missing_and_nothing_more(craft):
+def test_an_unknown_parameter_is_reported_missing(craft):
     with pytest.raises(ParameterMissing, match=UNKNOWN):
         craft.parameters.read(UNKNOWN)
     known = GAIN[craft.firmware.kind]
     assert set(craft.parameters.read_existing([UNKNOWN, known])) == {known}
 
 
-def test_an_unknown_name_and_a_value_that_is_no_number_meet_param_error_or_both_silence(craft):
+def test_an_unknown_name_and_an_infinite_value_both_cause_param_error_or_no_reply(craft):
     """PARAM_ERROR is new in 4.7."""
     errors: list[tuple[str, int]] = []
     stop = craft.session.listen("PARAM_ERROR", lambda m: errors.append((m.param_id, m.error)))
@@ -68,7 +68,7 @@ def test_an_unknown_name_and_a_value_that_is_no_number_meet_param_error_or_both_
     assert sorted(errors) in ([], sorted([(UNKNOWN, absent), (UNKNOWN, absent), (name, impossible)]))
 
 
-def test_a_value_that_is_no_number_is_not_taken(craft):
+def test_a_nan_value_is_not_accepted(craft):
     name = GAIN[craft.firmware.kind]
     old = craft.parameters.read(name)
     craft.session.send(mavlink.MAVLink_param_set_message(1, 1, name.encode(), math.nan, 9))
@@ -76,7 +76,7 @@ def test_a_value_that_is_no_number_is_not_taken(craft):
     assert craft.parameters.read(name) == old
 
 
-def test_whole_numbered_parameters_drop_the_fraction(boat):
+def test_an_integer_parameter_drops_the_fraction(boat):
     old = boat.parameters.read("CRUISE_THROTTLE")
     boat.session.send(mavlink.MAVLink_param_set_message(1, 1, b"CRUISE_THROTTLE", 33.7, 9))
     boat.run(0.5)
@@ -84,14 +84,14 @@ def test_whole_numbered_parameters_drop_the_fraction(boat):
     boat.parameters.write("CRUISE_THROTTLE", old)
 
 
-def test_the_whole_list_comes_complete(craft):
+def test_the_full_parameter_list_is_complete(craft):
     values = craft.parameters.read_full()
     assert values[GAIN[craft.firmware.kind]] > 0.0
     assert [values[name] for name in craft.firmware.gcs_id_parameters if name in values] == [255.0]
     assert len(values) > 200
 
 
-def test_disarmed_it_takes_every_mode_that_is_flown_in(craft):
+def test_a_disarmed_vehicle_accepts_every_mode_used_in_flight(craft):
     firmware = craft.firmware
     for mode in (firmware.hold_mode, firmware.rest_mode, firmware.manual_mode):
         craft.commands.set_mode(mode)
@@ -105,7 +105,7 @@ def test_a_mode_that_does_not_exist_is_refused(craft):
     assert craft.mode == before
 
 
-def test_rover_denies_what_its_loop_of_50_hz_cannot_send_and_keeps_the_old_rate(boat):
+def test_rover_denies_rates_above_its_50_hz_loop_and_keeps_the_old_rate(boat):
     assert interval(boat, "ATTITUDE", 40.0) == ACCEPTED
     if boat.session.vehicle.version.startswith("4.5"):  # it takes any rate, and sends as fast as its loop goes
         assert interval(boat, "ATTITUDE", 100.0) == ACCEPTED
@@ -114,7 +114,7 @@ def test_rover_denies_what_its_loop_of_50_hz_cannot_send_and_keeps_the_old_rate(
     assert interval(boat, "ATTITUDE", 50.0) == DENIED
     assert boat.rates.request({"ATTITUDE": 100.0}) == {"ATTITUDE": 25.0}
     assert boat.rates.measure({"ATTITUDE": 25.0})["ATTITUDE"] == pytest.approx(25.0, rel=0.05)
-    assert any("too fast" in text for _, text in boat.said)
+    assert any("too fast" in text for _, text in boat.texts)
 
 
 def test_rover_sends_40_hz_at_uneven_intervals(boat):
@@ -139,12 +139,12 @@ def test_sub_grants_50_hz_of_attitude_and_outputs(rov):
     assert measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.06)
 
 
-def test_a_message_nobody_sends_is_refused_and_does_not_stop_the_others(craft):
+def test_a_message_that_is_never_sent_is_refused_and_does_not_affect_the_others(craft):
     granted = craft.rates.request({"WHEEL_DISTANCE": 5.0, "ATTITUDE": 10.0})
     assert granted["ATTITUDE"] == 10.0
 
 
-def test_rates_are_put_back(craft):
+def test_message_rates_are_restored(craft):
     before = craft.rates._previous_interval("VFR_HUD")
     craft.rates.request({"VFR_HUD": 7.0})
     assert craft.rates._previous_interval("VFR_HUD") == pytest.approx(1e6 / 7.0, rel=0.2)
@@ -152,13 +152,13 @@ def test_rates_are_put_back(craft):
     assert craft.rates._previous_interval("VFR_HUD") == before
 
 
-def test_boarding_adopts_the_ground_station_id_that_it_obeys(craft):
+def test_connecting_adopts_the_ground_station_id_that_the_vehicle_obeys(craft):
     name, _ = craft.parameters.read_first(craft.firmware.gcs_id_parameters)
     craft.parameters.write(name, 77)
     try:
-        boarded = open_craft(craft.session)
+        connected = open_craft(craft.session)
         assert craft.session.port.system == 77
-        boarded.rates.restore()
+        connected.rates.restore()
     finally:
         craft.parameters.write(name, 255)
         craft.session.port.system = 255

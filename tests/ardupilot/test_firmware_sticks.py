@@ -1,4 +1,4 @@
-"""Overrides, joystick messages, their time-outs and failsafes: ours answers as ArduPilot's own simulator does."""
+"""Overrides, joystick messages, their time-outs and failsafes: our simulator responds as ArduPilot's does."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs_autotune.errors import ArmingRefused
 
 NEUTRAL = 1500
 BEFORE_RC_FS_TIMEOUT = 0.5
-"""Seconds until Rover misses its sticks where its list has no such parameter (before 4.7; 4.6 answers its name, yet
+"""Seconds until Rover's override time-out where its list has no RC_FS_TIMEOUT (before 4.7; 4.6 answers to its name, yet
 heeds it on copters only)."""
 
 
@@ -28,7 +28,7 @@ def test_rovers_steering_stick_has_a_dead_zone_of_30_us(boat, stick, servo):
     assert boat.pwm[0] == pytest.approx(servo, abs=2)
 
 
-def test_rovers_throttle_comes_in_whole_percents_and_takes_a_second_to_full(boat):
+def test_rovers_throttle_moves_in_whole_percents_and_takes_a_second_to_full(boat):
     boat.arm()
     boat.hold(lambda: boat.override({1: NEUTRAL, 3: 2000}))
     assert boat.wait(lambda: boat.pwm[2] >= 2000, 2.0) == pytest.approx(1.0, abs=0.25)
@@ -36,7 +36,7 @@ def test_rovers_throttle_comes_in_whole_percents_and_takes_a_second_to_full(boat
     assert boat.pwm[2] == 1730
 
 
-def test_rovers_joystick_takes_throttle_about_zero(boat):
+def test_rovers_joystick_throttle_is_centred_at_zero(boat):
     boat.arm()
     boat.hold(joystick(y=500, z=500), 1.5)
     assert (boat.pwm[0], boat.pwm[2]) == (pytest.approx(1734, abs=2), 1730)
@@ -44,7 +44,7 @@ def test_rovers_joystick_takes_throttle_about_zero(boat):
     assert is_still(boat)()
 
 
-def test_subs_sticks_are_mixed_onto_the_motors_of_the_vectored_frame(rov):
+def test_subs_sticks_are_mixed_to_the_motors_of_the_vectored_frame(rov):
     rov.arm()
     rov.hold(lambda: rov.override({3: NEUTRAL, 4: 1600, 5: NEUTRAL, 6: NEUTRAL}), 0.5)
     assert rov.pwm[:6] == (1600, 1400, 1400, 1600, NEUTRAL, NEUTRAL)
@@ -54,7 +54,7 @@ def test_subs_sticks_are_mixed_onto_the_motors_of_the_vectored_frame(rov):
     assert rov.pwm[:6] == (1400, 1400, 1600, 1600, NEUTRAL, NEUTRAL)
 
 
-def test_subs_joystick_goes_through_a_gain_and_takes_throttle_about_500(rov):
+def test_subs_joystick_is_scaled_by_a_gain_and_its_throttle_is_centred_at_500(rov):
     rov.arm()
     rov.hold(joystick(z=500, r=500), 0.5)
     assert rov.pwm[:6] == (1600, 1400, 1400, 1600, NEUTRAL, NEUTRAL)
@@ -64,17 +64,17 @@ def test_subs_joystick_goes_through_a_gain_and_takes_throttle_about_500(rov):
     assert is_still(rov)()
 
 
-def test_overrides_of_another_system_are_ignored_and_say_nothing(craft):
+def test_overrides_of_another_system_are_ignored_without_a_message(craft):
     craft.arm()
     craft.session.port.system = 42
-    said = len(craft.said)
+    texts = len(craft.texts)
     craft.hold(lambda: craft.override(dict.fromkeys(craft.firmware.channels.values(), 1700)), 1.5)
     craft.session.port.system = 255
     assert is_still(craft)()
-    assert not craft.said[said:]
+    assert not craft.texts[texts:]
 
 
-def test_overrides_expire_after_their_time(craft):
+def test_overrides_expire_after_three_seconds(craft):
     craft.arm()
     turning = {**dict.fromkeys(craft.firmware.channels.values(), NEUTRAL), craft.firmware.channels["N"]: 1650}
     craft.hold(lambda: craft.override(turning), 1.0)
@@ -83,7 +83,7 @@ def test_overrides_expire_after_their_time(craft):
     assert craft.wait(is_still(craft), 4.0) == pytest.approx(3.0, abs=0.25)
 
 
-def test_a_released_override_hands_back_to_the_receiver_at_once(craft):
+def test_a_released_override_returns_control_to_the_receiver_at_once(craft):
     craft.arm()
     channel = craft.firmware.channels["N"]
     craft.hold(lambda: craft.override({channel: 1650}), 1.0)
@@ -94,7 +94,7 @@ def test_a_released_override_hands_back_to_the_receiver_at_once(craft):
 
 
 @pytest.mark.boot(SIM_RC_FAIL=1)
-def test_rover_without_a_receiver_arms_once_overrides_flow_and_holds_when_they_stop(boat):
+def test_rover_without_a_receiver_arms_when_overrides_flow_and_holds_when_they_stop(boat):
     missed = boat.parameters.read_full().get("RC_FS_TIMEOUT", BEFORE_RC_FS_TIMEOUT)
     boat.run(2.0)
     with pytest.raises(ArmingRefused, match="Radio failsafe"):
@@ -129,11 +129,11 @@ def test_sub_without_a_receiver_disarms_three_seconds_after_the_last_sticks(rov)
         return
     assert rov.wait(is_still(rov), 5.0) == pytest.approx(3.2, abs=0.4)
     rov.wait(lambda: not rov.session.armed, 2.0)
-    assert any("Lost manual control" in text for _, text in rov.said)
+    assert any("Lost manual control" in text for _, text in rov.texts)
 
 
 @pytest.mark.boot(FS_GCS_ENABLE=1)
-def test_rover_holds_when_its_ground_station_falls_silent(boat):
+def test_rover_holds_when_its_ground_station_is_lost(boat):
     boat.arm()
     boat.hold(lambda: boat.override({1: 1600, 3: NEUTRAL}), 1.0)
     boat.session.port.system = 42
@@ -143,7 +143,7 @@ def test_rover_holds_when_its_ground_station_falls_silent(boat):
     assert silent == pytest.approx(6.6, abs=1.2)
 
 
-def test_sub_disarms_when_its_ground_station_falls_silent(rov):
+def test_sub_disarms_when_its_ground_station_is_lost(rov):
     rov.arm()
     rov.session.port.system = 42
     rov.hold(None)

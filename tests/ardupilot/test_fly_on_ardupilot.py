@@ -1,4 +1,4 @@
-"""``fly`` and ``recheck`` on ArduPilot's own firmware, on our hulls: figures and model against their truth."""
+"""``fly`` and ``recheck`` on ArduPilot's own firmware, on our hulls: figures and model against the true values."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from sitl import load_vehicle
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(2000)]
 
 WARM_UP = 120.0
-"""Seconds before anybody does anything: the estimator's heading wanders until it knows its gyros."""
+"""Seconds before the first command: the estimator's heading drifts until the gyro biases are estimated."""
 
 
 def flown(vehicle: str, folder: Path, *words: str) -> tuple[Path, str]:
-    """Fly as a user would; see on another link that the vehicle is left as found; return the run and what was said."""
+    """Fly as a user would; check on another link that the vehicle is unchanged; return the run and the output."""
     data = load_vehicle(vehicle)
     if binary_of(KINDS[data.firmware]) is None:
         pytest.skip(f"{KINDS[data.firmware].variable} is not set")
-    run, said = folder / "run", folder / "said.txt"
+    run, output = folder / "run", folder / "output.txt"
     sea = FirmwareLoop(data, instance=int(os.environ.get("ARDUPILOT_INSTANCE", "10")), ports=free_ports(3))
     try:
         sea.run(WARM_UP)
         found, ready = (sea.armed, sea.mode), sea.armed_seconds
-        status = sea.host([*words, "--connect", sea.tuner_uri, "--yes", "--out", str(run)], said)
-        text = said.read_text()
+        status = sea.host([*words, "--connect", sea.tuner_uri, "--yes", "--out", str(run)], output)
+        text = output.read_text()
         assert status == 0, text[-2000:]
         sea.run(5.0)
         assert (sea.armed, sea.mode) == found
@@ -50,7 +50,7 @@ def figures_of(run: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("steering", [0.3, 0.67])
-def test_a_zig_zag_of_a_boat_gives_her_nomoto_constants(tmp_path: Path, steering: float) -> None:
+def test_a_zig_zag_of_a_boat_gives_its_nomoto_constants(tmp_path: Path, steering: float) -> None:
     run, _ = flown("charlie", tmp_path, "fly", "zig-zag", "--steering", f"{steering:g}")
     figures = figures_of(run)
     K, T = truth("charlie", steering)
@@ -60,12 +60,12 @@ def test_a_zig_zag_of_a_boat_gives_her_nomoto_constants(tmp_path: Path, steering
     assert math.radians(0.5) < figures["first-overshoot"] < math.radians(20.0)
 
 
-def test_an_rov_turns_zig_zags_by_its_yaw_moment(tmp_path: Path) -> None:
+def test_an_rov_flies_a_zig_zag_with_its_yaw_moment(tmp_path: Path) -> None:
     run, _ = flown("bluerov2", tmp_path, "fly", "zig-zag")
     assert figures_of(run)["first-overshoot"] > 0.0
     assert (run / "report.html").stat().st_size > 10_000
 
 
-def test_recheck_reads_the_heading_loop_of_a_boat(tmp_path: Path) -> None:
+def test_recheck_evaluates_the_heading_loop_of_a_boat(tmp_path: Path) -> None:
     run, _ = flown("charlie", tmp_path, "recheck", "heading")
     assert figures_of(run)["explained"] > 0.5

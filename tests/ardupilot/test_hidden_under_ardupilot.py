@@ -1,4 +1,4 @@
-"""An effect hidden in our hull under the real firmware, named from every record there is of one session over MAVLink.
+"""An effect hidden in our hull under the real firmware, identified from every record of one session over MAVLink.
 
 The record of the experiment itself, the telemetry log beside it, and the firmware's own log on board.
 """
@@ -27,12 +27,12 @@ HIDDEN, DELAY = "input-delay", 0.8
 PATIENCE = 900.0
 """Wall seconds for a diagnosis, which takes one minute of a processor that has nothing else to do."""
 WARM_UP = 120.0
-"""Seconds before anybody does anything: the estimator's heading wanders until it knows its gyros."""
+"""Seconds before the first command: the estimator's heading drifts until the gyro biases are estimated."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """What one flight left: the run directory, and the log on board."""
+    """The files of one flight: the run directory and the onboard log."""
 
     run: Path
     onboard: Path
@@ -50,9 +50,9 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
     try:
         sea.run(WARM_UP)
         flown = sea.host(
-            ["experiment", "heading", "--connect", sea.tuner_uri, "--yes", "--out", str(run)], folder / "said.txt"
+            ["experiment", "heading", "--connect", sea.tuner_uri, "--yes", "--out", str(run)], folder / "output.txt"
         )
-        assert flown == 0, (folder / "said.txt").read_text()[-2000:]
+        assert flown == 0, (folder / "output.txt").read_text()[-2000:]
         (log,) = Path(sea._folder.name).glob("logs/*.BIN")
         shutil.copy(log, onboard)
     finally:
@@ -60,24 +60,24 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
     yield Session(run, onboard)
 
 
-def answer(*arguments: str | Path) -> Any:
+def run_json(*arguments: str | Path) -> Any:
     done = command_line(*map(str, arguments), "--json", timeout=PATIENCE)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
 
 
-def names_it(diagnosis: dict[str, Any]) -> bool:
-    """Whether the effect is among the causes, or in a group that this record cannot tell from one of them."""
+def identifies_it(diagnosis: dict[str, Any]) -> bool:
+    """Whether the effect is among the causes, or in a group that this record cannot distinguish from one of them."""
     causes = set(diagnosis["causes"])
     return HIDDEN in causes or any(HIDDEN in group and causes & set(group) for group in diagnosis["indistinguishable"])
 
 
-def test_a_hidden_delay_is_named_from_the_record_of_the_experiment(session: Session) -> None:
-    told = answer("diagnose", session.run)
-    assert names_it(told), told["causes"]
+def test_a_hidden_delay_is_identified_from_the_recorded_experiment(session: Session) -> None:
+    diagnosis = run_json("diagnose", session.run)
+    assert identifies_it(diagnosis), diagnosis["causes"]
 
 
-def test_both_logs_of_the_session_give_the_same_craft_with_the_same_delay(session: Session, tmp_path: Path) -> None:
+def test_both_logs_of_the_session_give_the_same_model_with_the_same_delay(session: Session, tmp_path: Path) -> None:
     found = []
     for log in (session.run / "telemetry.tlog", session.onboard):
         folder = tmp_path / log.stem
@@ -85,7 +85,7 @@ def test_both_logs_of_the_session_give_the_same_craft_with_the_same_delay(sessio
         assert imported.returncode == 0, imported.stderr[-2000:]
         manual = [p for p in sorted(folder.glob("*.csv")) if _mode(p) == "MANUAL"]
         longest = max(manual, key=lambda p: p.stat().st_size)
-        found.append(answer("identify", longest, "--dof", "yaw", "--structure", "linear")["parameters"])
+        found.append(run_json("identify", longest, "--dof", "yaw", "--structure", "linear")["parameters"])
     link, board = found
     assert link["delay"]["value"] == pytest.approx(DELAY, abs=0.15)
     for name in ("alpha_r", "beta_r", "delay"):
@@ -96,6 +96,6 @@ def _mode(path: Path) -> str:
     return str(json.loads(path.with_suffix(".json").read_text())["meta"].get("mode", ""))
 
 
-def test_the_log_on_board_alone_names_it(session: Session) -> None:
-    told = answer("diagnose", session.onboard, "--dof", "yaw")
-    assert names_it(told), told["causes"]
+def test_a_hidden_delay_is_identified_from_the_onboard_log_alone(session: Session) -> None:
+    diagnosis = run_json("diagnose", session.onboard, "--dof", "yaw")
+    assert identifies_it(diagnosis), diagnosis["causes"]

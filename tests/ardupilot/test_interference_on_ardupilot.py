@@ -1,4 +1,4 @@
-"""Override discipline and other hands against unmodified ArduRover and ArduSub, a second station on the same wire."""
+"""Overrides and interference with unmodified ArduRover and ArduSub, a second station on the same link."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def craft(firmware: ArduPilot) -> Iterator[MavlinkCraft]:
         craft.rates.restore()
 
 
-def say(craft: MavlinkCraft, system: int, message: Any) -> None:
-    """Another station speaks, through the same router as we."""
+def send_as(craft: MavlinkCraft, system: int, message: Any) -> None:
+    """Send *message* as another station, through the same router."""
     craft.session.transport.write(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=25)))
 
 
@@ -69,58 +69,58 @@ def order(command: int, *values: float) -> Any:
     return mavlink.MAVLink_command_long_message(1, 1, command, 0, *values, *[0.0] * (7 - len(values)))
 
 
-def test_arming_proves_that_it_obeys_and_times_the_loop(craft: MavlinkCraft) -> None:
+def test_arming_proves_that_the_vehicle_obeys_and_measures_the_loop_delay(craft: MavlinkCraft) -> None:
     fly(craft, 60)
     times = craft.link_times
     assert 0.0 < times.loop < 0.3
     assert times.samples >= 8
-    assert times.override_rate >= 10.0, "25 on a machine that has nothing else to do"
+    assert times.override_rate >= 10.0, "25 on an idle machine"
     assert 0.0 < craft.least_period < 3.0
 
 
-def test_a_foreign_mode_change_names_the_station(craft: MavlinkCraft) -> None:
+def test_a_foreign_mode_change_is_reported_with_its_sender(craft: MavlinkCraft) -> None:
     fly(craft, 10)
-    say(craft, OTHER, order(mavlink.MAV_CMD_DO_SET_MODE, 1, 4 if craft.firmware.kind == "boat" else 0))
+    send_as(craft, OTHER, order(mavlink.MAV_CMD_DO_SET_MODE, 1, 4 if craft.firmware.kind == "boat" else 0))
     assert f"(system {OTHER}, component 25) sent MAV_CMD_DO_SET_MODE" in trip(craft, "mode")
 
 
-def test_a_foreign_disarm_names_the_station(craft: MavlinkCraft) -> None:
+def test_a_foreign_disarm_is_reported_with_its_sender(craft: MavlinkCraft) -> None:
     fly(craft, 10)
-    say(craft, OTHER, order(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196))
+    send_as(craft, OTHER, order(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196))
     assert f"(system {OTHER}, component 25) sent MAV_CMD_COMPONENT_ARM_DISARM" in trip(craft, "armed")
 
 
-def test_a_foreign_write_to_a_borrowed_parameter_trips(craft: MavlinkCraft) -> None:
+def test_a_foreign_write_to_a_watched_parameter_trips_the_guard(craft: MavlinkCraft) -> None:
     name = "INS_GYRO_FILTER"
     old = craft.parameters.read(name)
     craft.parameters.watch({name: old})
     fly(craft, 10)
-    say(craft, OTHER, mavlink.MAVLink_param_set_message(1, 1, name.encode(), old + 1.0, 9))
+    send_as(craft, OTHER, mavlink.MAVLink_param_set_message(1, 1, name.encode(), old + 1.0, 9))
     assert f"wrote {name} = {old + 1:g} (it was {old:g})" in trip(craft, "parameters")
     craft.parameters.unwatch([name])
     craft.parameters.intrusions.clear()
     craft.parameters.write(name, old)
 
 
-def test_another_joystick_of_the_station_it_obeys_trips(craft: MavlinkCraft) -> None:
+def test_another_joystick_with_our_system_id_trips_the_guard(craft: MavlinkCraft) -> None:
     fly(craft, 10)
     joystick = mavlink.MAVLink_manual_control_message(1, 0, 300, 0 if craft.firmware.kind == "boat" else 500, 300, 0)
-    craft.session.every(0.03, lambda: say(craft, 255, joystick))
+    craft.session.every(0.03, lambda: send_as(craft, 255, joystick))
     assert "overrides of another sender are active" in trip(craft, "sticks")
 
 
-def test_rates_that_another_station_changed_are_asked_for_again(craft: MavlinkCraft) -> None:
+def test_rates_changed_by_another_station_are_requested_again(craft: MavlinkCraft) -> None:
     fly(craft, 10)
     everything = mavlink.MAV_DATA_STREAM_EXTRA1
-    say(craft, OTHER, mavlink.MAVLink_request_data_stream_message(1, 1, everything, 2, 1))
+    send_as(craft, OTHER, mavlink.MAVLink_request_data_stream_message(1, 1, everything, 2, 1))
     fly(craft, 60)
     begun = craft.telemetry.t
     fly(craft, 30)
     assert craft.telemetry.t - begun == pytest.approx(3.0, abs=0.7)
 
 
-def test_a_run_of_another_computer_is_heard_through_the_autopilot(firmware: ArduPilot, craft: MavlinkCraft) -> None:
-    """ArduPilot passes a HEARTBEAT on only to links on which its sender's ids were never heard."""
+def test_a_run_on_another_computer_is_detected_through_the_autopilot(firmware: ArduPilot, craft: MavlinkCraft) -> None:
+    """ArduPilot passes a HEARTBEAT on only to links on which its sender's ids were never received."""
     craft.session.at_work = True
     with Session(open_link(f"tcp:127.0.0.1:{5762 + 10 * firmware.instance}")) as second:
         second.discover(30.0)
@@ -145,7 +145,7 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(firmware: ArduPilot) -
             craft.rates.restore()
 
 
-def test_without_a_receiver_it_stays_armed_and_in_its_mode_between_two_manoeuvres(craft: MavlinkCraft) -> None:
+def test_without_a_receiver_the_vehicle_stays_armed_in_its_mode_between_manoeuvres(craft: MavlinkCraft) -> None:
     craft.parameters.write("SIM_RC_FAIL", 1)
     try:
         fly(craft, 10)

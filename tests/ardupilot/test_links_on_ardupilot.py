@@ -1,4 +1,4 @@
-"""Signing and MAVSDK against an unmodified ArduRover. Its first port obeys everybody, its second only who signs."""
+"""Signing and MAVSDK against an unmodified ArduRover. Port 1 obeys every sender, port 2 only signed messages."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def signing_boat(boat: ArduPilot) -> Iterator[ArduPilot]:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_the_whole_list_a_round_trip_and_a_denied_rate_over_both_backends(boat: ArduPilot, backend: str) -> None:
+def test_full_list_round_trip_and_denied_rate_work_over_both_backends(boat: ArduPilot, backend: str) -> None:
     with Session(open_link(boat.uri, backend=backend)) as session:
         session.discover(20.0)
         parameters = Parameters(session)
@@ -80,7 +80,7 @@ def test_with_the_key_the_second_port_obeys(signing_boat: ArduPilot, backend: st
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_without_the_key_it_is_said_what_is_missing(signing_boat: ArduPilot, backend: str) -> None:
+def test_without_the_key_the_error_reports_a_signing_mismatch(signing_boat: ArduPilot, backend: str) -> None:
     with (
         Session(open_link(second_port(signing_boat), backend=backend)) as session,
         pytest.raises(SigningMismatch, match="signs its messages and does not answer"),
@@ -88,7 +88,7 @@ def test_without_the_key_it_is_said_what_is_missing(signing_boat: ArduPilot, bac
         session.discover(20.0)
 
 
-def test_with_another_key_nothing_is_believed(signing_boat: ArduPilot) -> None:
+def test_with_another_key_no_message_is_accepted(signing_boat: ArduPilot) -> None:
     with (
         Session(open_link(second_port(signing_boat)), signing=SigningKey(b"w" * 32)) as session,
         pytest.raises(SigningMismatch, match="another key"),

@@ -1,4 +1,4 @@
-"""Missions are taken, refused and shown by our boat as by ArduPilot's own."""
+"""Our boat accepts, refuses and reports missions as ArduPilot's does."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def item(seq: int, command: int, parameters: Sequence[float] = (0.0,) * 4, frame
 
 
 def upload(station: Any, items: Sequence[Any]) -> int:
-    """Upload *items* as they are asked for and return MAV_MISSION_RESULT."""
+    """Upload *items* as they are requested and return MAV_MISSION_RESULT."""
     results: list[int] = []
 
     def answer(message: Any) -> None:
@@ -40,7 +40,7 @@ def upload(station: Any, items: Sequence[Any]) -> int:
     return results[0]
 
 
-def ask(station: Any, question: Any, kind: str) -> Any:
+def request(station: Any, question: Any, kind: str) -> Any:
     """Send *question* and return the first message of *kind* that comes."""
     got: list[Any] = []
     stop = station.session.listen(kind, got.append)
@@ -71,38 +71,38 @@ CASES = {
 }
 
 
-def test_every_item_is_taken_or_refused_alike(boat):
+def test_our_boat_and_ardupilot_accept_and_refuse_the_same_items(boat):
     assert {name: upload(boat, [HOME, message]) for name, (message, _) in CASES.items()} == {
         name: result for name, (_, result) in CASES.items()
     }
 
 
-def test_a_mission_comes_back_with_home_as_item_0(boat):
+def test_a_mission_is_returned_with_home_as_item_0(boat):
     assert upload(boat, [HOME, POINT, item(2, 178, (1.0, 0.6, -1.0, 0.0))]) == ACCEPTED
-    count = ask(boat, mavlink.MAVLink_mission_request_list_message(1, 1, 0), "MISSION_COUNT")
+    count = request(boat, mavlink.MAVLink_mission_request_list_message(1, 1, 0), "MISSION_COUNT")
     assert count.count == 3
-    got = [ask(boat, mavlink.MAVLink_mission_request_int_message(1, 1, k, 0), "MISSION_ITEM_INT") for k in range(3)]
+    got = [request(boat, mavlink.MAVLink_mission_request_int_message(1, 1, k, 0), "MISSION_ITEM_INT") for k in range(3)]
     assert [m.command for m in got] == [16, 16, 178]
     assert [m.frame for m in got] == [0, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, 0]
     assert (got[1].x, got[1].y) == (POINT.x, POINT.y)
     assert got[2].param2 == pytest.approx(0.6)
 
 
-def test_an_item_that_is_not_there_is_an_error_with_the_right_count(boat):
+def test_requesting_a_missing_item_returns_the_count_and_an_error(boat):
     upload(boat, [HOME, POINT])
     question = mavlink.MAVLink_mission_request_int_message(1, 1, 9, 0)
-    assert ask(boat, question, "MISSION_COUNT").count == 2
-    assert ask(boat, question, "MISSION_ACK").type == mavlink.MAV_MISSION_ERROR
+    assert request(boat, question, "MISSION_COUNT").count == 2
+    assert request(boat, question, "MISSION_ACK").type == mavlink.MAV_MISSION_ERROR
 
 
 def test_too_many_items_are_refused(boat):
-    ack = ask(boat, mavlink.MAVLink_mission_count_message(1, 1, 60000, 0), "MISSION_ACK")
+    ack = request(boat, mavlink.MAVLink_mission_count_message(1, 1, 60000, 0), "MISSION_ACK")
     assert ack.type == mavlink.MAV_MISSION_NO_SPACE
 
 
-def test_an_upload_that_falls_silent_is_cancelled_after_eight_seconds(boat):
+def test_a_stalled_upload_is_cancelled_after_eight_seconds(boat):
     begun = boat.t
-    ask(boat, mavlink.MAVLink_mission_count_message(1, 1, 2, 0), "MISSION_REQUEST")
+    request(boat, mavlink.MAVLink_mission_count_message(1, 1, 2, 0), "MISSION_REQUEST")
     acks: list[int] = []
     boat.session.listen("MISSION_ACK", lambda m: acks.append(m.type))
     boat.wait(lambda: bool(acks), 15.0)
@@ -110,12 +110,12 @@ def test_an_upload_that_falls_silent_is_cancelled_after_eight_seconds(boat):
     assert boat.t - begun == pytest.approx(8.0, abs=1.0)
 
 
-def test_a_cleared_mission_is_no_mission_and_auto_is_refused(boat):
-    ack = ask(boat, mavlink.MAVLink_mission_clear_all_message(1, 1, 0), "MISSION_ACK")
+def test_a_cleared_mission_is_empty_and_auto_is_refused(boat):
+    ack = request(boat, mavlink.MAVLink_mission_clear_all_message(1, 1, 0), "MISSION_ACK")
     assert ack.type == ACCEPTED
     result = boat.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 10)
     assert result == mavlink.MAV_RESULT_FAILED
-    boat.wait(lambda: any("No Mission. Can't set AUTO." in text for _, text in boat.said), 3.0)
+    boat.wait(lambda: any("No Mission. Can't set AUTO." in text for _, text in boat.texts), 3.0)
 
 
 def test_an_unfinished_mission_is_shown_as_not_started(boat):

@@ -1,4 +1,4 @@
-"""Parameter names and scales on an unmodified ArduSub and ArduRover: asked for, written and read back, put back."""
+"""Parameter names and scales on an unmodified ArduSub and ArduRover: read, written, read back and restored."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(300)]
 WHOLE = ("CRUISE_THROTTLE",)
 """Parameters that ArduPilot keeps as whole numbers."""
 LATER = {"ATC_STR_DEC_MAX", "SURFACE_MAX_THR"}
-"""New in 4.7; the design does without, as the firmware before it did."""
+"""New in 4.7; the design works without them, as older firmware does."""
 FIRMWARES = {"rover": "ardurover", "sub": "ardusub"}
 
 
@@ -29,26 +29,26 @@ def aboard(request: pytest.FixtureRequest) -> Iterator[tuple[str, Parameters]]:
         yield FIRMWARES[request.param], Parameters(session)
 
 
-def test_every_gain_and_setting_of_every_axis_is_found_under_some_name(aboard: tuple[str, Parameters]) -> None:
+def test_every_gain_and_setting_of_every_axis_has_a_known_name(aboard: tuple[str, Parameters]) -> None:
     firmware, parameters = aboard
     assert len(FIRMWARE[firmware].axes) >= 3
     for axis in FIRMWARE[firmware].axes.values():
-        wanted = [*(g.parameter for g in axis.gains), *axis.context]
-        names, own = read_named(parameters, wanted)
-        missing = {name for name in wanted if names.own(name) not in own}
+        required = [*(g.parameter for g in axis.gains), *axis.context]
+        names, own = read_named(parameters, required)
+        missing = {name for name in required if names.own(name) not in own}
         assert missing <= LATER
         assert missing <= set(axis.context)
 
 
-def test_a_gain_is_written_in_the_vehicle_s_own_unit_and_put_back(aboard: tuple[str, Parameters]) -> None:
+def test_a_gain_is_written_in_the_vehicles_own_unit_and_restored(aboard: tuple[str, Parameters]) -> None:
     firmware, parameters = aboard
     assert len(FIRMWARE[firmware].axes) >= 3
     for axis in FIRMWARE[firmware].axes.values():
         names, own = read_named(parameters, [g.parameter for g in axis.gains])
         for name, value in names.to_canonical(own).items():
-            wanted = value - 1.0 if name in WHOLE else 0.9 * value + 0.05
-            parameters.write(names.own(name), names.own_value(name, wanted))
+            required = value - 1.0 if name in WHOLE else 0.9 * value + 0.05
+            parameters.write(names.own(name), names.own_value(name, required))
             again, now = read_named(parameters, [name])
-            assert same_float32(again.to_canonical(now)[name], wanted)
+            assert same_float32(again.to_canonical(now)[name], required)
             parameters.write(names.own(name), own[names.own(name)])
         assert read_named(parameters, [g.parameter for g in axis.gains])[1] == own

@@ -1,4 +1,4 @@
-"""Our hulls under the real firmware: what the autopilot believes is what the hull does."""
+"""Our hulls under the real firmware: the autopilot's estimates agree with the hull's motion."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CASES = (("charlie", "ARDUPILOT_ROVER", 200), ("bluerov2", "ARDUPILOT_SUB", 400)
 
 
 @pytest.mark.parametrize(("name", "binary", "rate"), CASES)
-def test_the_autopilot_sees_the_hulls_heading_and_depth(name: str, binary: str, rate: int, tmp_path: Path) -> None:
+def test_the_autopilot_estimates_the_hulls_heading_and_depth(name: str, binary: str, rate: int, tmp_path: Path) -> None:
     if not os.environ.get(binary):
         pytest.skip(f"{binary} names no ArduPilot binary")
     data = load_vehicle(name)
@@ -53,11 +53,11 @@ def test_the_autopilot_sees_the_hulls_heading_and_depth(name: str, binary: str, 
 
 
 def _listen(server: JsonServer, physics: Physics, ear: socket.socket) -> tuple[float, float]:
-    """Run a minute and return the last heading [rad] and altitude [m] heard."""
+    """Run a minute and return the last heading [rad] and altitude [m] received."""
     parser = mavlink.MAVLink(None, srcSystem=255)
     parser.robust_parsing = True
     heard: dict[str, object] = {}
-    asked = False
+    requested = False
     while physics.seconds < 60.0:
         server.serve_one()
         try:
@@ -66,8 +66,8 @@ def _listen(server: JsonServer, physics: Physics, ear: socket.socket) -> tuple[f
             continue
         for message in parser.parse_buffer(datagram) or ():
             heard[message.get_type()] = message
-        if "HEARTBEAT" in heard and not asked and physics.seconds > 20.0:
-            asked = True
+        if "HEARTBEAT" in heard and not requested and physics.seconds > 20.0:
+            requested = True
             for number in (mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_VFR_HUD):
                 request = mavlink.MAVLink_command_long_message(
                     1, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, 100000.0, 0, 0, 0, 0, 0

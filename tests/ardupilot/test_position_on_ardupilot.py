@@ -15,7 +15,7 @@ from sitl import load_vehicle
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(900)]
 
 WARM_UP = {"sub": 90.0, "rover": 240.0}
-"""Seconds before anybody does anything: the estimator needs a position, a boat's also a steady heading."""
+"""Seconds before the first command: the estimator needs a position, a boat's also a steady heading."""
 
 
 def fly(name: str, folder: Path, *words: str) -> tuple[int, str]:
@@ -28,18 +28,18 @@ def fly(name: str, folder: Path, *words: str) -> tuple[int, str]:
     try:
         sea.run(WARM_UP[kind])
         command = [*words, "--connect", sea.tuner_uri, "--yes", "--quiet", "--out", str(folder / "run")]
-        code = sea.host(command, folder / "said.txt")
+        code = sea.host(command, folder / "output.txt")
     finally:
         sea.close()
-    return code, (folder / "said.txt").read_text()
+    return code, (folder / "output.txt").read_text()
 
 
-def test_the_position_of_an_rov_is_tuned_and_kept(tmp_path: Path) -> None:
-    code, said = fly("bluerov2-sway", tmp_path, "tune", "position")
-    assert code == 0, said[-2000:]
-    told = summary_of(tmp_path / "run")
-    assert told["ending"] == "kept"
-    before, after = told["position"]["before"], told["position"]["after"]
+def test_the_position_loop_of_an_rov_is_tuned_and_kept(tmp_path: Path) -> None:
+    code, output = fly("bluerov2-sway", tmp_path, "tune", "position")
+    assert code == 0, output[-2000:]
+    summary = summary_of(tmp_path / "run")
+    assert summary["ending"] == "kept"
+    before, after = summary["position"]["before"], summary["position"]["after"]
     assert after["itae"] < before["itae"]
     assert after["push"] < before["push"]
 
@@ -48,7 +48,7 @@ HELD = [("bluerov2-sway", "position"), ("bluerov2", "heading"), ("bluerov2", "de
 
 
 @pytest.mark.parametrize(("name", "what"), HELD)
-def test_our_own_loop_holds(name: str, what: str, tmp_path: Path) -> None:
-    code, said = fly(name, tmp_path, "hold", what)
-    assert code == 0, said[-2000:]
-    assert "mode and armed state restored" in said
+def test_our_own_loop_holds_the_setpoint(name: str, what: str, tmp_path: Path) -> None:
+    code, output = fly(name, tmp_path, "hold", what)
+    assert code == 0, output[-2000:]
+    assert "mode and armed state restored" in output

@@ -1,4 +1,4 @@
-"""Recorded sessions with unmodified ArduRover and ArduSub: boarding, parameters, rates, identification."""
+"""Recorded sessions with unmodified ArduRover and ArduSub: connection, parameters, rates, identification."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ recording = cache(Recording)
 
 
 def vessel(kind: str) -> str:
-    """Return what sort of vehicle a recording is of."""
+    """Return the vehicle type of a recording."""
     return kind.split("-")[0]
 
 
@@ -60,24 +60,24 @@ def aboard(session):
     return session
 
 
-def test_it_is_discovered_with_its_version(aboard, kind):
+def test_the_vehicle_is_discovered_with_its_version(aboard, kind):
     vehicle = aboard.vehicle
     types = {"rover": mavlink.MAV_TYPE_SURFACE_BOAT, "sub": mavlink.MAV_TYPE_SUBMARINE}
     assert (vehicle.autopilot, vehicle.vehicle_type) == (mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, types[vessel(kind)])
     assert vehicle.version == recording(kind).version
 
 
-def test_boarding_reads_the_wiring_and_hears_the_attitude(session, peer, kind):
+def test_connecting_reads_the_output_mapping_and_receives_the_attitude(session, peer, kind):
     craft = open_craft(session, wanted_rates={"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 40.0})
     assert craft.rates.granted["ATTITUDE"].granted == 25.0
     now = craft.observe()
     assert set(now.output) >= {"N", "X"}
     assert now.t == pytest.approx(before_the_first_relay(kind), abs=15.0)
     written = {"PARAM_SET", "RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"}
-    assert not written & {m.get_type() for m in peer.asked}
+    assert not written & {m.get_type() for m in peer.received}
 
 
-def test_a_gain_is_written_and_put_back_and_the_float_echo_is_no_refusal(aboard, kind):
+def test_a_gain_is_written_and_restored_and_the_float_echo_is_accepted(aboard, kind):
     parameters, name = Parameters(aboard), GAIN[vessel(kind)]
     old = parameters.read(name)
     parameters.write(name, 0.33)
@@ -86,8 +86,8 @@ def test_a_gain_is_written_and_put_back_and_the_float_echo_is_no_refusal(aboard,
     parameters.write(name, old)
 
 
-def test_an_unknown_name_is_answered_by_an_error_or_waited_for_no_longer_than_three_tries(aboard, kind, monkeypatch):
-    """New in 4.7: PARAM_ERROR; before, silence."""
+def test_an_unknown_name_ends_with_an_error_or_after_three_tries(aboard, kind, monkeypatch):
+    """PARAM_ERROR is new in 4.7; older firmware sends no reply."""
     monkeypatch.setattr(type(aboard), "lossy", lambda self: "")  # recordings are thinned out: numbers are missing
     begun = aboard.clock.now()
     with pytest.raises(ParameterMissing):
@@ -95,15 +95,15 @@ def test_an_unknown_name_is_answered_by_an_error_or_waited_for_no_longer_than_th
     assert aboard.clock.now() - begun < (1.0 if recording(kind).version.startswith("4.7") else 6.0)
 
 
-def test_every_gain_of_every_axis_is_there_under_some_name(aboard, kind):
+def test_every_heading_gain_exists_under_a_known_name(aboard, kind):
     firmware = firmware_of(kind)
     held = Parameters(aboard).read_full()
     assert set(held) == recording(kind).names()
-    wanted = [gain.parameter for gain in firmware.axes["heading"].gains]
-    assert set(wanted) <= set(held)
+    required = [gain.parameter for gain in firmware.axes["heading"].gains]
+    assert set(required) <= set(held)
 
 
-def test_rates_that_its_loop_cannot_send_are_denied_and_halved(aboard, kind):
+def test_rates_that_the_loop_cannot_send_are_denied_and_halved(aboard, kind):
     firmware = firmware_of(kind)
     rates = Rates(aboard, Commands(aboard, firmware))
     granted = rates.request({"ATTITUDE": 400.0, "WHEEL_DISTANCE": 10.0})
@@ -120,8 +120,8 @@ def test_a_mode_that_does_not_exist_is_refused(aboard, kind):
 
 
 @cache
-def flown_again(kind: str, number: int):
-    """Return the trial that the link room makes of the recorded telemetry of a relay experiment."""
+def replayed_trial(kind: str, number: int):
+    """Return the trial that the link module makes of the recorded telemetry of a relay experiment."""
     flown = recording(kind).relays[number]
     with Session(MemoryLink(Replayed(recording(kind), flown["from_t"] - 10.0), quantum=0.02)) as session:
         craft = open_craft(session, system_id=1, wanted_rates={"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 40.0})
@@ -132,36 +132,36 @@ def flown_again(kind: str, number: int):
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_what_the_servos_did_is_what_the_relay_asked_for(kind, number):
-    """The dead zone of the stick is made up for: what is measured at the servo is the relay's own output."""
-    output = np.abs(flown_again(kind, number)["N"].values[10:])
+def test_the_measured_servo_output_equals_the_relay_output(kind, number):
+    """The stick's dead zone is compensated: the output measured at the servo is the relay's own."""
+    output = np.abs(replayed_trial(kind, number)["N"].values[10:])
     assert np.median(output) == pytest.approx(recording(kind).relays[number]["C"], abs=0.005)
 
 
-def test_samples_carry_the_vehicles_own_stamps(kind):
-    gaps = np.diff(flown_again(kind, 0)["psi"].t)
+def test_samples_carry_the_vehicles_own_time_stamps(kind):
+    gaps = np.diff(replayed_trial(kind, 0)["psi"].t)
     assert np.mean(gaps) == pytest.approx(0.04, rel=0.03)
     assert 0.015 < np.min(gaps) <= np.max(gaps) < 0.065
 
 
 @cache
 def fitted(kind: str):
-    return fit_axis([flown_again(kind, number) for number in (0, 1)], dof="yaw")
+    return fit_axis([replayed_trial(kind, number) for number in (0, 1)], dof="yaw")
 
 
 def test_the_recorded_relays_give_the_steady_turn_rate_of_the_simulated_craft(kind):
-    speed = float(np.mean([flown_again(kind, number)["U"].values.mean() for number in (0, 1)]))
+    speed = float(np.mean([replayed_trial(kind, number)["U"].values.mean() for number in (0, 1)]))
     assert fitted(kind).parameters["beta_r"].value == pytest.approx(TRUTH[vessel(kind)](speed), rel=0.06)
 
 
 @pytest.mark.parametrize("kind", ["rover", "rover-4.6"])
-def test_a_boat_without_yaw_inertia_is_doubted_and_not_believed(kind):
+def test_a_boat_without_yaw_inertia_is_reported_as_inertia_unresolved(kind):
     assert "inertia-unresolved" in {doubt.slug for doubt in fitted(kind).doubts}
 
 
 @pytest.mark.parametrize("kind", ["sub", "sub-4.6"])
-def test_the_depth_of_home_below_the_estimators_origin_is_found_in_what_ardupilot_sends(session, kind):
-    """It tells the depth below home before the one below the origin, of the same moment."""
+def test_the_depth_offset_of_home_is_found_from_ardupilots_messages(session, kind):
+    """It sends the depth below home before the depth below the origin, of the same moment."""
     craft = open_craft(session, system_id=1)
     until = craft.observe().t + 3.0
     while craft.observe().t < until:

@@ -16,7 +16,7 @@ ENDINGS = {"kept": 0, "unchanged": 0, "restored": 8}
 
 
 def flown(firmware, witness, axis, tmp_path, mode, *options):
-    """Tune, and check that the vehicle holds what the run says it left there; return the summary and the fit."""
+    """Tune, and check that the vehicle holds the gains that the run reports; return the summary and the fit."""
     run = tmp_path / "run"
     known = FIRMWARE["ardurover" if mode == MANUAL_ROVER else "ardusub"].axes[axis]
     names = [witness.name_of(name, *(a.name for a in ALIASES.get(name, ()))) for name in gains_of(known)]
@@ -37,7 +37,7 @@ def flown(firmware, witness, axis, tmp_path, mode, *options):
     return summary, json.loads((run / "fit.json").read_text())
 
 
-def test_heading_of_the_stock_boat_is_tuned_and_better_or_left_alone(rover, witness, tmp_path):
+def test_heading_of_the_stock_boat_is_improved(rover, witness, tmp_path):
     """Its model turns at once: 1.183 rad/s per m/s and full rudder, less at larger angles (SIM_Sailboat)."""
     summary, fit = flown(rover, witness, "heading", tmp_path, MANUAL_ROVER)
     speed = 5.0
@@ -46,20 +46,20 @@ def test_heading_of_the_stock_boat_is_tuned_and_better_or_left_alone(rover, witn
     assert summary["metrics"]["after"]["itae"] < summary["metrics"]["before"]["itae"]
 
 
-def test_heading_of_the_stock_rov_is_tuned_and_better_or_left_alone(sub, witness, tmp_path):
-    """Its steady turn rate is 2.7 rad/s per full output, thrust and drag both going with the square."""
+def test_heading_of_the_stock_rov_is_improved(sub, witness, tmp_path):
+    """Its steady turn rate is 2.7 rad/s per full output, thrust and drag are both quadratic."""
     summary, _ = flown(sub, witness, "heading", tmp_path, MANUAL_SUB)
     assert steady_velocity(tmp_path / "run", 0.5) == pytest.approx(0.5 * 2.7, rel=0.1)
     assert summary["ending"] == "kept"
     assert summary["metrics"]["after"]["itae"] < summary["metrics"]["before"]["itae"]
 
 
-def test_depth_of_the_stock_rov_is_tuned_from_the_surface_and_better_or_left_alone(sub, witness, tmp_path):
+def test_depth_of_the_stock_rov_is_tuned_from_the_surface_and_kept_only_if_better(sub, witness, tmp_path):
     """Its steady speed is 1.22 m/s per full output: 2 * 51.48 u|u| N against 69 w|w| N (SIM_Submarine)."""
     summary, _ = flown(sub, witness, "depth", tmp_path, MANUAL_SUB)
     assert steady_velocity(tmp_path / "run", 0.5) == pytest.approx(0.5 * 1.22, rel=0.2)
     metrics = summary["metrics"]
-    assert metrics["before"]["itae"] < 0.5, "the depth asked for is the depth meant: ArduPilot's own gains follow it"
+    assert metrics["before"]["itae"] < 0.5, "ArduPilot's own gains follow the requested depth"
     assert summary["ending"] != "kept" or metrics["after"]["itae"] < metrics["before"]["itae"]
 
 

@@ -17,14 +17,14 @@ from firmware_process import KINDS, ArduPilot, binary_of
 pytestmark = [pytest.mark.ardupilot, pytest.mark.timeout(900)]
 
 SKID = {"SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74, "CRUISE_SPEED": 3, "CRUISE_THROTTLE": 75, "WP_SPEED": 3}
-ROOM = ("--max-speed", "12", "--max-distance", "2000")
+SPACE = ("--max-speed", "12", "--max-distance", "2000")
 
 
 def process(kind: str, **options: Any) -> Iterator[ArduPilot]:
-    """A firmware just started; skipped with the reason when the environment names no binary."""
+    """Yield a firmware just started; skip when the environment names no binary."""
     binary = binary_of(KINDS[kind])
     if binary is None:
-        pytest.skip(f"{KINDS[kind].variable} is not set: say where ArduPilot's binary is")
+        pytest.skip(f"{KINDS[kind].variable} is not set: set it to ArduPilot's binary")
     with ArduPilot(KINDS[kind], binary, **options) as firmware:
         yield firmware
 
@@ -45,7 +45,7 @@ def vectored() -> Iterator[ArduPilot]:
 
 
 def tuned(firmware: ArduPilot, axis: str, run: Path, *options: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Tune as a user does; return summary and fit, after asking the vehicle itself what it holds now."""
+    """Tune as a user does; return summary and fit, after checking the gains that the vehicle holds."""
     command = [
         sys.executable,
         "-m",
@@ -78,9 +78,9 @@ def tuned(firmware: ArduPilot, axis: str, run: Path, *options: str) -> tuple[dic
     return summary, json.loads((run / "fit.json").read_text())
 
 
-def test_the_stock_boats_surge_and_cruise_pair_are_found_and_its_speed_loop_is_better(motorboat, tmp_path) -> None:
+def test_the_stock_boats_surge_and_cruise_pair_are_identified_and_its_speed_loop_improves(motorboat, tmp_path) -> None:
     """``V' = 25 u - 0.25 V|V|`` (SIM_Sailboat): at 30 % throttle 5.48 m/s."""
-    summary, fit = tuned(motorboat, "speed", tmp_path / "run", *ROOM)
+    summary, fit = tuned(motorboat, "speed", tmp_path / "run", *SPACE)
     assert summary["ending"] == "kept"
     assert summary["metrics"]["after"]["itae"] < 0.9 * summary["metrics"]["before"]["itae"]
     assert summary["gains"]["CRUISE_SPEED"][1] == pytest.approx(math.sqrt(0.3 / 0.01), rel=0.02)
@@ -89,15 +89,15 @@ def test_the_stock_boats_surge_and_cruise_pair_are_found_and_its_speed_loop_is_b
     assert abs(fit["thrust_curve"]["square"]) < 0.25
 
 
-def test_a_skid_boat_with_a_cruise_pair_that_is_far_off_follows_speeds_afterwards(skid_boat, tmp_path) -> None:
-    """It keeps 3 m/s at 9 % throttle; it was told 75 %."""
-    summary, _ = tuned(skid_boat, "speed", tmp_path / "run", *ROOM)
+def test_a_skid_boat_with_a_wrong_cruise_pair_follows_speeds_after_the_tune(skid_boat, tmp_path) -> None:
+    """It keeps 3 m/s at 9 % throttle; the parameter is 75 %."""
+    summary, _ = tuned(skid_boat, "speed", tmp_path / "run", *SPACE)
     assert summary["ending"] == "kept"
     assert summary["metrics"]["after"]["itae"] < 0.5 * summary["metrics"]["before"]["itae"]
     assert summary["gains"]["CRUISE_THROTTLE"][1] == pytest.approx(9.0, abs=2.0)
 
 
-def test_the_stock_rov_follows_turn_rates_better(vectored, tmp_path) -> None:
+def test_the_stock_rov_follows_turn_rates_better_after_the_tune(vectored, tmp_path) -> None:
     summary, _ = tuned(vectored, "yaw", tmp_path / "run", "--control-rate", "40", "--relay-output", "0.25")
     assert summary["ending"] == "kept"
     assert summary["metrics"]["after"]["itae"] < 0.7 * summary["metrics"]["before"]["itae"]

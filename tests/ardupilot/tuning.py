@@ -1,4 +1,4 @@
-"""Whole jobs on ArduPilot's own firmware: as a user starts them, and in this process to be stopped at will."""
+"""Complete jobs on ArduPilot's own firmware: on the command line, and in this process to be stopped."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def command_line(*arguments: str, timeout: float = 300.0) -> subprocess.Complete
 
 
 def summary_of(run: Path) -> dict[str, Any]:
-    """Return what a run says of itself."""
+    """Return the summary of a run."""
     summary: dict[str, Any] = json.loads((run / "summary.json").read_text())
     return summary
 
 
 def steady_velocity(run: Path, output: float) -> float:
-    """Return the velocity [rad/s or m/s] that *output* [fraction of full] sustains by what a run identified.
+    """Return the velocity [rad/s or m/s] that *output* [fraction of full] sustains in the model that a run identified.
 
     Whichever law its model is of: with thrust that grows with the square of the output, and a dead zone, if there.
     """
@@ -65,13 +65,13 @@ def steady_velocity(run: Path, output: float) -> float:
         elif effect["slug"] == "quadratic-actuator":
             size *= 1.0 - values["share"] + values["share"] * size / values["u_ref"]
         else:
-            raise AssertionError(f"nobody expected {effect['slug']} of a stock craft")
+            raise AssertionError(f"unexpected {effect['slug']} for a stock craft")
         output = math.copysign(size, output)
     return SingleDof("yaw", "1", 1.0, beta, beta_quadratic, delta).steady_velocity(output)
 
 
 def free_ports(count: int) -> list[int]:
-    """Return *count* UDP ports nobody listens on."""
+    """Return *count* free UDP ports."""
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
     for s in sockets:
         s.bind(("127.0.0.1", 0))
@@ -82,15 +82,15 @@ def free_ports(count: int) -> list[int]:
 
 
 class Stopper(SilentObserver):
-    """Operator and observer in one: presses Ctrl-C when something is said that begins with *stage*."""
+    """Operator and observer in one: presses Ctrl-C at the first announcement that begins with *stage*."""
 
     def __init__(self, stage: str) -> None:
         self._stage = stage
-        self.said: list[str] = []
+        self.announced: list[str] = []
         self.pressed = False
 
     def say(self, text: str) -> None:
-        self.said.append(text)
+        self.announced.append(text)
         self.pressed |= text.startswith(self._stage)
 
     def stop_requested(self) -> bool:
@@ -109,7 +109,7 @@ def tune_until(firmware: ArduPilot, axis: str, stage: str, directory: Path, **ch
 
 
 def assert_left_alone(witness: Witness, before: dict[str, float], mode: int) -> None:
-    """Everything as found, as another ground station sees it: neutral, disarmed, mode and parameters."""
+    """Assert on another ground station that the vehicle is unchanged: neutral, disarmed, mode and parameters."""
     assert all(pwm in _DISARMED_PULSES for pwm in witness.outputs()), witness.outputs()
     assert witness.mode_and_armed() == (mode, False)
     assert witness.parameters(list(before)) == before

@@ -1,4 +1,4 @@
-"""Outputs of firmware before SERVOn_FUNCTION, by the parameters of that time."""
+"""Outputs of firmware before SERVOn_FUNCTION, from the parameters of that time."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ LIMITS = {
 OLD = {**LIMITS, "RC1_REV": 1.0, "RC3_REV": -1.0}
 
 
-def wired(values: dict[str, float], said: str = "") -> ServoMap:
-    return read_servo_map(RecordedParameters(with_outputs(values, ROVER, said).values), ROVER)
+def wired(values: dict[str, float], version: str = "") -> ServoMap:
+    return read_servo_map(RecordedParameters(with_outputs(values, ROVER, version).values), ROVER)
 
 
-def test_steering_is_the_output_of_channel_1_and_throttle_that_of_channel_3() -> None:
+def test_steering_is_on_output_1_and_throttle_on_output_3() -> None:
     found = wired(OLD)
     assert found.forces([1480.0, 0.0, 1500.0]) == {"X": 0.0, "N": 0.0}
     assert found.forces([2000.0, 0.0, 1500.0]) == {"X": 0.0, "N": 1.0}
-    assert found.forces([1240.0, 0.0, 1900.0]) == {"X": -1.0, "N": -0.5}, "RC3_REV -1 turns the throttle round"
+    assert found.forces([1240.0, 0.0, 1900.0]) == {"X": -1.0, "N": -0.5}, "RC3_REV -1 reverses the throttle"
 
 
 def test_skid_steer_out_puts_the_left_thruster_on_1_and_the_right_one_on_3() -> None:
@@ -43,9 +43,9 @@ def test_rcmap_moves_the_output_with_its_channel() -> None:
     assert wired({**OLD, **moved}).forces([1480.0, 2000.0, 1500.0]) == {"X": 1.0, "N": 0.0}
 
 
-@pytest.mark.parametrize("said", ["ArduRover v2.46 (00000000)", "APM:Rover v3.1", "APM:Rover v3.2.0"])
-def test_an_early_version_is_known_by_its_name_and_what_it_lacks_is_assumed_and_listed(said: str) -> None:
-    outputs = with_outputs({"RC1_TRIM": 1490.0}, ROVER, said)
+@pytest.mark.parametrize("version", ["ArduRover v2.46 (00000000)", "APM:Rover v3.1", "APM:Rover v3.2.0"])
+def test_an_early_version_is_identified_by_its_version_text_and_missing_limits_are_assumed(version: str) -> None:
+    outputs = with_outputs({"RC1_TRIM": 1490.0}, ROVER, version)
     assert outputs.values["SERVO3_FUNCTION"] == 70.0
     assert outputs.values["SERVO1_TRIM"] == 1490.0
     assert outputs.assumed["RC3_MAX"] == 1900.0
@@ -53,7 +53,7 @@ def test_an_early_version_is_known_by_its_name_and_what_it_lacks_is_assumed_and_
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "version"),
     [
         (LIMITS, "ArduRover V4.5.7 (abcdef01)"),
         (LIMITS, ""),
@@ -61,19 +61,17 @@ def test_an_early_version_is_known_by_its_name_and_what_it_lacks_is_assumed_and_
         ({}, "ArduRover v2.46"),
     ],
 )
-def test_a_present_firmware_that_told_too_little_is_not_taken_for_an_early_one(
-    values: dict[str, float], said: str
-) -> None:
-    assert with_outputs(values, ROVER, said).values == values
+def test_incomplete_parameters_do_not_make_a_vehicle_an_early_version(values: dict[str, float], version: str) -> None:
+    assert with_outputs(values, ROVER, version).values == values
 
 
-def test_limits_out_of_order_are_named_as_that_vehicle_calls_them() -> None:
+def test_limits_out_of_order_are_reported_by_the_vehicles_own_parameter_names() -> None:
     outputs = with_outputs({**OLD, "RC1_TRIM": 2100.0}, ROVER)
     with pytest.raises(PreconditionFailed) as error:
         read_servo_map(RecordedParameters(outputs.values), ROVER)
     assert "RC1_MIN 1000" in outputs.names.worded(str(error.value))
 
 
-def test_a_channel_no_vehicle_has_is_refused_by_name() -> None:
+def test_an_impossible_channel_is_refused_with_its_parameter_name() -> None:
     with pytest.raises(PreconditionFailed, match="RCMAP_ROLL"):
         with_outputs({**OLD, "RCMAP_ROLL": 1e30}, ROVER)

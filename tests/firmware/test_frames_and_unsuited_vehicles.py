@@ -1,4 +1,4 @@
-"""How outputs are mixed, frame by frame, and the vehicles that are driven otherwise than we could."""
+"""Output mixing of every frame, and the vehicles that are not supported."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FRAMES = {
 
 
 class Recorded:
-    """Parameters of nobody in particular."""
+    """Parameters of an arbitrary vehicle."""
 
     def __init__(self, values: Mapping[str, float]) -> None:
         self.values = values
@@ -49,7 +49,7 @@ class Recorded:
 
 
 def mixed(frame: int, **demands: float) -> list[int]:
-    """Return the pulses that our ArduSub makes of *demands* on *frame*."""
+    """Return the pulses of our simulated ArduSub for *demands* on *frame*."""
     _, definitions = SIMULATED["sub"]
     parameters = ParameterStore(definitions)
     parameters.preset("FRAME_CONFIG", float(frame))
@@ -62,22 +62,22 @@ def mixed(frame: int, **demands: float) -> list[int]:
     return list(rail.pwm)
 
 
-def on(frame: int, **others: float) -> Any:
+def read_frame(frame: int, **others: float) -> Any:
     functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 9)}
     return read_servo_map(Recorded({"FRAME_CONFIG": float(frame), **functions, **others}), SUB)
 
 
 @pytest.mark.parametrize("frame", FRAMES.values(), ids=FRAMES)
-def test_the_forces_of_every_frame_of_ardusub_are_found_again_in_its_outputs(frame: int) -> None:
-    servos = on(frame)
+def test_the_forces_of_every_ardusub_frame_are_recovered_from_its_outputs(frame: int) -> None:
+    servos = read_frame(frame)
     for name, demands in {
         "N": {"yaw": 0.25},
         "X": {"forward": -0.25},
         "Z": {"throttle": 0.4, "throttle_in": 0.4},
     }.items():
-        wanted = {"N": 0.25, "X": -0.25, "Z": 0.2}[name]
+        expected = {"N": 0.25, "X": -0.25, "Z": 0.2}[name]
         forces = servos.forces(mixed(frame, **demands))
-        assert forces[name] == pytest.approx(wanted, abs=0.004)
+        assert forces[name] == pytest.approx(expected, abs=0.004)
         assert all(abs(value) < 0.004 for other, value in forces.items() if other != name)
 
 
@@ -86,22 +86,22 @@ def test_the_forces_of_every_frame_of_ardusub_are_found_again_in_its_outputs(fra
     [(0, [1500, 1500, 1540, 1540, 1420, 1500]), (2, [1500] * 4 + [1420, 1420, 1580, 1580])],
     ids=["BlueROV1", "Vectored_6DOF"],
 )
-def test_levelling_the_craft_is_not_taken_for_thrust(frame: int, pulses: list[int]) -> None:
-    assert on(frame).forces([*pulses, 1500, 1500])["Z"] == pytest.approx(0.0, abs=1e-9)
+def test_levelling_is_not_mistaken_for_thrust(frame: int, pulses: list[int]) -> None:
+    assert read_frame(frame).forces([*pulses, 1500, 1500])["Z"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_outputs_that_drive_a_force_are_named_with_their_own_factors() -> None:
-    found = {output.channel: factor for output, factor in on(0).driving("Z")}
+def test_the_outputs_that_drive_a_force_are_listed_with_their_factors() -> None:
+    found = {output.channel: factor for output, factor in read_frame(0).driving("Z")}
     assert found == {3: -0.45, 4: -0.45, 5: -1.0}
 
 
-def test_a_motor_whose_output_does_something_else_is_refused_with_its_cure() -> None:
+def test_a_motor_whose_output_has_another_function_is_refused_with_its_cure() -> None:
     with pytest.raises(PreconditionFailed, match=r"motor 8 of FRAME_CONFIG 2 .* SERVO8_FUNCTION is 7. Set .* to 40"):
-        on(2, SERVO8_FUNCTION=7.0)
+        read_frame(2, SERVO8_FUNCTION=7.0)
 
 
-def test_a_single_upright_thruster_drives_depth_and_a_motor_without_an_output_is_left_out() -> None:
-    servos = on(6, SERVO4_FUNCTION=37.0, SERVO5_FUNCTION=0.0)  # motors 1, 2, 3 and 5 of SimpleROV-5
+def test_one_vertical_thruster_drives_depth_and_a_motor_without_an_output_is_omitted() -> None:
+    servos = read_frame(6, SERVO4_FUNCTION=37.0, SERVO5_FUNCTION=0.0)  # motors 1, 2, 3 and 5 of SimpleROV-5
     assert servos.names == ("X", "Y", "Z", "N")
     assert [(output.channel, factor) for output, factor in servos.driving("Z")] == [(3, 1.0)]
     assert [output.channel for output, _ in servos.driving("Y")] == [4]
@@ -117,9 +117,7 @@ UNSUITED = {
 
 
 @pytest.mark.parametrize(("parameters", "cause", "cure"), UNSUITED.values(), ids=UNSUITED)
-def test_a_vehicle_that_is_driven_otherwise_is_refused_at_boarding(
-    parameters: dict[str, float], cause: str, cure: str
-) -> None:
+def test_an_unsupported_vehicle_is_rejected_on_connection(parameters: dict[str, float], cause: str, cure: str) -> None:
     server = open_vehicle("charlie", parameters=parameters)
     with pytest.raises(WrongVehicle) as caught:
         open_craft(Session(MemoryLink(server)))
@@ -129,11 +127,11 @@ def test_a_vehicle_that_is_driven_otherwise_is_refused_at_boarding(
     assert not server.vehicle.autopilot.armed
 
 
-def test_motors_of_an_omni_frame_without_its_frame_type_are_told_apart_from_a_missing_output() -> None:
+def test_omni_frame_motors_are_distinguished_from_a_missing_output() -> None:
     functions = {"SERVO1_FUNCTION": 33.0, "SERVO2_FUNCTION": 34.0, "SERVO3_FUNCTION": 35.0}
     with pytest.raises(PreconditionFailed, match=r"assigned to motors \(33, 34, 35\), as on an omni frame"):
         read_servo_map(Recorded(functions), ROVER)
 
 
-def test_a_sailboat_s_parameters_at_rest_suit() -> None:
+def test_inactive_sailboat_parameters_are_accepted() -> None:
     assert ROVER.misfit({"SAIL_ENABLE": 0.0, "FRAME_TYPE": 0.0, "FRAME_CLASS": 2.0}) == ""

@@ -1,4 +1,4 @@
-"""A scripted vehicle at the far end of a real medium, in simulated time: sockets and ports carry, nobody waits."""
+"""A scripted vehicle at the far end of a real medium, in simulated time: real sockets and ports, no real waits."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ STEP = 0.02
 
 
 class Narrow:
-    """What the pipe has no room for is dropped, as an autopilot does when its port is full.
+    """Frames beyond the capacity are dropped, as an autopilot does when its port is full.
 
     rate : bytes/s downwards. latency, jitter : s each way (jitter uniform, never overtaking). loss : of frames.
     """

@@ -1,6 +1,6 @@
-"""A small MAVLink router: one vehicle, us, and other stations that say what a test makes them say.
+"""A small MAVLink router: one vehicle, us, and other stations that send what a test specifies.
 
-``repeats`` True hands every frame to everybody, as UDP broadcast does; False routes as MAVProxy, mavlink-router and
+``repeats`` True sends every frame to every station, as UDP broadcast does; False routes as MAVProxy, mavlink-router and
 ArduPilot do: what is addressed to somebody goes to him only, heartbeats and answers of the vehicle to everybody.
 """
 

@@ -1,8 +1,8 @@
 """A small scripted vehicle for the link tests: no physics to speak of, every rule of the protocol on a switch.
 
-It is a ``Peer``: bytes in by ``receive``, time by ``advance_to``. A test replaces what it wants to misbehave:
+It is a ``Peer``: bytes in by ``receive``, time by ``advance_to``. A test replaces the parts that should misbehave:
 ``on[NAME]`` is called instead of the built-in answer, ``mute`` silences, ``edit`` changes what is sent,
-``asked_for`` says which message numbers are sent when asked for once.
+``asked_for`` decides which message numbers are sent on a single request.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What docs/developing.md tells of transports, done as it says: one file outside the package and one line."""
+"""The transport of docs/developing.md, built as described: one file outside the package and one line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GUIDE = (Path(__file__).parents[2] / "docs" / "developing.md").read_text(encodin
 GROUP = "gcs_autotune.transports"
 
 
-def told(language: str) -> str:
+def guide_code(language: str) -> str:
     """Return the code of that *language* in the guide's section on transports."""
     section = GUIDE.split("## A transport of your own")[1].split("\n## ")[0]
     (code,) = re.findall(rf"```{language}\n(.*?)```", section, re.DOTALL)
@@ -28,8 +28,8 @@ def told(language: str) -> str:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder on Python's path, as an installed package leaves it: the module, and what its line in pyproject made."""
-    (tmp_path / "boathouse.py").write_text(told("python"))
-    lines = tomllib.loads(told("toml"))["project"]["entry-points"][GROUP]
+    (tmp_path / "boathouse.py").write_text(guide_code("python"))
+    lines = tomllib.loads(guide_code("toml"))["project"]["entry-points"][GROUP]
     described = tmp_path / "boathouse-1.0.dist-info"
     described.mkdir()
     points = "".join(f"{name} = {where}\n" for name, where in lines.items())
@@ -48,11 +48,11 @@ def test_a_transport_from_outside_is_used_from_the_command_line(
     assert load_params(saved)["SERVO1_FUNCTION"] == 26.0
 
 
-def test_what_other_packages_offer_is_listed_with_our_own(folder: Path) -> None:
+def test_transports_of_other_packages_are_listed_with_our_own(folder: Path) -> None:
     with pytest.raises(UnknownName, match=r"Did you mean boathouse\?.*Known: udpin, .*sitl, boathouse"):
         open_link("boathuose:charlie")
 
 
-def test_an_offer_that_cannot_be_loaded_is_said_to_be_so(folder: Path) -> None:
+def test_an_entry_point_that_cannot_be_loaded_is_reported(folder: Path) -> None:
     with pytest.raises(UsageError, match=r"'broken' \(boathouse:nothing\) cannot be loaded"):
         open_link("broken:charlie")

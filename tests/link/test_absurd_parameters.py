@@ -1,4 +1,4 @@
-"""Whatever a vehicle says of its parameters: it is boarded, or refused in one sentence with name and value."""
+"""Any parameter value is accepted on connection, or refused in one sentence with name and value."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ KINDS = {
 LIKE_OTHERS = re.compile(
     r"(RC|SERVO)[5-8]_.*|MOT_[3-8]_.*|(RC2|RC4|SERVO2|SERVO4)_(MIN|MAX|DZ|REVERSED|TRIM)|SERVO\d_MIN"
 )
-"""What is read just as its neighbour is, or not at all: left as it should be."""
+"""Parameters that are read exactly as a similar one is, or not at all; they are not varied."""
 
 
 def vehicle_of(firmware: str) -> ScriptedVehicle:
-    """One that has every parameter we ever ask for, each with a value that it may well have."""
+    """Return a vehicle with every parameter that the tool reads, each with a plausible value."""
     kind, own = KINDS[firmware]
     vehicle = ScriptedVehicle(kind)
     axes = FIRMWARE[firmware].axes.values()
@@ -44,7 +44,7 @@ def vehicle_of(firmware: str) -> ScriptedVehicle:
 
 
 class Aboard:
-    """Everything that is read of a vehicle from boarding to the announcement, over one session."""
+    """Everything that is read from a vehicle between connection and announcement, over one session."""
 
     def __init__(self, name: str) -> None:
         self.firmware, self.vehicle = FIRMWARE[name], vehicle_of(name)
@@ -58,13 +58,13 @@ class Aboard:
         craft: Any = SimpleNamespace(parameters=parameters, session=self.session, firmware=self.firmware)
         _read_config(self.session, parameters, self.firmware)
         for axis in self.firmware.axes.values():
-            told, own = learn_parameters(craft, axis, tale)  # type: ignore[arg-type]
-            told.names.to_canonical(own)
+            learned, own = learn_parameters(craft, axis, tale)  # type: ignore[arg-type]
+            learned.names.to_canonical(own)
         check_throttle_is_free(craft, "surge", 0.5)
         remarks_on(craft)
 
     def refusal(self, name: str, value: float) -> str:
-        """What is said when *name* has that *value*; empty when it is taken."""
+        """Return the refusal when *name* has that *value*; empty when it is accepted."""
         self.vehicle.parameters = {**self.own, name: value}
         obeyed = self.own.get("MAV_GCS_SYSID", 255.0)
         self.session.port.system = int(obeyed)
@@ -82,22 +82,22 @@ class Aboard:
 def test_no_value_of_any_parameter_ends_in_a_foreign_exception(name: str) -> None:
     aboard = Aboard(name)
     assert aboard.refusal("RC_OPTIONS", aboard.own["RC_OPTIONS"]) == ""
-    asked = {str(m.param_id) for m in aboard.vehicle.heard if m.get_type() == "PARAM_REQUEST_READ"}
+    requested = {str(m.param_id) for m in aboard.vehicle.heard if m.get_type() == "PARAM_REQUEST_READ"}
     cases = [(parameter, value) for parameter in aboard.own for value in BAD if not LIKE_OTHERS.fullmatch(parameter)]
-    said = {case: aboard.refusal(*case) for case in cases}
-    assert len(said) > 300
-    silent = {parameter for (parameter, value), words in said.items() if math.isnan(value) and not words}
-    assert not silent & asked
-    assert not [case for case, words in said.items() if "\n" in words]
+    refusals = {case: aboard.refusal(*case) for case in cases}
+    assert len(refusals) > 300
+    silent = {parameter for (parameter, value), words in refusals.items() if math.isnan(value) and not words}
+    assert not silent & requested
+    assert not [case for case, words in refusals.items() if "\n" in words]
     nans = [
         words.startswith(f"{parameter} is nan, not a number")
-        for (parameter, value), words in said.items()
+        for (parameter, value), words in refusals.items()
         if words and math.isnan(value)
     ]
     assert len(nans) >= 20 and all(nans)
 
 
-def test_a_refusal_says_name_value_and_what_would_make_sense() -> None:
+def test_a_refusal_contains_name_value_and_plausible_range() -> None:
     with pytest.raises(PreconditionFailed, match=r"^RC1_TRIM is nan, not a number\. Correct .*try again$"):
         checked("RC1_TRIM", math.nan)
     with pytest.raises(PreconditionFailed, match=r"^MAV_GCS_SYSID is 70000, outside the plausible range 1 to 255"):
@@ -108,7 +108,7 @@ def test_a_refusal_says_name_value_and_what_would_make_sense() -> None:
         checked("STAT_RUNTIME", math.inf)
 
 
-def test_a_parameter_that_holds_no_number_is_not_borrowed_and_can_be_put_right(tmp_path: Path) -> None:
+def test_a_nan_parameter_is_not_borrowed_and_can_be_corrected(tmp_path: Path) -> None:
     aboard = Aboard("ardurover")
     aboard.vehicle.parameters["ATC_STR_RAT_P"] = math.nan
     journal = Journal(tmp_path / "journal.jsonl")
@@ -120,12 +120,12 @@ def test_a_parameter_that_holds_no_number_is_not_borrowed_and_can_be_put_right(t
     assert aboard.vehicle.parameters["ATC_STR_RAT_P"] == pytest.approx(0.2)
 
 
-def test_a_watched_parameter_that_becomes_no_number_is_an_intrusion() -> None:
+def test_a_watched_parameter_that_becomes_nan_is_an_intrusion() -> None:
     aboard = Aboard("ardurover")
     aboard.parameters.watch({"WP_SPEED": 2.0})
     aboard.vehicle.parameters["WP_SPEED"] = math.nan
-    asked = aboard.vehicle.count("PARAM_REQUEST_READ")
+    requested = aboard.vehicle.count("PARAM_REQUEST_READ")
     aboard.vehicle.send_parameter("WP_SPEED")
     aboard.session.pause(2.0)
     assert [name for name, _, _ in aboard.parameters.intrusions] == ["WP_SPEED"]
-    assert aboard.vehicle.count("PARAM_REQUEST_READ") == asked + 1
+    assert aboard.vehicle.count("PARAM_REQUEST_READ") == requested + 1

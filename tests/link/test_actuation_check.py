@@ -1,4 +1,4 @@
-"""Outputs asked for, overrides looked for, the steering twitched: how often, how long, and when it is given up."""
+"""Outputs requested, overrides checked, the steering twitched: how often, how long, and when it is given up."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.link.vehicle.setpoint_streamer import FOLLOW_TIMEOUT
 from gcs_autotune.link.vehicle.telemetry import Telemetry
 
 
-class Asked:
+class OutputSession:
     """A session: each request is answered with the next number of SERVO_OUTPUT_RAW of *answers*, on *port*."""
 
     def __init__(self, answers: list[int], port: int = 0) -> None:
@@ -49,7 +49,7 @@ class Asked:
 SERVOS = cast(ServoMap, SimpleNamespace(forces=lambda raw: {"first": float(raw[0]), "last": float(raw[-1])}))
 
 
-def read(session: Asked) -> dict[str, float]:
+def read(session: OutputSession) -> dict[str, float]:
     return read_outputs(cast(Any, session), SERVOS)
 
 
@@ -58,22 +58,20 @@ def read(session: Asked) -> dict[str, float]:
     [([2], 1), ([1, 1], 2), ([0, 1, 0, 1], 4), ([5], 1)],
     ids=["two", "one by one", "gaps", "many"],
 )
-def test_outputs_are_asked_for_until_the_second_is_heard_and_the_newest_is_used(
-    answers: list[int], requests: int
-) -> None:
+def test_outputs_are_requested_until_two_arrive_and_the_newest_is_used(answers: list[int], requests: int) -> None:
     heard = sum(answers)
-    session = Asked(answers)
+    session = OutputSession(answers)
     assert read(session) == {"first": 1000.0 + heard, "last": 8000.0 + heard}
     assert session.requests == requests
-    assert session.listener is None, "it listens no longer"
+    assert session.listener is None, "its listener is removed"
 
 
-def test_outputs_that_do_not_come_are_asked_for_five_seconds() -> None:
-    session = Asked([])
+def test_outputs_that_do_not_arrive_are_requested_for_five_seconds() -> None:
+    session = OutputSession([])
     assert read(session) == {}
     assert session.requests == 10 and sum(session.waits) == 5.0
-    assert read(Asked([1])) == {"first": 1001.0, "last": 8001.0}, "one is better than none"
-    assert read(Asked([3], port=1)) == {}, "the second bank of outputs is another"
+    assert read(OutputSession([1])) == {"first": 1001.0, "last": 8001.0}, "one message is used if no second arrives"
+    assert read(OutputSession([3], port=1)) == {}, "the second bank of outputs is another"
 
 
 class Streamer:
@@ -109,13 +107,13 @@ def twitch(streamer: Streamer) -> None:
 
 
 @pytest.mark.parametrize("follows", [1.0, 1.49, 0.51])
-def test_a_steering_that_follows_within_half_a_twitch_is_moved_twice_each_way_and_left_at_rest(follows: float) -> None:
+def test_steering_that_follows_within_half_a_twitch_is_moved_twice_each_way(follows: float) -> None:
     streamer = Streamer(follows=follows, late=3)
     twitch(streamer)
     assert streamer.sent == [0.05, -0.05, 0.05, -0.05, 0.0]
 
 
-def test_two_thrusters_whose_small_outputs_the_autopilot_enlarges_follow() -> None:
+def test_two_thrusters_whose_small_outputs_are_enlarged_by_the_autopilot_follow() -> None:
     streamer = Streamer(follows=4.8)  # MOT_THR_MIN 20
     check_outputs_follow(cast(Any, streamer), cast(Any, streamer), streamer.observe, "MANUAL", skid=True)
     assert streamer.sent == [0.05, -0.05, 0.05, -0.05, 0.0]
@@ -126,7 +124,7 @@ def test_two_thrusters_whose_small_outputs_the_autopilot_enlarges_follow() -> No
 
 
 @pytest.mark.parametrize("follows", [0.0, 0.49, 1.51, -1.0])
-def test_one_that_does_not_is_given_up_after_the_time_to_follow_with_what_is_seen(follows: float) -> None:
+def test_steering_that_does_not_follow_is_reported_after_the_timeout(follows: float) -> None:
     streamer = Streamer(follows=follows)
     with pytest.raises(PreconditionFailed, match=r"\+5% was sent, RC_CHANNELS shows the overrides, but") as caught:
         twitch(streamer)
@@ -137,8 +135,8 @@ def test_one_that_does_not_is_given_up_after_the_time_to_follow_with_what_is_see
         twitch(deaf)
 
 
-def look(streamer: Streamer, before: int, after: int, monkeypatch: pytest.MonkeyPatch) -> Asked:
-    session, rc_monitor = Asked([]), SimpleNamespace(count=before)
+def look(streamer: Streamer, before: int, after: int, monkeypatch: pytest.MonkeyPatch) -> OutputSession:
+    session, rc_monitor = OutputSession([]), SimpleNamespace(count=before)
     monkeypatch.setattr(streamer, "probe_override", lambda: setattr(rc_monitor, "count", after) or streamer.taken)
     monkeypatch.setattr(actuation_check, "why_deaf", lambda parameters, firmware, system: f"asked as {system}")
     check_overrides_taken(
@@ -147,14 +145,14 @@ def look(streamer: Streamer, before: int, after: int, monkeypatch: pytest.Monkey
     return session
 
 
-def test_overrides_that_are_taken_are_let_go_and_awaited_for_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_accepted_overrides_are_released_and_awaited_for_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     streamer = Streamer()
     session = look(streamer, 3, 9, monkeypatch)
     assert (streamer.rested, session.waits, session.notes) == (1, [1.0], [])
 
 
 class Outputs:
-    """A session and its telemetry in one: outputs heard every 0.1 s, from *silent* seconds on."""
+    """A session and its telemetry in one: outputs received every 0.1 s, from *silent* seconds on."""
 
     def __init__(self, outputs: dict[str, float], silent: float = 0.0) -> None:
         self.clock = self.liveness = ManualClock()
@@ -182,7 +180,7 @@ def wait_on(vehicle: Outputs) -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_three_per_cent_of_full_output_is_neutral_and_more_either_way_is_not(sign: float) -> None:
+def test_three_per_cent_output_is_neutral_and_more_in_either_direction_is_not(sign: float) -> None:
     vehicle = Outputs({"N": 0.0, "X": sign * 0.03})
     wait_on(vehicle)
     assert vehicle.clock.now() == pytest.approx(0.2), "the message after next: the first may have been under way"
@@ -191,7 +189,7 @@ def test_three_per_cent_of_full_output_is_neutral_and_more_either_way_is_not(sig
     assert set(caught.value.differences) == {"X"}
 
 
-def test_outputs_that_are_not_heard_are_asked_for_and_never_taken_for_neutral() -> None:
+def test_missing_outputs_are_requested_and_never_taken_for_neutral() -> None:
     vehicle = Outputs({"N": 0.0}, silent=2.05)
     wait_on(vehicle)
     assert vehicle.asked == 4

@@ -19,31 +19,31 @@ def lie(boat: ScriptedVehicle, value: float) -> None:
 
 
 class Liar:
-    """Answers each question for P with a lie of its own before or after (or instead of) the truth."""
+    """Answers each request for P with a wrong value before or after the true one."""
 
     def __init__(self, boat: ScriptedVehicle, lies: list[float], *, after: bool = False) -> None:
         self.boat, self.lies, self.after = boat, lies, after
         boat.on["PARAM_REQUEST_READ"] = self
 
     def __call__(self, message: Any) -> None:
-        told = self.lies.pop(0) if self.lies and message.param_id == P else None
-        if told is not None and not self.after:
-            lie(self.boat, told)
+        reported = self.lies.pop(0) if self.lies and message.param_id == P else None
+        if reported is not None and not self.after:
+            lie(self.boat, reported)
         self.boat._on_param_request_read(message)
-        if told is not None and self.after:
-            lie(self.boat, told)
+        if reported is not None and self.after:
+            lie(self.boat, reported)
 
 
 @pytest.mark.parametrize("after", [False, True])
 @pytest.mark.parametrize("lies", [[7.0], [7.0, 8.0], [7.0, 8.0, 9.0, 10.0]])
-def test_scattered_lies_are_outvoted(
+def test_scattered_wrong_answers_are_outvoted(
     parameters: Parameters, boat: ScriptedVehicle, lies: list[float], after: bool
 ) -> None:
     Liar(boat, lies, after=after)
     assert parameters.read_confirmed([P])[P] == pytest.approx(0.2)
 
 
-def test_a_liar_as_steady_as_the_vehicle_stops_the_loan_before_anything_is_written(
+def test_as_many_wrong_as_right_answers_stop_the_loan_before_any_write(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     Liar(boat, [7.0] * 99, after=True)
@@ -54,7 +54,7 @@ def test_a_liar_as_steady_as_the_vehicle_stops_the_loan_before_anything_is_writt
     assert boat.count("PARAM_SET") == 0
 
 
-def test_an_old_answer_that_comes_late_does_not_pass_for_the_echo(
+def test_a_late_answer_with_the_old_value_is_not_taken_for_the_echo(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
     sets: list[Any] = []
@@ -72,7 +72,7 @@ def test_an_old_answer_that_comes_late_does_not_pass_for_the_echo(
     assert len(sets) == 2
 
 
-def test_a_write_that_was_long_under_way_is_put_right_when_giving_back(
+def test_a_delayed_write_is_corrected_while_restoring(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
@@ -93,7 +93,7 @@ def test_a_write_that_was_long_under_way_is_put_right_when_giving_back(
     assert boat.count("PARAM_SET") == writes + 2
 
 
-def test_nothing_is_kept_that_the_vehicle_no_longer_holds(
+def test_a_value_that_the_vehicle_no_longer_holds_is_not_kept(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")
@@ -118,7 +118,7 @@ def test_a_vehicle_that_stops_answering_is_not_taken_for_one_without_the_paramet
         parameters.read(P)
 
 
-def test_giving_back_waits_for_a_vehicle_behind_a_pier(
+def test_restoring_waits_for_a_vehicle_behind_a_pier(
     parameters: Parameters, boat: ScriptedVehicle, tmp_path: Any
 ) -> None:
     journal = Journal(tmp_path / "journal.jsonl")

@@ -19,7 +19,7 @@ def commands(session: Session) -> Commands:
 
 
 def answering(boat: ScriptedVehicle, *results: int) -> None:
-    """Make the boat answer COMMAND_LONGs with these results, one each; then say nothing."""
+    """Make the boat answer COMMAND_LONGs with these results, one each, and none after them."""
     left = list(results)
 
     def answer(m: Any) -> None:
@@ -29,7 +29,7 @@ def answering(boat: ScriptedVehicle, *results: int) -> None:
     boat.on["COMMAND_LONG"] = answer
 
 
-def test_a_command_is_answered(commands: Commands, boat: ScriptedVehicle) -> None:
+def test_a_command_is_sent_with_its_values(commands: Commands, boat: ScriptedVehicle) -> None:
     answering(boat, 0)
     commands.command_long(STEER, 1.0, 2.0)
     sent = boat.last("COMMAND_LONG")
@@ -50,14 +50,16 @@ def test_an_unanswered_command_is_repeated_with_a_higher_confirmation(
 @pytest.mark.parametrize(
     ("result", "word"), [(1, "TEMPORARILY_REJECTED"), (2, "DENIED"), (3, "UNSUPPORTED"), (4, "FAILED")]
 )
-def test_a_refusal_carries_its_result(commands: Commands, boat: ScriptedVehicle, result: int, word: str) -> None:
+def test_a_refused_command_reports_its_result(
+    commands: Commands, boat: ScriptedVehicle, result: int, word: str
+) -> None:
     answering(boat, result)
     with pytest.raises(CommandDenied, match=word) as caught:
         commands.command_long(mavlink.MAV_CMD_DO_SET_MODE)
     assert (caught.value.command, caught.value.result) == (mavlink.MAV_CMD_DO_SET_MODE, result)
 
 
-def test_a_command_in_progress_is_waited_on(commands: Commands, boat: ScriptedVehicle, session: Session) -> None:
+def test_a_command_in_progress_is_awaited(commands: Commands, boat: ScriptedVehicle, session: Session) -> None:
     def answer(m: Any) -> None:
         boat.acknowledge(m, 5)
         session.every(4.0, lambda: boat.acknowledge(m, 0) if session.clock.now() > begun + 3 else None)
@@ -68,13 +70,13 @@ def test_a_command_in_progress_is_waited_on(commands: Commands, boat: ScriptedVe
     assert session.clock.now() - begun == pytest.approx(4.0, abs=0.3)
 
 
-def test_a_command_for_ever_in_progress_is_no_reply(commands: Commands, boat: ScriptedVehicle) -> None:
+def test_a_command_that_stays_in_progress_raises_no_reply(commands: Commands, boat: ScriptedVehicle) -> None:
     answering(boat, 5)
     with pytest.raises(NoReply, match="did not finish"):
         commands.command_long(STEER)
 
 
-def test_acknowledgements_of_others_commands_and_to_other_stations_do_not_count(
+def test_acknowledgements_of_other_commands_or_to_other_stations_are_ignored(
     commands: Commands, boat: ScriptedVehicle
 ) -> None:
     boat.on["COMMAND_LONG"] = lambda m: [
@@ -94,13 +96,13 @@ def test_a_mode_is_confirmed_by_the_heartbeat(commands: Commands, boat: Scripted
     assert commands.mode == "GUIDED"
 
 
-def test_a_refused_mode_comes_with_the_vehicles_words(commands: Commands, boat: ScriptedVehicle) -> None:
+def test_a_refused_mode_is_reported_with_the_vehicles_message(commands: Commands, boat: ScriptedVehicle) -> None:
     boat.refused_modes[15] = "Mode change to GUIDED failed: requires position"
     with pytest.raises(ModeRefused, match=r"requires position.*stays in MANUAL"):
         commands.set_mode("GUIDED")
 
 
-def test_a_mode_accepted_but_not_taken_up_is_refused(commands: Commands, boat: ScriptedVehicle) -> None:
+def test_a_mode_accepted_but_not_entered_is_reported_as_refused(commands: Commands, boat: ScriptedVehicle) -> None:
     boat.on["COMMAND_LONG"] = lambda m: boat.acknowledge(m, 0)
     with pytest.raises(ModeRefused, match="is in MANUAL"):
         commands.set_mode("HOLD")
@@ -116,7 +118,7 @@ def test_a_mode_is_not_ordered_again_while_the_vehicle_is_silent(commands: Comma
     assert len(orders) == 1
 
 
-def test_an_unknown_mode_gets_the_nearest_names(commands: Commands) -> None:
+def test_an_unknown_mode_is_reported_with_the_nearest_names(commands: Commands) -> None:
     with pytest.raises(UnknownName, match="Did you mean GUIDED"):
         commands.set_mode("GUIDE")
 
@@ -133,14 +135,16 @@ def test_arming_and_disarming_are_confirmed_by_the_heartbeat(
     assert not session.armed
 
 
-def test_refused_arming_carries_the_reasons(commands: Commands, boat: ScriptedVehicle) -> None:
+def test_refused_arming_is_reported_with_its_reasons(commands: Commands, boat: ScriptedVehicle) -> None:
     boat.arming_refusals = ["Arm: Throttle (RC3) is not neutral", "PreArm: Battery below minimum"]
     with pytest.raises(ArmingRefused, match="Battery below minimum") as caught:
         commands.arm()
     assert caught.value.reasons == tuple(boat.arming_refusals)
 
 
-def test_reasons_given_earlier_are_remembered(commands: Commands, boat: ScriptedVehicle, session: Session) -> None:
+def test_earlier_prearm_messages_are_reported_as_reasons(
+    commands: Commands, boat: ScriptedVehicle, session: Session
+) -> None:
     boat.say("PreArm: Compass not calibrated")
     session.pause(1.0)
     boat.on["COMMAND_LONG"] = lambda m: boat.acknowledge(m, 4)
@@ -148,19 +152,19 @@ def test_reasons_given_earlier_are_remembered(commands: Commands, boat: Scripted
         commands.arm()
 
 
-def test_a_refusal_without_reasons_says_so(commands: Commands, boat: ScriptedVehicle) -> None:
+def test_a_refusal_without_a_reason_is_reported_as_such(commands: Commands, boat: ScriptedVehicle) -> None:
     boat.on["COMMAND_LONG"] = lambda m: boat.acknowledge(m, 4)
     with pytest.raises(ArmingRefused, match="no reason reported"):
         commands.arm()
 
 
-def test_arming_accepted_but_not_done_is_refused(commands: Commands, boat: ScriptedVehicle) -> None:
+def test_arming_accepted_but_not_done_is_reported_as_refused(commands: Commands, boat: ScriptedVehicle) -> None:
     boat.on["COMMAND_LONG"] = lambda m: boat.acknowledge(m, 0)
     with pytest.raises(ArmingRefused):
         commands.arm()
 
 
-def test_a_vehicle_that_stays_armed_says_so(commands: Commands, boat: ScriptedVehicle) -> None:
+def test_a_vehicle_that_stays_armed_is_reported(commands: Commands, boat: ScriptedVehicle) -> None:
     commands.arm()
     boat.on["COMMAND_LONG"] = lambda m: boat.acknowledge(m, 0)
     with pytest.raises(CommandDenied, match="still armed"):

@@ -53,18 +53,18 @@ def pair() -> Pair:
     return Pair(ScriptedVehicle(ROV))
 
 
-def test_two_distances_of_a_companion_are_used_instead_of_the_autopilots(pair: Pair) -> None:
+def test_two_distances_of_a_companion_replace_the_autopilots(pair: Pair) -> None:
     session = Session(MemoryLink(pair))
     session.discover()
     telemetry = Telemetry(session, read_servo_map(Parameters(session), FIRMWARE["ardusub"]), Recorder())
     session.pause(1.0)
-    told = mavlink.MAVLink_distance_sensor_message(0, 10, 100, 77, 0, 0, 0, 255)
-    pair.vehicle.send(told)
+    reported = mavlink.MAVLink_distance_sensor_message(0, 10, 100, 77, 0, 0, 0, 255)
+    pair.vehicle.send(reported)
     session.pause(0.5)
     assert telemetry.value("d") == pytest.approx(0.77)
     pair.send(0.4, 0.456)
     session.pause(0.5)
-    pair.vehicle.send(told)
+    pair.vehicle.send(reported)
     session.pause(0.5)
     assert telemetry.value("d") == pytest.approx(0.4)
     assert telemetry.value("d_starboard") == pytest.approx(0.46)
@@ -75,7 +75,7 @@ def test_two_distances_of_a_companion_are_used_instead_of_the_autopilots(pair: P
     assert math.isnan(telemetry.value("d_starboard"))
 
 
-def test_a_companion_is_not_taken_for_the_vehicle(pair: Pair) -> None:
+def test_a_companion_is_not_mistaken_for_the_vehicle(pair: Pair) -> None:
     pair.send(0.4, 0.4)
     session = Session(MemoryLink(pair))
     assert session.discover().component == 1

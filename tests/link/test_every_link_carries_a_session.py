@@ -50,7 +50,7 @@ scripted = pytest.mark.parametrize("aboard", ["memory", *MEDIA], indirect=True)
 
 
 @every
-def test_parameters_commands_and_rates_make_the_round_trip(aboard: Aboard) -> None:
+def test_parameters_commands_and_rates_work_over_every_link(aboard: Aboard) -> None:
     session = aboard.session
     parameters = Parameters(session)
     parameters.write("ATC_STR_RAT_P", 0.33)
@@ -70,7 +70,7 @@ def test_parameters_commands_and_rates_make_the_round_trip(aboard: Aboard) -> No
 
 @pytest.mark.slow
 @every
-def test_it_can_be_armed_steered_brought_to_neutral_and_released(aboard: Aboard) -> None:
+def test_the_vehicle_can_be_armed_steered_brought_to_neutral_and_released(aboard: Aboard) -> None:
     craft = open_craft(aboard.session, arm_patience=40.0)
     craft.set_mode("MANUAL")
     craft.arm()
@@ -89,7 +89,7 @@ def test_it_can_be_armed_steered_brought_to_neutral_and_released(aboard: Aboard)
 
 
 @scripted
-def test_another_system_on_the_link_is_not_believed(aboard: Aboard) -> None:
+def test_messages_of_another_system_are_ignored(aboard: Aboard) -> None:
     assert aboard.boat is not None
     mode = aboard.session.custom_mode
     parameters = Parameters(aboard.session)
@@ -104,7 +104,7 @@ def test_another_system_on_the_link_is_not_believed(aboard: Aboard) -> None:
 
 
 @scripted
-def test_silence_is_a_lost_link_after_its_time(aboard: Aboard) -> None:
+def test_silence_is_a_lost_link_after_the_timeout(aboard: Aboard) -> None:
     assert aboard.boat is not None
     aboard.boat.alive = False
     with pytest.raises(LinkLost, match=r"Lost contact with .* \(5\.\d s\)"):
@@ -112,7 +112,7 @@ def test_silence_is_a_lost_link_after_its_time(aboard: Aboard) -> None:
 
 
 @pytest.mark.parametrize("aboard", [name for name in RETURN if name in MEDIA], indirect=True)
-def test_after_a_break_the_vehicles_return_can_be_awaited(aboard: Aboard) -> None:
+def test_the_vehicles_return_can_be_awaited_after_a_break(aboard: Aboard) -> None:
     assert isinstance(aboard.link, Afloat)
     aboard.link.cut()
     with pytest.raises(LinkLost):
@@ -124,7 +124,7 @@ def test_after_a_break_the_vehicles_return_can_be_awaited(aboard: Aboard) -> Non
 
 
 @every
-def test_the_operators_stop_gets_through(aboard: Aboard) -> None:
+def test_the_operators_stop_is_raised(aboard: Aboard) -> None:
     aboard.stop = True
     with pytest.raises(OperatorStopped):
         aboard.session.pause(1.0)

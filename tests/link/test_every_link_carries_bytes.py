@@ -44,23 +44,23 @@ def frame(number: int, system: int = 1) -> bytes:
     return bytes(mavlink.MAVLink_param_value_message(name, number / 7, 9, 1000, number).pack(mav))
 
 
-def read_until(ends: Ends, wanted: bytes) -> bytes:
+def read_until(ends: Ends, expected: bytes) -> bytes:
     data, deadline = b"", Deadline.after(ends.ours.clock, PATIENCE)
-    while wanted not in data and not deadline.expired:
+    while expected not in data and not deadline.expired:
         data += ends.ours.read(deadline.remaining)
     return data
 
 
-def receive_until(ends: Ends, wanted: bytes) -> bytes:
+def receive_until(ends: Ends, expected: bytes) -> bytes:
     data, deadline = b"", Deadline.after(WallClock(), PATIENCE)
-    while wanted not in data:
-        assert not deadline.expired, "it has not arrived"
+    while expected not in data:
+        assert not deadline.expired, "the bytes have not arrived"
         data += ends.receive()
     return data
 
 
 @every
-def test_what_is_written_arrives_unchanged_at_the_other_end(ends: Ends) -> None:
+def test_written_bytes_arrive_unchanged_at_the_other_end(ends: Ends) -> None:
     ends.send(HELLO)
     read_until(ends, HELLO)
     ends.ours.write(frame(1, 255))
@@ -68,7 +68,7 @@ def test_what_is_written_arrives_unchanged_at_the_other_end(ends: Ends) -> None:
 
 
 @every
-def test_what_the_other_end_sends_is_read_unchanged(ends: Ends) -> None:
+def test_received_bytes_are_read_unchanged(ends: Ends) -> None:
     signed = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     signed.signing.secret_key, signed.signing.sign_outgoing = bytes(range(32)), True
     first = bytes(mavlink.MAVLink_attitude_message(1, float("nan"), -0.0, 1e-40, 0, 0, 0).pack(signed))
@@ -81,7 +81,7 @@ def test_what_the_other_end_sends_is_read_unchanged(ends: Ends) -> None:
 
 
 @every
-def test_a_burst_of_a_thousand_messages_arrives_whole_and_in_order_both_ways(ends: Ends) -> None:
+def test_a_burst_of_a_thousand_messages_arrives_complete_and_in_order_both_ways(ends: Ends) -> None:
     frames = [frame(n) for n in range(1000)]
     came: list[str] = []
     framer = Framer()
@@ -98,7 +98,7 @@ def test_a_burst_of_a_thousand_messages_arrives_whole_and_in_order_both_ways(end
 
 
 @every
-def test_a_read_with_nothing_to_read_ends_at_its_deadline(ends: Ends) -> None:
+def test_a_read_without_data_ends_at_its_deadline(ends: Ends) -> None:
     begun = ends.ours.clock.now()
     assert ends.ours.read(0.02) == b""
     assert 0.02 <= ends.ours.clock.now() - begun < 5.0
@@ -107,7 +107,7 @@ def test_a_read_with_nothing_to_read_ends_at_its_deadline(ends: Ends) -> None:
 
 
 @every
-def test_reading_and_writing_after_closing_is_a_lost_link_and_closing_twice_is_nothing(ends: Ends) -> None:
+def test_using_a_closed_link_raises_link_lost_and_closing_twice_is_harmless(ends: Ends) -> None:
     ends.ours.close()
     ends.ours.close()
     with pytest.raises(LinkLost, match="closed"):
@@ -117,7 +117,7 @@ def test_reading_and_writing_after_closing_is_a_lost_link_and_closing_twice_is_n
 
 
 @every
-def test_it_says_what_it_is_and_whether_its_time_is_simulated(ends: Ends, request: pytest.FixtureRequest) -> None:
+def test_a_link_describes_itself_and_whether_its_time_is_simulated(ends: Ends, request: pytest.FixtureRequest) -> None:
     assert ends.ours.description
     assert ends.ours.is_simulated == isinstance(ends.ours, MemoryLink | SitlProcess)
     assert ends.ours.carrier.startswith("MAVSDK 4") == ("mavsdk" in request.node.name)
@@ -125,7 +125,7 @@ def test_it_says_what_it_is_and_whether_its_time_is_simulated(ends: Ends, reques
 
 
 @pytest.mark.parametrize("ends", BREAK, indirect=True)
-def test_a_peer_that_goes_away_is_a_lost_link_where_that_can_be_seen(ends: Ends) -> None:
+def test_a_vanished_peer_raises_link_lost_where_it_can_be_detected(ends: Ends) -> None:
     assert ends.hang_up is not None
     ends.hang_up()
     with pytest.raises(LinkLost, match="lost"):
@@ -135,7 +135,7 @@ def test_a_peer_that_goes_away_is_a_lost_link_where_that_can_be_seen(ends: Ends)
 
 
 @pytest.mark.parametrize("ends", sorted(set(ENDS) - {*BREAK, "memory"}), indirect=True)
-def test_a_peer_that_goes_away_is_silence_where_it_cannot(ends: Ends) -> None:
+def test_a_vanished_peer_is_silent_where_it_cannot_be_detected(ends: Ends) -> None:
     assert ends.hang_up is not None
     ends.hang_up()
     for _ in range(3):
@@ -144,7 +144,7 @@ def test_a_peer_that_goes_away_is_silence_where_it_cannot(ends: Ends) -> None:
 
 
 @pytest.mark.parametrize("ends", RETURN, indirect=True)
-def test_a_peer_that_comes_back_is_heard_and_reached_again(ends: Ends) -> None:
+def test_a_returning_peer_is_reconnected(ends: Ends) -> None:
     assert ends.hang_up is not None and ends.come_back is not None
     ends.send(frame(1))
     read_until(ends, frame(1))
@@ -172,7 +172,7 @@ def count_of_tasks() -> int:
 
 
 @pytest.mark.parametrize("name", ENDS)
-def test_nothing_is_left_behind(name: str, tmp_path: Path) -> None:
+def test_a_closed_link_leaves_no_thread_or_file_behind(name: str, tmp_path: Path) -> None:
     """No thread, no open file, no changed setting: the second link leaves the process as the first did."""
 
     def state() -> tuple[int, int, float]:

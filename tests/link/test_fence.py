@@ -11,7 +11,7 @@ from gcs_autotune.link import FenceItem, read_fence
 from gcs_autotune.link.vehicle.fence import _shapes
 
 
-class Told:
+class HomeSession:
     """A session that answers a request with HOME_POSITION, or never."""
 
     def __init__(self, *, tells: bool = True) -> None:
@@ -35,20 +35,20 @@ class Told:
 CIRCLE = {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 2.0, "FENCE_RADIUS": 150.0}
 
 
-def test_the_circle_about_home_is_asked_for_again_when_it_is_lost() -> None:
-    session: Any = Told()
+def test_the_home_position_of_the_circle_is_requested_again_when_lost() -> None:
+    session: Any = HomeSession()
     assert read_fence(session, CIRCLE) == [FenceItem(((44.5, 8.9),), 150.0)]
     assert session.asked == 2
 
 
-def test_a_home_that_is_never_told_is_not_taken_for_no_fence() -> None:
-    session: Any = Told(tells=False)
+def test_a_missing_home_position_is_not_taken_for_no_fence() -> None:
+    session: Any = HomeSession(tells=False)
     assert read_fence(session, CIRCLE) is None
     assert session.asked == 3
 
 
-def test_a_fence_that_is_off_is_none_and_nothing_is_asked() -> None:
-    session: Any = Told()
+def test_a_disabled_fence_is_empty_and_nothing_is_requested() -> None:
+    session: Any = HomeSession()
     assert read_fence(session, {**CIRCLE, "FENCE_ENABLE": 0.0}) == ()
     assert read_fence(session, {}) == ()
     assert session.asked == 0
@@ -58,7 +58,7 @@ def item(command: int, x: int, y: int, param1: float) -> SimpleNamespace:
     return SimpleNamespace(command=command, x=x, y=y, param1=param1)
 
 
-def test_polygons_take_their_own_corners_and_circles_stand_between_them() -> None:
+def test_polygons_have_their_own_corners_and_circles_are_separate() -> None:
     triangle = [item(5001, 10_000_000 * k, -20_000_000 * k, 3.0) for k in (1, 2, 3)]
     square = [item(5002, 10_000_000 * k, 0, 4.0) for k in (4, 5, 6, 7)]
     circles = [item(5003, 80_000_000, 0, 25.5), item(5004, 90_000_000, 0, 7.0)]
@@ -70,7 +70,7 @@ def test_polygons_take_their_own_corners_and_circles_stand_between_them() -> Non
     assert found[1].corners == tuple((pytest.approx(1.0 * k), pytest.approx(-2.0 * k)) for k in (1, 2, 3))
 
 
-def test_what_is_no_polygon_is_left_out_and_what_says_no_number_of_corners_is_gone_on_from() -> None:
+def test_incomplete_polygons_are_omitted_and_items_without_a_corner_count_are_skipped() -> None:
     lone: Any = [item(5001, 1, 1, 0.0), item(5001, 1, 1, 2.0), item(5001, 2, 2, 2.0), item(5003, 10_000_000, 0, 5.0)]
     assert [f.radius for f in _shapes(lone)] == [5.0]
     return_point: Any = [item(5000, 1, 1, 3.0), item(5003, 10_000_000, 0, 5.0)]

@@ -1,4 +1,4 @@
-"""The fence asked of the vehicle item by item: what is lost is asked for again, what answers something else ignored."""
+"""The fence is requested item by item: lost items are requested again, other answers are ignored."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def kinds(session: Fenced) -> list[str]:
 
 
 @pytest.mark.parametrize("lost", [(), (0,), (1,), (1, 2), (3,)])
-def test_every_item_is_asked_for_until_it_is_told_and_the_vehicle_is_thanked(lost: tuple[int, ...]) -> None:
+def test_every_fence_item_is_requested_until_it_arrives_and_then_acknowledged(lost: tuple[int, ...]) -> None:
     session = Fenced(ITEMS, lost)
     (found,) = read(session, FENCE_TYPE=POLYGON)
     assert [lat for lat, _ in found.corners] == pytest.approx([1.0, 2.0, 3.0])
@@ -86,14 +86,14 @@ def test_every_item_is_asked_for_until_it_is_told_and_the_vehicle_is_thanked(los
 
 
 @pytest.mark.parametrize("lost", [(0, 1, 2), (1, 2, 3), (3, 4, 5)])
-def test_a_vehicle_that_does_not_tell_is_not_taken_to_have_none(lost: tuple[int, ...]) -> None:
+def test_a_vehicle_that_does_not_answer_is_not_taken_for_one_without_a_fence(lost: tuple[int, ...]) -> None:
     session = Fenced(ITEMS, lost)
     assert read(session, FENCE_TYPE=POLYGON) is None
     assert "ACK" not in kinds(session)
     assert session.listeners == {}
 
 
-def test_a_fence_of_no_items_is_none_but_was_told() -> None:
+def test_a_fence_without_items_is_empty_and_acknowledged() -> None:
     session = Fenced([])
     assert read(session, FENCE_TYPE=POLYGON) == []
     assert kinds(session) == ["REQUEST_LIST", "ACK"]
@@ -111,7 +111,7 @@ def test_a_fence_of_no_items_is_none_but_was_told() -> None:
         ({}, []),
     ],
 )
-def test_only_the_kinds_that_are_on_are_asked_for(values: dict[str, float], expected: list[FenceItem]) -> None:
+def test_only_enabled_fence_types_are_requested(values: dict[str, float], expected: list[FenceItem]) -> None:
     session = Fenced(ITEMS)
     found = read(session, **values)
     assert [(f.radius, f.inside) for f in found] == [(f.radius, f.inside) for f in expected]

@@ -48,7 +48,7 @@ def test_an_existing_file_is_replaced():
     assert peer.vehicle.card == {PATH: b"short"}
 
 
-def test_a_card_that_stores_something_else_is_noticed(monkeypatch):
+def test_a_card_that_stores_wrong_data_is_detected(monkeypatch):
     peer = sitl.open_vehicle("charlie")
     session = session_of(peer)
     write = peer.files._write
@@ -57,7 +57,7 @@ def test_a_card_that_stores_something_else_is_noticed(monkeypatch):
         write_remote_file(session, PATH, TEXT)
 
 
-def test_a_folder_that_does_not_exist_is_told():
+def test_a_missing_folder_is_reported():
     session = session_of(sitl.open_vehicle("charlie"))
     assert has_remote_folder(session, "APM/scripts")
     assert not has_remote_folder(session, "APM/elsewhere")
@@ -65,13 +65,13 @@ def test_a_folder_that_does_not_exist_is_told():
         write_remote_file(session, "APM/elsewhere/x.lua", TEXT)
 
 
-def test_a_vehicle_without_ftp_has_no_folder_and_says_nothing(boat):
+def test_a_vehicle_without_ftp_raises_no_reply(boat):
     session = session_of(boat)
     with pytest.raises(NoReply, match="MAVLink FTP"):
         script_folder(session)
 
 
-def test_a_vehicle_without_a_scripts_folder_is_told_what_to_do():
+def test_a_missing_scripts_folder_is_reported_with_its_cure():
     peer = sitl.open_vehicle("charlie")
     peer.vehicle.folders = ("APM",)
     with pytest.raises(PreconditionFailed, match="SCR_ENABLE 1 and an SD card"):
@@ -79,7 +79,7 @@ def test_a_vehicle_without_a_scripts_folder_is_told_what_to_do():
 
 
 class Loaded:
-    """Counts how often the autopilot was told to load its scripts."""
+    """Counts the requests to load the scripts."""
 
     def __init__(self) -> None:
         self.restarts = 0
@@ -91,7 +91,7 @@ class Loaded:
         pass
 
 
-def test_a_lent_script_is_gone_afterwards(tmp_path):
+def test_a_lent_script_is_removed_afterwards(tmp_path):
     peer = sitl.open_vehicle("charlie")
     peer.vehicle.autopilot.scripts = loaded = Loaded()
     session = session_of(peer)
@@ -122,7 +122,7 @@ def test_a_script_that_cannot_be_removed_stays_in_the_journal(tmp_path, monkeypa
     assert not state.is_settled
 
 
-def test_an_autopilot_without_scripting_is_told_what_to_do(tmp_path):
+def test_an_autopilot_without_scripting_is_reported_with_its_cure(tmp_path):
     peer = sitl.open_vehicle("charlie")
     session = session_of(peer)
     session_commands = Commands(session, FIRMWARE["ardurover"])
@@ -140,7 +140,7 @@ def test_an_autopilot_without_scripting_is_told_what_to_do(tmp_path):
 
 
 @pytest.mark.parametrize("path", ["../x; rm", "", "x" * 200])
-def test_a_journal_with_a_strange_path_is_rejected(tmp_path, path):
+def test_a_journal_with_an_invalid_path_is_rejected(tmp_path, path):
     file = tmp_path / "journal.jsonl"
     lines = [{"event": "opened"}, {"event": "script_writing", "path": path}]
     file.write_text("".join(json.dumps(line) + "\n" for line in lines))

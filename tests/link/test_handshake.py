@@ -1,4 +1,4 @@
-"""Coming aboard on stand-ins: whom the vehicle obeys, how it is wired, and what a failure leaves behind."""
+"""Connecting, on stand-ins: whom the vehicle obeys, how it is wired, and what a failure leaves behind."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class Held:
         raise ParameterMissing("none of them", name="X")
 
     def read_existing(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
-        wanted = list(names)
-        self.asked += wanted
-        return {n: self.values[n] for n in wanted if n in self.values}
+        expected = list(names)
+        self.asked += expected
+        return {n: self.values[n] for n in expected if n in self.values}
 
 
 def session(**changes: Any) -> Any:
@@ -54,7 +54,7 @@ def session(**changes: Any) -> Any:
     return SimpleNamespace(**{**base, **changes})
 
 
-def test_a_vehicle_gets_its_firmwares_name_and_where_there_is_one_its_frame() -> None:
+def test_a_vehicle_gets_its_firmware_name_and_its_frame() -> None:
     parameters: Any = Held({"FRAME_CONFIG": 2.0})
     sub = _with_frame(session(), parameters, SUB)
     assert (sub.firmware, sub.frame, sub.system) == (SUB.name, 2 if SUB.frame_parameter == "FRAME_CONFIG" else None, 1)
@@ -62,19 +62,19 @@ def test_a_vehicle_gets_its_firmwares_name_and_where_there_is_one_its_frame() ->
     assert (boat.firmware, boat.frame) == (ROVER.name, None if not ROVER.frame_parameter else 2)
 
 
-def test_what_is_no_ardupilot_boat_or_rov_is_refused_with_what_is_known() -> None:
+def test_an_unsupported_autopilot_or_vehicle_type_is_refused() -> None:
     assert _firmware(BOAT) is ROVER
     for stranger in (VehicleIdentity(7, 1, 12, 11), VehicleIdentity(7, 1, 3, 2)):
         with pytest.raises(WrongVehicle, match=rf"autopilot {stranger.autopilot} \(system 7\) is not supported"):
             _firmware(stranger)
 
 
-@pytest.mark.parametrize(("lag", "told"), [(0.029, False), (0.03, True), (0.045, True)])
-def test_a_late_gyro_is_told_of_from_thirty_milliseconds_on(lag: float, told: bool) -> None:
+@pytest.mark.parametrize(("lag", "is_noted"), [(0.029, False), (0.03, True), (0.045, True)])
+def test_a_late_gyro_is_noted_from_thirty_milliseconds_on(lag: float, is_noted: bool) -> None:
     here = session()
     _note_late_rates(here, lag)
-    assert bool(here.notes) is told
-    assert not told or f"{1e3 * lag:.0f} ms" in here.notes[0]
+    assert bool(here.notes) is is_noted
+    assert not is_noted or f"{1e3 * lag:.0f} ms" in here.notes[0]
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ GCS = {"SYSID_MYGCS": 252.0}
         ({}, 0.0, 0.0, 0.0),
     ],
 )
-def test_how_a_boat_is_wired_and_how_quick_its_loop_is(
+def test_wiring_speed_and_loop_period_of_a_boat_are_read(
     wired: None, values: dict[str, float], full: float, period: float, cutoff: float
 ) -> None:
     here = session()
@@ -109,13 +109,13 @@ def test_how_a_boat_is_wired_and_how_quick_its_loop_is(
     assert here.vehicle.firmware == ROVER.name
 
 
-def test_an_rov_is_not_asked_for_the_speed_of_a_boat(wired: None) -> None:
+def test_the_speed_of_a_boat_is_not_read_from_an_rov(wired: None) -> None:
     parameters: Any = Held({**GCS, "WP_SPEED": 2.5, SUB.frame_parameter: 1.0})
     assert _read_config(session(), parameters, SUB).full_speed == 0.0
     assert "WP_SPEED" not in parameters.asked
 
 
-def test_what_cannot_be_worked_with_is_refused_before_anything_is_adopted(wired: None) -> None:
+def test_an_unsupported_vehicle_is_refused_before_its_id_is_adopted(wired: None) -> None:
     case = next(iter(ROVER.unsuited))
     here = session()
     for value in range(1, 9):
@@ -152,7 +152,7 @@ class Steps:
         self.telemetry.ticks += self.ticks
         return condition()
 
-    def board(self, monkeypatch: pytest.MonkeyPatch, **options: Any) -> Any:
+    def connect(self, monkeypatch: pytest.MonkeyPatch, **options: Any) -> Any:
         steps = self
 
         class Rates:
@@ -186,9 +186,11 @@ class Steps:
 WANTED, NEEDED = {"ATTITUDE": 10.0}, {"ATTITUDE": 5.0}
 
 
-def test_rates_are_asked_for_fitted_quickened_and_kept_then_the_tick_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rates_are_requested_fitted_raised_and_kept_before_the_tick_is_followed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     steps = Steps(radio="SiK")
-    steps.board(
+    steps.connect(
         monkeypatch, wanted_rates=WANTED, needed_rates=NEEDED, spare_rates={"ATTITUDE": 25.0}, first_rates=WANTED
     )
     assert steps.done == [
@@ -205,26 +207,26 @@ def test_rates_are_asked_for_fitted_quickened_and_kept_then_the_tick_is_found(mo
     assert "by 50 ms" in late
     assert radio == "telemetry radio: SiK"
     bare = Steps()
-    bare.board(monkeypatch)
+    bare.connect(monkeypatch)
     assert ("quicken", {}, 0.02, "latency") in bare.done
     assert len(bare.session.notes) == 1
 
 
-def test_a_vehicle_that_is_found_already_is_not_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_vehicle_already_discovered_is_not_discovered_again(monkeypatch: pytest.MonkeyPatch) -> None:
     known = Steps()
-    known.board(monkeypatch, timeout=4.0, system_id=9)
+    known.connect(monkeypatch, timeout=4.0, system_id=9)
     assert known.done[0][0] == "rates"
     new = Steps()
     new.session.vehicle = None
-    new.board(monkeypatch, timeout=4.0, system_id=9)
+    new.connect(monkeypatch, timeout=4.0, system_id=9)
     assert new.done[0] == ("discover", 4.0, 9)
 
 
 @pytest.mark.parametrize("fails", ["request", "fit", "quicken"])
-def test_rates_go_back_when_coming_aboard_fails(monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
+def test_rates_are_restored_when_connecting_fails(monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
     steps = Steps(fails=fails)
     with pytest.raises(TelemetryFault):
-        steps.board(monkeypatch)
+        steps.connect(monkeypatch)
     assert steps.done[-1] == ("restore",)
     assert ("keep",) not in steps.done
 
@@ -238,7 +240,7 @@ def test_without_an_attitude_rate_no_tick_is_followed() -> None:
 
 
 @pytest.mark.parametrize("error", [ParameterMissing("none", name="P"), NoReply("nothing")], ids=repr)
-def test_a_vehicle_that_does_not_answer_is_looked_at_for_a_full_link(
+def test_a_vehicle_that_does_not_answer_causes_a_check_for_a_full_link(
     monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     looked: list[Any] = []
@@ -247,7 +249,7 @@ def test_a_vehicle_that_does_not_answer_is_looked_at_for_a_full_link(
     def refuse(*_: Any) -> None:
         raise error
 
-    def board() -> None:
+    def connect() -> None:
         monkeypatch.setattr(handshake, "_read_config", refuse)
         monkeypatch.setattr(handshake, "check_answers_come", lambda *given: looked.append(given))
         monkeypatch.setattr(handshake, "Parameters", lambda session: "parameters")
@@ -255,5 +257,5 @@ def test_a_vehicle_that_does_not_answer_is_looked_at_for_a_full_link(
         open_craft(steps.session, wanted_rates=WANTED, first_rates=NEEDED)
 
     with pytest.raises(type(error)):
-        board()
+        connect()
     assert looked == [(steps.session, WANTED, NEEDED, error)]

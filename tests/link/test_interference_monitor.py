@@ -1,4 +1,4 @@
-"""Other stations and a pilot on the same vehicle: we stop, and say who it was."""
+"""Other stations and a pilot on the same vehicle: the run stops and reports who it was."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
 from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
 
 
-def board(peer: Peer) -> MavlinkCraft:
+def connect(peer: Peer) -> MavlinkCraft:
     return open_craft(Session(MemoryLink(peer)), arm_patience=3.0)
 
 
@@ -42,7 +42,7 @@ def router(boat: ScriptedVehicle) -> Router:
 
 @pytest.fixture
 def flying(router: Router) -> MavlinkCraft:
-    """An armed boat under our hands, with a second station (system 252) on the link."""
+    """An armed boat flown by this tool, with a second station (system 252) on the link."""
     router.other = router.station(252)  # type: ignore[attr-defined]
     return lone(router)
 
@@ -54,12 +54,12 @@ def order(system: int, command: int, *values: float) -> Any:
 # --- who did it --------------------------------------------------------------------------------
 
 
-def test_beside_a_silent_second_station_all_is_well(flying: MavlinkCraft) -> None:
+def test_a_silent_second_station_does_not_disturb(flying: MavlinkCraft) -> None:
     fly(flying, 200)
     assert flying.other_stations.stations == {(252, 190): "GCS"}
 
 
-def test_a_mode_change_names_the_station_that_the_vehicle_acknowledged(flying: MavlinkCraft, router: Router) -> None:
+def test_a_mode_change_is_reported_with_the_station_that_ordered_it(flying: MavlinkCraft, router: Router) -> None:
     router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
     said = trip(flying, "mode")
     assert "from MANUAL to HOLD, not by this tool" in said
@@ -67,15 +67,15 @@ def test_a_mode_change_names_the_station_that_the_vehicle_acknowledged(flying: M
 
 
 def lone(peer: Peer) -> MavlinkCraft:
-    """An armed boat under our hands, nobody else flying it."""
-    craft = board(peer)
+    """An armed boat that only this tool flies."""
+    craft = connect(peer)
     craft.arm()
     fly(craft)
     return craft
 
 
 def pause(craft: MavlinkCraft, seconds: float) -> None:
-    """This program does nothing for so long."""
+    """Let this program pause for so long."""
     clock: Any = craft.clock
     clock.advance(seconds)
 
@@ -86,7 +86,7 @@ def alone(boat: ScriptedVehicle) -> MavlinkCraft:
     return lone(boat)
 
 
-def test_a_failsafe_after_a_pause_of_our_own_is_said_to_be_ours(boat: ScriptedVehicle) -> None:
+def test_a_failsafe_after_our_own_pause_is_reported_as_caused_by_the_pause(boat: ScriptedVehicle) -> None:
     craft = alone(boat)
     boat.mode = 4
     boat.say("Radio Failsafe")
@@ -100,10 +100,10 @@ def test_a_failsafe_after_a_pause_of_our_own_is_said_to_be_ours(boat: ScriptedVe
 
 @pytest.mark.parametrize("paused", [0.0, 0.3, 0.6, 1.5])
 @pytest.mark.parametrize("receiver", [True, False])
-def test_a_hold_after_a_pause_too_short_for_a_failsafe_is_another_station_s_order(
+def test_a_hold_after_a_pause_too_short_for_a_failsafe_is_another_stations_order(
     boat: ScriptedVehicle, paused: float, receiver: bool
 ) -> None:
-    """Its acknowledgement goes to that station alone, so nobody else is heard."""
+    """Its acknowledgement goes to that station alone, so no other station is detected."""
     craft = lone(boat) if receiver else alone(boat)
     boat.mode = 4
     pause(craft, paused)
@@ -113,7 +113,7 @@ def test_a_hold_after_a_pause_too_short_for_a_failsafe_is_another_station_s_orde
     assert craft._interference.found is not None and craft._interference.found.mode_stands
 
 
-def test_a_hold_after_a_long_pause_that_no_text_explains_may_be_another_station_s(boat: ScriptedVehicle) -> None:
+def test_a_hold_after_a_long_pause_without_a_text_may_be_another_stations_order(boat: ScriptedVehicle) -> None:
     craft = alone(boat)
     boat.mode = 4
     pause(craft, 2.5)
@@ -124,7 +124,7 @@ def test_a_hold_after_a_long_pause_that_no_text_explains_may_be_another_station_
 
 
 @pytest.mark.parametrize(("mode", "name"), [(5, "LOITER"), (11, "RTL")])
-def test_a_mode_that_the_failsafe_does_not_end_in_was_ordered_whatever_we_did(
+def test_a_mode_that_is_not_the_failsafes_was_ordered_by_another_station(
     boat: ScriptedVehicle, mode: int, name: str
 ) -> None:
     craft = alone(boat)
@@ -142,7 +142,7 @@ def test_a_longer_failsafe_time_is_read_from_the_vehicle(boat: ScriptedVehicle) 
     assert "not by this tool" in trip(craft, "mode")
 
 
-def test_an_order_between_two_heartbeats_is_seen_before_ours_and_stands(boat: ScriptedVehicle) -> None:
+def test_an_order_between_two_heartbeats_is_seen_before_ours_and_stays_in_force(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     boat.mode = 4
     with pytest.raises(GuardTripped, match="from MANUAL to HOLD, not by this tool"):
@@ -150,7 +150,7 @@ def test_an_order_between_two_heartbeats_is_seen_before_ours_and_stands(boat: Sc
     assert boat.mode == 4
 
 
-def test_an_order_just_after_ours_was_in_force_stands_although_both_are_heard_at_once(boat: ScriptedVehicle) -> None:
+def test_an_order_just_after_ours_stays_in_force_although_both_arrive_at_once(boat: ScriptedVehicle) -> None:
     """Met on ArduSub 4.6: this computer paused, and the heartbeats of both modes came in one piece."""
     craft = lone(boat)
     craft.take_over()
@@ -170,7 +170,7 @@ def test_an_order_just_after_ours_was_in_force_stands_although_both_are_heard_at
     assert (boat.mode, boat.armed) == (15, True)
 
 
-def test_outputs_that_a_mode_ordered_just_now_drives_are_no_fault_of_the_vehicle(boat: ScriptedVehicle) -> None:
+def test_outputs_driven_by_a_mode_just_ordered_are_not_a_fault(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     craft.take_over()
     craft.set_mode("GUIDED")
@@ -187,7 +187,7 @@ def test_outputs_that_a_mode_ordered_just_now_drives_are_no_fault_of_the_vehicle
     assert (boat.mode, boat.armed) == (10, True)
 
 
-def test_a_vehicle_that_another_station_has_put_into_a_mode_is_let_go_of(boat: ScriptedVehicle) -> None:
+def test_a_vehicle_put_into_a_mode_by_another_station_is_released(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     craft.take_over()
     craft.set_mode("GUIDED")
@@ -198,7 +198,7 @@ def test_a_vehicle_that_another_station_has_put_into_a_mode_is_let_go_of(boat: S
     assert (boat.mode, boat.armed, boat.overrides) == (11, True, {})
 
 
-def test_an_order_given_while_nothing_is_flown_is_seen_too(boat: ScriptedVehicle) -> None:
+def test_an_order_between_manoeuvres_is_detected(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     craft.take_over()
     craft.neutral()
@@ -209,14 +209,14 @@ def test_an_order_given_while_nothing_is_flown_is_seen_too(boat: ScriptedVehicle
 
 
 def test_a_vehicle_that_is_armed_by_another_station_is_not_disarmed(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     craft.take_over()
     boat.armed = True
     found = craft.intervention()
     assert found is not None and found.armed_stands and "the vehicle was armed, not by this tool" in found.what
 
 
-def test_a_late_copy_of_our_own_order_is_known_by_its_second_answer(boat: ScriptedVehicle) -> None:
+def test_a_late_copy_of_our_own_command_is_recognised_by_its_second_acknowledgement(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     craft.take_over()
     craft.set_mode("GUIDED")
@@ -228,7 +228,7 @@ def test_a_late_copy_of_our_own_order_is_known_by_its_second_answer(boat: Script
     assert craft._interference.found is not None and not craft._interference.found.stands
 
 
-def test_a_restart_is_told_as_one_although_nothing_but_heartbeats_comes(boat: ScriptedVehicle) -> None:
+def test_a_restart_is_reported_even_when_only_heartbeats_arrive(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     craft.session.pause(10.0)
     boat.intervals.clear()
@@ -238,7 +238,7 @@ def test_a_restart_is_told_as_one_although_nothing_but_heartbeats_comes(boat: Sc
         fly(craft)
 
 
-def test_the_question_for_a_restart_ends_with_its_answer(boat: ScriptedVehicle) -> None:
+def test_the_check_for_a_restart_ends_with_its_answer(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     boat.intervals.clear()
     craft.session.pause(1.0)
@@ -247,8 +247,8 @@ def test_the_question_for_a_restart_ends_with_its_answer(boat: ScriptedVehicle) 
     assert craft.clock.now() - begun < 0.5
 
 
-def test_a_failsafe_that_the_vehicle_tells_of_is_laid_on_no_other_link(boat: ScriptedVehicle) -> None:
-    """As ArduRover 4.5 said when its stock boat span at full rudder."""
+def test_a_failsafe_that_the_vehicle_reports_is_not_attributed_to_another_station(boat: ScriptedVehicle) -> None:
+    """ArduRover 4.5 sent these texts when its stock boat spun at full rudder."""
     craft = lone(boat)
     boat.say("EKF variance")
     boat.say("EKF failsafe")
@@ -259,11 +259,11 @@ def test_a_failsafe_that_the_vehicle_tells_of_is_laid_on_no_other_link(boat: Scr
     assert "no other station" not in said
 
 
-def test_a_failsafe_that_reports_itself_without_a_pause_of_ours_is_reported_as_one(rov: ScriptedVehicle) -> None:
-    """Its text holds no word of a failsafe."""
+def test_a_failsafe_reported_without_our_pause_is_reported_as_a_failsafe(rov: ScriptedVehicle) -> None:
+    """Its text does not contain the word failsafe."""
     rov.receiver = None
     rov.parameters.update(FS_PILOT_INPUT=2.0, FS_PILOT_TIMEOUT=1.0)
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     for _ in range(10):
         craft.observe()
@@ -275,13 +275,13 @@ def test_a_failsafe_that_reports_itself_without_a_pause_of_ours_is_reported_as_o
     assert "lost on the link" in said and "no other station" not in said
 
 
-def test_an_order_that_was_heard_comes_before_a_failsafe(flying: MavlinkCraft, router: Router) -> None:
+def test_an_observed_order_takes_precedence_over_a_failsafe(flying: MavlinkCraft, router: Router) -> None:
     router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
     router.vehicle.say("EKF failsafe")  # type: ignore[attr-defined]
     assert "sent MAV_CMD_DO_SET_MODE" in trip(flying, "mode")
 
 
-def test_a_pause_long_ago_is_no_cause(boat: ScriptedVehicle) -> None:
+def test_a_pause_long_ago_is_not_a_cause(boat: ScriptedVehicle) -> None:
     craft = alone(boat)
     pause(craft, 2.2)
     fly(craft, 60)
@@ -289,13 +289,13 @@ def test_a_pause_long_ago_is_no_cause(boat: ScriptedVehicle) -> None:
     assert "no other station is on this link" in trip(craft, "mode")
 
 
-def test_an_order_that_was_heard_comes_before_a_pause_of_ours(flying: MavlinkCraft, router: Router) -> None:
+def test_an_observed_order_takes_precedence_over_our_pause(flying: MavlinkCraft, router: Router) -> None:
     router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
     pause(flying, 0.7)
     assert "sent MAV_CMD_DO_SET_MODE" in trip(flying, "mode")
 
 
-def test_a_pause_counts_in_the_time_of_a_vehicle_that_runs_ahead() -> None:
+def test_a_pause_counts_in_the_time_of_a_faster_vehicle() -> None:
     clock = ManualClock()
     send_rate = SendRate(clock)
     for k in range(50):
@@ -307,22 +307,22 @@ def test_a_pause_counts_in_the_time_of_a_vehicle_that_runs_ahead() -> None:
     assert send_rate.pace == pytest.approx(10.0, rel=0.2)
 
 
-def test_a_disarm_names_the_station_that_the_vehicle_acknowledged(flying: MavlinkCraft, router: Router) -> None:
+def test_a_disarm_is_reported_with_the_station_that_ordered_it(flying: MavlinkCraft, router: Router) -> None:
     router.say(router.other, order(1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0))  # type: ignore[attr-defined]
     assert "GCS (system 252, component 190) sent MAV_CMD_COMPONENT_ARM_DISARM" in trip(flying, "armed")
 
 
-def test_a_parameter_written_elsewhere_names_who_is_there(flying: MavlinkCraft, router: Router) -> None:
+def test_a_foreign_parameter_write_is_reported_with_the_stations_present(flying: MavlinkCraft, router: Router) -> None:
     flying.parameters.watch({"WP_SPEED": 2.0})
     router.say(router.other, mavlink.MAVLink_param_set_message(1, 1, b"WP_SPEED", 8.0, 9))  # type: ignore[attr-defined]
     said = trip(flying, "parameters")
     assert "WP_SPEED = 8" in said and "also on this link: GCS (system 252, component 190)" in said
 
 
-def test_on_a_link_that_repeats_everything_the_writer_is_named(boat: ScriptedVehicle) -> None:
+def test_a_foreign_parameter_write_is_reported_with_its_sender_on_a_broadcast_link(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     other = router.station(42, 25)
-    craft = board(router)
+    craft = connect(router)
     craft.arm()
     craft.parameters.watch({"WP_SPEED": 2.0})
     router.say(other, mavlink.MAVLink_param_set_message(1, 1, b"WP_SPEED", 8.0, 9))
@@ -365,7 +365,7 @@ def manual_input(source: int, system: int = 0, component: int = 0, *, damaged: b
 
 
 @pytest.mark.parametrize("form", list(FORMS))
-def test_who_the_vehicle_says_is_in_control_is_told_beside_who_overrides(boat: ScriptedVehicle, form: str) -> None:
+def test_the_station_in_control_is_reported_with_an_override_conflict(boat: ScriptedVehicle, form: str) -> None:
     router = Router(boat)
     other = router.station(252)
     craft = lone(router)
@@ -380,7 +380,7 @@ def test_who_the_vehicle_says_is_in_control_is_told_beside_who_overrides(boat: S
     assert "the vehicle reports that GCS (system 252, component 190) is in control of it (CONTROL_STATUS)" in said
 
 
-def test_control_that_is_ours_or_damaged_is_no_matter_and_control_that_goes_is(flying: MavlinkCraft, boat: Any) -> None:
+def test_own_or_damaged_control_status_is_ignored_and_lost_control_is_reported(flying: MavlinkCraft, boat: Any) -> None:
     boat.send(control_status(252, damaged=True))
     boat.send(control_status(255))
     fly(flying)
@@ -395,7 +395,7 @@ def test_control_that_is_ours_or_damaged_is_no_matter_and_control_that_goes_is(f
     assert "reports that GCS (system 252, component 190) is in control" in trip(flying, "mode")
 
 
-def test_whose_sticks_the_vehicle_says_count_is_told_beside_who_overrides(flying: MavlinkCraft, boat: Any) -> None:
+def test_the_station_that_steers_is_reported_with_an_override_conflict(flying: MavlinkCraft, boat: Any) -> None:
     boat.send(manual_input(2, 252, 190))
     fly(flying)
     assert any("GCS (system 252, component 190) steers it (MANUAL_INPUT_STATUS)" in n for n in flying.session.notes)
@@ -405,13 +405,13 @@ def test_whose_sticks_the_vehicle_says_count_is_told_beside_who_overrides(flying
     assert "reports that GCS (system 252, component 190) steers it (MANUAL_INPUT_STATUS)" in said
 
 
-def test_a_station_that_shares_our_system_id_is_told_apart_by_its_component(flying: MavlinkCraft, boat: Any) -> None:
+def test_a_station_with_our_system_id_is_distinguished_by_its_component(flying: MavlinkCraft, boat: Any) -> None:
     boat.send(manual_input(2, 255, 100))
     fly(flying)
     assert any("(system 255, component 100) steers it" in note for note in flying.session.notes)
 
 
-def test_a_vehicle_that_says_its_own_receiver_steers_is_quoted_when_our_overrides_cease_to_arrive(
+def test_steering_by_the_vehicles_receiver_is_reported_when_our_overrides_stop_arriving(
     flying: MavlinkCraft, boat: ScriptedVehicle
 ) -> None:
     boat.send(manual_input(1))
@@ -421,7 +421,7 @@ def test_a_vehicle_that_says_its_own_receiver_steers_is_quoted_when_our_override
     assert "the vehicle reports that its own RC receiver steers it (MANUAL_INPUT_STATUS)" in trip(flying, "sticks")
 
 
-def test_sticks_that_are_ours_or_told_by_a_damaged_message_are_no_matter(flying: MavlinkCraft, boat: Any) -> None:
+def test_own_or_damaged_manual_input_status_is_ignored(flying: MavlinkCraft, boat: Any) -> None:
     boat.send(manual_input(2, 252, 190, damaged=True))
     boat.send(manual_input(2, 255, 190))
     fly(flying)
@@ -430,17 +430,17 @@ def test_sticks_that_are_ours_or_told_by_a_damaged_message_are_no_matter(flying:
     assert "steers it" not in trip(flying, "mode")
 
 
-def test_another_station_s_wish_for_control_is_told_and_nothing_given_away(flying: MavlinkCraft, boat: Any) -> None:
+def test_another_stations_request_for_control_is_reported_and_not_granted(flying: MavlinkCraft, boat: Any) -> None:
     boat.send(order(255, 32100, 1, 0, 10, 252))
     fly(flying)
     assert any("(system 252, component 190) requests control" in note for note in flying.session.notes)
     assert not any(m.get_type() == "COMMAND_LONG" and m.command == 32100 for m in boat.heard)
 
 
-def test_orders_to_another_vehicle_are_nobodys_business(boat: ScriptedVehicle) -> None:
+def test_commands_to_another_vehicle_are_ignored(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     other = router.station(42, 25)
-    craft = board(router)
+    craft = connect(router)
     router.say(other, mavlink.MAVLink_param_set_message(7, 1, b"WP_SPEED", 8.0, 9))
     craft.observe()
     assert not craft.other_stations.orders
@@ -450,7 +450,7 @@ def test_orders_to_another_vehicle_are_nobodys_business(boat: ScriptedVehicle) -
 
 
 @pytest.mark.parametrize("kind", ["RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"])
-def test_another_stations_joystick_beside_ours_trips(boat: ScriptedVehicle, kind: str) -> None:
+def test_another_stations_joystick_trips_the_guard(boat: ScriptedVehicle, kind: str) -> None:
     """It has to be the vehicle's own system id, 255, or the vehicle would not listen to it."""
     router = Router(boat, repeats=True)
     twin = router.station(255, 100)
@@ -466,7 +466,7 @@ def test_another_stations_joystick_beside_ours_trips(boat: ScriptedVehicle, kind
 
 
 @pytest.mark.parametrize(("every", "is_seen"), [(3, True), (20, False)])
-def test_a_joystick_on_beat_with_us_shows_in_one_message_of_three_and_one_crossing_is_none(
+def test_a_conflict_in_one_message_of_three_is_detected_and_a_single_one_is_ignored(
     boat: ScriptedVehicle, every: int, is_seen: bool
 ) -> None:
     rc_monitor = RcMonitor(Session(MemoryLink(boat)))
@@ -477,7 +477,7 @@ def test_a_joystick_on_beat_with_us_shows_in_one_message_of_three_and_one_crossi
     assert rc_monitor.departed == ((1, 1500, 1560) if is_seen else None)
 
 
-def test_a_pilot_who_moves_a_stick_that_we_do_not_drive_trips(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+def test_a_pilot_who_moves_an_undriven_stick_trips_the_guard(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     assert boat.receiver is not None
     boat.receiver[6] = 1850
     said = trip(flying, "sticks")
@@ -485,7 +485,7 @@ def test_a_pilot_who_moves_a_stick_that_we_do_not_drive_trips(flying: MavlinkCra
     assert "its RC transmitter, or overrides of another station with system id 255" in said
 
 
-def test_the_mode_switch_on_the_transmitter_is_named(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+def test_the_mode_switch_of_the_transmitter_is_reported(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     """RC_CHANNELS comes ten times as often as the heartbeat that shows the mode."""
     assert boat.receiver is not None
     boat.receiver[8], boat.mode = 1900, 4
@@ -495,7 +495,7 @@ def test_the_mode_switch_on_the_transmitter_is_named(flying: MavlinkCraft, boat:
     assert "RC channel 8" in said and "from 1500 to 1900 us" in said
 
 
-def test_overrides_that_cease_to_arrive_trip(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+def test_overrides_that_stop_arriving_trip_the_guard(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
     boat.parameters["RC_OVERRIDE_TIME"] = 1.0
     assert "overrides of this tool do not reach the vehicle" in trip(flying, "sticks")
@@ -530,7 +530,7 @@ class Late(Router):
         (1.5, 0.1, "stalled for 1."),
     ],
 )
-def test_our_own_commands_that_come_late_are_nobody_else_s(
+def test_our_own_late_commands_are_not_attributed_to_another_sender(
     boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch, delay: float, lateness: float | None, words: str
 ) -> None:
     """In the last case the vehicle, or the link, stalled for a second and a half, and is prompt when it is asked."""
@@ -548,7 +548,7 @@ def test_our_own_commands_that_come_late_are_nobody_else_s(
     assert words in said and "of another sender" not in said
 
 
-def test_sticks_that_we_sent_ourselves_earlier_are_another_s_where_the_link_is_prompt(boat: ScriptedVehicle) -> None:
+def test_stick_values_we_sent_earlier_are_foreign_on_a_fast_link(boat: ScriptedVehicle) -> None:
     router = Router(boat)
     twin = router.station(255, 100)
     craft = lone(router)
@@ -557,7 +557,7 @@ def test_sticks_that_we_sent_ourselves_earlier_are_another_s_where_the_link_is_p
     assert "overrides of another sender are active" in trip(craft, "sticks")
 
 
-def test_an_override_on_another_channel_is_seen_without_a_receiver_too(boat: ScriptedVehicle) -> None:
+def test_a_foreign_override_on_another_channel_is_detected_without_a_receiver(boat: ScriptedVehicle) -> None:
     router = Router(boat)
     twin = router.station(255, 100)
     boat.receiver = None
@@ -582,7 +582,7 @@ def refused(craft: MavlinkCraft) -> str:
 
 
 def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+    craft = connect(boat)
     boat.parameters["MAV_GCS_SYSID"] = 42
     said = refused(craft)
     assert "RC_CHANNELS shows channel 1 1500 us for 1508" in said
@@ -601,22 +601,24 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle)
         ({}, "its parameters show no reason"),
     ],
 )
-def test_the_cause_of_deafness_is_asked_for(boat: ScriptedVehicle, changes: dict[str, float], words: str) -> None:
-    craft = board(boat)
+def test_the_reason_for_ignored_overrides_is_read_from_the_parameters(
+    boat: ScriptedVehicle, changes: dict[str, float], words: str
+) -> None:
+    craft = connect(boat)
     boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
     boat.parameters |= changes
     assert words in refused(craft)
     assert not boat.armed
 
 
-def test_a_vehicle_that_answers_nothing_is_out_of_reach(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+def test_a_vehicle_that_receives_nothing_has_a_broken_uplink(boat: ScriptedVehicle) -> None:
+    craft = connect(boat)
     boat.receive = lambda data: None  # type: ignore[method-assign]
     assert "the uplink is broken" in refused(craft)
 
 
-def test_outputs_that_do_not_follow_are_found_before_anything_is_flown(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+def test_outputs_that_do_not_follow_are_detected_before_anything_is_flown(boat: ScriptedVehicle) -> None:
+    craft = connect(boat)
     boat.servos[0], boat._actuate = (
         1500,
         lambda: boat.rc.__setitem__(  # type: ignore[method-assign]
@@ -630,26 +632,26 @@ def test_outputs_that_do_not_follow_are_found_before_anything_is_flown(boat: Scr
     assert boat.overrides == {}
 
 
-def test_a_boat_without_rc_channels_is_believed_by_its_outputs(boat: ScriptedVehicle) -> None:
+def test_a_boat_without_rc_channels_is_checked_by_its_outputs(boat: ScriptedVehicle) -> None:
     boat.mute.add("RC_CHANNELS")
-    craft = board(boat)
+    craft = connect(boat)
     craft.arm()
     assert any("sends no RC_CHANNELS" in note for note in craft.session.notes)
 
 
-def test_options_that_forbid_overrides_are_refused_at_boarding(boat: ScriptedVehicle) -> None:
+def test_options_that_forbid_overrides_are_rejected_on_connection(boat: ScriptedVehicle) -> None:
     boat.parameters["RC_OPTIONS"] = 34
     with pytest.raises(PreconditionFailed, match="Set it to 32"):
-        board(boat)
+        connect(boat)
 
 
 # --- channels --------------------------------------------------------------------------------
 
 
-def test_remapped_channels_are_driven_where_they_are(boat: ScriptedVehicle) -> None:
+def test_remapped_channels_are_driven(boat: ScriptedVehicle) -> None:
     boat.parameters |= {"RCMAP_ROLL": 4, "RCMAP_THROTTLE": 2}
     boat._actuate = lambda: None  # type: ignore[method-assign]
-    craft = board(boat)
+    craft = connect(boat)
     craft.send(Actuate(X=0.5))
     craft.observe()
     message = boat.last("RC_CHANNELS_OVERRIDE")
@@ -659,7 +661,7 @@ def test_remapped_channels_are_driven_where_they_are(boat: ScriptedVehicle) -> N
 def test_a_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> None:
     """Without a receiver a channel keeps its last value for ever, be it a joystick's that was unplugged."""
     rov.receiver, rov.rc[1] = None, 1650
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     assert rov.rc[1] == 1500
 
@@ -671,10 +673,10 @@ def make_older(rov: ScriptedVehicle) -> None:
     rov.parameters["RC3_TRIM"] = 1100
 
 
-def test_an_older_rovs_throttle_stick_is_neutral_in_the_middle_of_its_travel(rov: ScriptedVehicle) -> None:
+def test_an_older_rovs_throttle_stick_is_neutral_at_mid_travel(rov: ScriptedVehicle) -> None:
     make_older(rov)
     rov._actuate = lambda: None  # type: ignore[method-assign]
-    craft = board(rov)
+    craft = connect(rov)
     for down, pwm in ((0.5, 1300), (0.0, 1500), (-1.0, 1900)):
         craft.send(Actuate(Z=down))
         craft.observe()
@@ -685,26 +687,26 @@ def test_an_older_rovs_throttle_stick_is_neutral_in_the_middle_of_its_travel(rov
     ("name", "value", "cure"),
     [("RC3_TRIM", 1500, ""), ("RC3_TRIM", 1110, ""), ("RC3_REVERSED", 1, ", RC3_REVERSED 0")],
 )
-def test_an_older_rov_whose_throttle_has_no_neutral_in_the_middle_is_refused(
+def test_an_older_rov_without_neutral_throttle_at_mid_travel_is_refused(
     rov: ScriptedVehicle, name: str, value: float, cure: str
 ) -> None:
-    """Such a one would dive at full thrust with the stick at 1500."""
+    """Such an ROV would dive at full thrust with the stick at 1500."""
     make_older(rov)
     rov.parameters[name] = value
     with pytest.raises(PreconditionFailed, match=f"Set RC3_TRIM 1100{cure} and try again"):
-        board(rov)
+        connect(rov)
 
 
 def test_an_older_rovs_pitch_and_roll_sticks_are_held_neutral(rov: ScriptedVehicle) -> None:
     """Pitch is channel 1 there, roll channel 2."""
     make_older(rov)
     rov.receiver, rov.rc[1], rov.rc[2] = None, 1600, 1650
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     assert (rov.rc[1], rov.rc[2]) == (1500, 1500)
 
 
-def test_a_release_that_does_not_take_is_said(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+def test_a_release_without_effect_is_reported(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     flying.neutral()
     built_in = boat._on_rc_channels_override
 
@@ -718,10 +720,10 @@ def test_a_release_that_does_not_take_is_said(flying: MavlinkCraft, boat: Script
         flying.release()
 
 
-def test_kinds_agree_on_what_is_neutral() -> None:
+def test_an_rov_is_neutral_after_disarming() -> None:
     rov = ScriptedVehicle(ROV)
     rov.receiver = None
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     craft.neutral()
     craft.disarm()

@@ -1,4 +1,4 @@
-"""A journal line by line: what each event makes of the debts, and what is let go of when writing fails."""
+"""A journal line by line: the debts after each event, and what is closed when writing fails."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "journal.jsonl"
 
 
-def told(path: Path, *events: dict[str, Any]) -> JournalState:
+def state_of(path: Path, *events: dict[str, Any]) -> JournalState:
     path.write_text("".join(json.dumps(event) + "\n" for event in events))
     return read_journal(path)
 
@@ -44,42 +44,42 @@ def writing(name: str, value: float) -> dict[str, Any]:
 OPENED = event("opened", vehicle={"system": 1}, link="memory", mode="HOLD", armed=False, fingerprint={"RC1_TRIM": 1501})
 
 
-def test_how_things_were_found_is_what_the_first_line_says(path: Path) -> None:
-    state = told(path, OPENED, event("opened", mode="MANUAL", armed=True))
+def test_the_initial_state_is_read_from_the_first_line(path: Path) -> None:
+    state = state_of(path, OPENED, event("opened", mode="MANUAL", armed=True))
     assert (state.vehicle, state.link, state.mode, state.armed) == ({"system": 1}, "memory", "HOLD", False)
     assert state.fingerprint == {"RC1_TRIM": 1501.0}
-    bare = told(path, event("opened"))
+    bare = state_of(path, event("opened"))
     assert (bare.vehicle, bare.link, bare.mode, bare.armed, bare.fingerprint) == ({}, "", "", None, {})
     assert bare.opened and not bare.closed
 
 
-def test_what_is_owed_is_the_value_lent_before_the_first_write_and_all_that_was_written_may_be_there(
+def test_a_debt_is_the_value_lent_before_the_first_write(
     path: Path,
 ) -> None:
-    state = told(path, OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), lent("P", 0.5), writing("P", 0.6))
+    state = state_of(path, OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), lent("P", 0.5), writing("P", 0.6))
     assert state.debts == {"P": 0.2}
     assert state.written == {"P": (0.5, 0.6)}
     assert not state.is_settled
-    both = told(path, OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), writing("I", 0.3))
+    both = state_of(path, OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), writing("I", 0.3))
     assert both.debts == {"P": 0.2, "I": 0.1}
 
 
 @pytest.mark.parametrize("settled", [event("returned", name="P", value=0.2), event("kept", values={"P": 0.5})])
-def test_what_was_returned_or_kept_is_owed_no_more_and_the_others_are(path: Path, settled: dict[str, Any]) -> None:
+def test_a_returned_or_kept_parameter_is_no_longer_owed(path: Path, settled: dict[str, Any]) -> None:
     events = [OPENED, lent("P", 0.2), lent("I", 0.1), writing("P", 0.5), writing("I", 0.3), settled]
-    state = told(path, *events)
+    state = state_of(path, *events)
     assert (state.debts, state.written) == ({"I": 0.1}, {"I": (0.3,)})
-    assert told(path, *events, settled).debts == {"I": 0.1}, "said twice"
-    assert told(path, *events, event("closed")).is_settled is False
-    done = told(path, *events, event("returned", name="I", value=0.1), event("closed"))
+    assert state_of(path, *events, settled).debts == {"I": 0.1}, "recorded twice"
+    assert state_of(path, *events, event("closed")).is_settled is False
+    done = state_of(path, *events, event("returned", name="I", value=0.1), event("closed"))
     assert done.is_settled and done.closed
 
 
-def test_one_that_is_gone_on_with_is_not_closed_any_more(path: Path) -> None:
-    assert told(path, OPENED, event("closed")).is_settled
-    again = told(path, OPENED, event("closed"), event("resumed"))
+def test_a_resumed_journal_is_open_again(path: Path) -> None:
+    assert state_of(path, OPENED, event("closed")).is_settled
+    again = state_of(path, OPENED, event("closed"), event("resumed"))
     assert not again.closed and not again.is_settled
-    assert told(path).is_settled and not told(path).opened
+    assert state_of(path).is_settled and not state_of(path).opened
 
 
 @pytest.mark.parametrize(
@@ -94,12 +94,12 @@ def test_one_that_is_gone_on_with_is_not_closed_any_more(path: Path) -> None:
         event("opened", fingerprint=[1.0]),
     ],
 )
-def test_an_event_that_makes_no_sense_is_a_bad_file(path: Path, bad: dict[str, Any]) -> None:
+def test_an_invalid_event_raises_bad_file(path: Path, bad: dict[str, Any]) -> None:
     with pytest.raises(BadFile, match="has an invalid event"):
-        told(path, *([] if bad["event"] == "opened" else [OPENED]), bad)
+        state_of(path, *([] if bad["event"] == "opened" else [OPENED]), bad)
 
 
-def test_a_file_of_nothing_but_damage_owes_nothing(path: Path) -> None:
+def test_a_file_of_only_damage_owes_nothing(path: Path) -> None:
     path.write_bytes(b"\0\0\n\0\0\n\0\0\n")
     assert read_journal(path).is_settled
     assert good_length(path.read_bytes()) == 0
@@ -108,7 +108,7 @@ def test_a_file_of_nothing_but_damage_owes_nothing(path: Path) -> None:
         read_journal(path)
 
 
-def test_whole_lines_are_counted_to_the_byte() -> None:
+def test_complete_lines_are_counted_to_the_byte() -> None:
     line = b'{"event": "x"}\n'
     assert good_length(line + line) == 2 * len(line)
     assert good_length(line + line[:-1]) == 2 * len(line) - 1
@@ -121,7 +121,7 @@ def events_of(path: Path) -> list[str]:
     return [json.loads(line)["event"] for line in path.read_text().splitlines()]
 
 
-def test_a_journal_that_holds_nothing_yet_is_gone_on_with_from_its_first_byte(path: Path) -> None:
+def test_an_empty_journal_is_resumed_from_its_first_byte(path: Path) -> None:
     path.write_bytes(b"")
     Journal.resume(path).close()
     assert path.read_text().startswith('{"event": "resumed"')
@@ -130,7 +130,7 @@ def test_a_journal_that_holds_nothing_yet_is_gone_on_with_from_its_first_byte(pa
     assert events_of(path) == ["opened", "resumed", "closed"]
 
 
-def test_every_line_has_its_time_and_the_first_says_all_that_was_found(path: Path) -> None:
+def test_every_line_has_its_time_and_the_first_contains_the_initial_state(path: Path) -> None:
     times = iter("abc")
     vehicle = VehicleIdentity(1, 1, 3, 11, "ArduRover", "4.6.0", uid="ab")
     journal = Journal(path, vehicle=vehicle, link="memory", mode="HOLD", armed=True, fingerprint={"P": 1.0},
@@ -147,7 +147,7 @@ def test_every_line_has_its_time_and_the_first_says_all_that_was_found(path: Pat
     assert journal.path == path
 
 
-def test_leaving_twice_does_nothing_and_what_was_left_is_written_to_no_more(path: Path) -> None:
+def test_leaving_twice_is_harmless_and_a_journal_left_is_not_written_again(path: Path) -> None:
     journal = Journal(path)
     journal.leave()
     journal.leave()
@@ -162,9 +162,9 @@ def full(*_: object) -> int:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("begin", [Journal, Journal.resume], ids=["new", "gone on with"])
+@pytest.mark.parametrize("begin", [Journal, Journal.resume], ids=["new", "resumed"])
 @pytest.mark.parametrize("call", ["write", "fsync"])
-def test_one_that_cannot_be_begun_is_let_go_of(
+def test_a_journal_that_cannot_be_begun_is_closed(
     path: Path, monkeypatch: pytest.MonkeyPatch, begin: Callable[[Path], Journal], call: str
 ) -> None:
     Journal(path).leave()
@@ -173,11 +173,11 @@ def test_one_that_cannot_be_begun_is_let_go_of(
         patch.setattr(journal_module.os, call, full)
         with pytest.raises(PreconditionFailed, match=r"No space left on device.*so no parameter may be"):
             begin(path)
-    assert path.read_bytes() == before, "no half line is left"
+    assert path.read_bytes() == before, "no partial line is left"
     begin(path).close()
 
 
-def test_a_tail_that_cannot_be_cut_off_lets_go_of_the_journal_too(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_journal_whose_tail_cannot_be_cut_off_is_closed(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Journal(path).leave()
     path.write_bytes(path.read_bytes() + b"{")
     with monkeypatch.context() as patch:
@@ -190,7 +190,7 @@ def test_a_tail_that_cannot_be_cut_off_lets_go_of_the_journal_too(path: Path, mo
 @pytest.mark.skipif(os.name != "posix", reason="locks of this kind are POSIX's")
 @pytest.mark.parametrize(("number", "words"), [(errno.EACCES, "still in progress"), (errno.EAGAIN, "still in progress"),
                                                (errno.EIO, "cannot be written (broken)")])  # fmt: skip
-def test_a_lock_that_somebody_holds_is_told_from_one_that_cannot_be_had(
+def test_a_lock_held_elsewhere_is_distinguished_from_a_failing_lock(
     path: Path, monkeypatch: pytest.MonkeyPatch, number: int, words: str
 ) -> None:
     def refuse(*_: object) -> None:
@@ -207,7 +207,7 @@ def test_a_lock_that_somebody_holds_is_told_from_one_that_cannot_be_had(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files are POSIX's")
-def test_others_may_read_it_and_only_we_write(path: Path) -> None:
+def test_others_may_read_the_journal_and_only_the_owner_writes(path: Path) -> None:
     mask = os.umask(0)
     try:
         Journal(path).leave()
@@ -216,7 +216,7 @@ def test_others_may_read_it_and_only_we_write(path: Path) -> None:
     assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 
-def test_every_line_and_what_was_mended_are_forced_to_the_disk(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_line_and_every_repair_is_synced_to_disk(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synced: list[bool] = []
     monkeypatch.setattr(journal_module, "_sync", lambda descriptor: synced.append(descriptor >= 0))
     journal = Journal(path)

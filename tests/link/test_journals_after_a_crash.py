@@ -1,4 +1,4 @@
-"""What a power cut, a full disk or a second program leaves of a journal, and what is still made of it."""
+"""A journal after a power cut, a full disk or a second program, and how it is recovered."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TAILS = (b"", b"{", b'{"event": "kept", "values": {"P"', b"\0" * 700, b"\xff\xfe
 
 
 @pytest.mark.parametrize("tail", TAILS)
-def test_a_torn_tail_is_ignored_and_taken_away_when_the_journal_goes_on(path: Path, tail: bytes) -> None:
+def test_a_torn_tail_is_ignored_and_removed_when_the_journal_is_resumed(path: Path, tail: bytes) -> None:
     path.write_bytes(written(path) + tail)
     assert Journal.open_debts(path) == {"P": 0.2}
     journal = Journal.resume(path)
@@ -45,7 +45,7 @@ def test_a_torn_tail_is_ignored_and_taken_away_when_the_journal_goes_on(path: Pa
 
 
 @pytest.mark.parametrize("settled", [{"event": "returned", "name": "P"}, {"event": "kept", "values": {"P": 0.5}}])
-def test_what_was_settled_and_is_written_again_may_hold_only_what_was_written_since(
+def test_a_parameter_written_again_after_settling_may_hold_only_the_new_values(
     path: Path, settled: dict[str, object]
 ) -> None:
     again = {"event": "writing", "name": "P", "value": 0.7}
@@ -54,7 +54,7 @@ def test_what_was_settled_and_is_written_again_may_hold_only_what_was_written_si
     assert Journal.read(path).written == {"P": (0.7,)}
 
 
-def test_a_journal_cut_at_any_byte_is_read_and_never_owes_less_than_was_sent(path: Path) -> None:
+def test_a_journal_cut_at_any_byte_is_read_and_covers_every_write_sent(path: Path) -> None:
     data = written(path)
     sent = data.index(b'"written"')  # the line before it was on the disk when PARAM_SET left
     last_of_writing = data.rindex(b"}", 0, sent) + 1
@@ -69,7 +69,7 @@ def test_a_journal_cut_at_any_byte_is_read_and_never_owes_less_than_was_sent(pat
         assert Journal.read(path).debts == state.debts
 
 
-def test_a_whole_line_that_lacks_only_its_end_counts_and_is_ended(path: Path) -> None:
+def test_a_complete_last_line_without_its_newline_counts(path: Path) -> None:
     path.write_bytes(written(path)[:-1])
     Journal.resume(path).close()
     assert [json.loads(line)["event"] for line in path.read_text().splitlines()][-3:] == [
@@ -79,7 +79,7 @@ def test_a_whole_line_that_lacks_only_its_end_counts_and_is_ended(path: Path) ->
     ]
 
 
-def test_damage_before_the_end_is_refused_with_another_way_out(path: Path) -> None:
+def test_damage_before_the_end_is_refused_with_an_alternative(path: Path) -> None:
     lines = written(path).splitlines(keepends=True)
     path.write_bytes(lines[0] + b"\0\0\0\n" + b"".join(lines[2:]))
     with pytest.raises(BadFile, match=r"line 2.*parameters_before"):
@@ -89,7 +89,7 @@ def test_damage_before_the_end_is_refused_with_another_way_out(path: Path) -> No
 
 
 @pytest.mark.parametrize("start", [b"", b'{"event": "open', b"\0\0\0"])
-def test_a_journal_whose_first_line_never_reached_the_disk_owes_nothing(path: Path, start: bytes) -> None:
+def test_a_journal_whose_first_line_was_never_written_owes_nothing(path: Path, start: bytes) -> None:
     path.write_bytes(start)
     assert Journal.read(path).is_settled
 
@@ -102,7 +102,7 @@ def test_two_programs_cannot_write_one_journal(path: Path) -> None:
     Journal.resume(path).close()
 
 
-def test_a_line_that_did_not_fit_leaves_no_half_behind(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_that_did_not_fit_on_the_disk_is_removed(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     journal, write = Journal(path), os.write
     with monkeypatch.context() as patch:
         patch.setattr(journal_module.os, "write", lambda fd, data: write(fd, data[: len(data) // 2]))
@@ -114,7 +114,7 @@ def test_a_line_that_did_not_fit_leaves_no_half_behind(path: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_arbitrary_damage_is_read_or_refused_in_words(path: Path, seed: int) -> None:
+def test_arbitrary_damage_is_read_or_raises_bad_file(path: Path, seed: int) -> None:
     draw, data = random.Random(seed), bytearray(written(path))
     for _ in range(draw.randint(1, 6)):
         data[draw.randrange(len(data))] = draw.randrange(256)

@@ -1,4 +1,4 @@
-"""How late things are, answer by answer: clocks compared, changes timed, and what is not timed."""
+"""Delays, answer by answer: clocks compared, changes timed, and what is not timed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune.link.vehicle.latency import Latency, least_period
 
 
 class Listening:
-    """As much of a session as ``Latency`` needs."""
+    """The part of a session that ``Latency`` needs."""
 
     def __init__(self) -> None:
         self.clock = ManualClock(50.0)
@@ -40,16 +40,14 @@ def latency(link: Listening) -> Latency:
 
 
 def sync(link: Listening, latency: Latency, trip: float, boot: float, after: float = 1.0) -> None:
-    """Ask, and be answered after *trip* [s] by a vehicle whose clock says *boot* half-way."""
+    """Request and answer after *trip* [s], the vehicle's clock at *boot* half-way."""
     latency.ask()
     link.clock.advance(trip)
     link.answer(SimpleNamespace(tc1=round(boot * 1e9), ts1=link.sent[-1].ts1))
     link.clock.advance(after - trip)
 
 
-def test_the_vehicles_time_is_read_off_the_quickest_of_the_last_answers_half_way(
-    link: Listening, latency: Latency
-) -> None:
+def test_vehicle_time_comes_from_the_midpoint_of_the_fastest_recent_answer(link: Listening, latency: Latency) -> None:
     assert math.isnan(latency.vehicle_time(50.0))
     for k, trip in enumerate((0.02, 0.4, 0.1, 0.4, 0.4, 0.4)):
         sync(link, latency, trip, 7.0 + k + 0.5 * trip + (0.0 if trip == 0.1 else 0.03))
@@ -61,33 +59,33 @@ def test_the_vehicles_time_is_read_off_the_quickest_of_the_last_answers_half_way
     assert latency.trips(54.0) == ((54.0, pytest.approx(0.4)), (55.0, pytest.approx(0.4)))
 
 
-@pytest.mark.parametrize(("pace", "told"), [(1.0, 1.0), (1.015, 1.0), (0.985, 1.0), (2.0, 2.0), (0.5, 0.5)])
-def test_a_clock_that_runs_at_another_speed_is_followed_and_one_that_drifts_a_little_is_not(
-    link: Listening, latency: Latency, pace: float, told: float
+@pytest.mark.parametrize(("pace", "expected"), [(1.0, 1.0), (1.015, 1.0), (0.985, 1.0), (2.0, 2.0), (0.5, 0.5)])
+def test_a_clock_of_another_speed_is_followed_and_small_drift_is_ignored(
+    link: Listening, latency: Latency, pace: float, expected: float
 ) -> None:
     for k in range(11):
         sync(link, latency, 0.0, 7.0 + pace * k)
     # counted from the first of the last five answers, which are all as quick
-    assert latency.vehicle_time(66.0) == pytest.approx(7.0 + pace * 6.0 + told * 10.0, abs=1e-6)
+    assert latency.vehicle_time(66.0) == pytest.approx(7.0 + pace * 6.0 + expected * 10.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("trips", [(0.25, 0.125), (0.125, 0.25)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("off", "followed"), [(0.06, False), (0.08, True)])
-def test_how_long_answers_took_is_no_other_pace(
+def test_uneven_trip_times_are_not_taken_for_another_clock_speed(
     link: Listening, latency: Latency, trips: tuple[float, float], side: float, off: float, followed: bool
 ) -> None:
-    """Over ten seconds the longer of both trips, twice, makes 5 % beside the 2 % that clocks may drift."""
+    """Over ten seconds the longer of both trips, twice, adds 5 % to the 2 % that clocks may drift."""
     middles = (50.0 + 0.5 * trips[0], 60.0 + 0.5 * trips[1])
-    told = 7.0 + (1.0 + side * off) * (middles[1] - middles[0])
+    expected = 7.0 + (1.0 + side * off) * (middles[1] - middles[0])
     sync(link, latency, trips[0], 7.0, after=10.0)
-    sync(link, latency, trips[1], told)
-    counted = (told, middles[1]) if trips[1] < trips[0] else (7.0, middles[0])
+    sync(link, latency, trips[1], expected)
+    counted = (expected, middles[1]) if trips[1] < trips[0] else (7.0, middles[0])
     pace = 1.0 + side * off * followed
     assert latency.vehicle_time(70.0) == pytest.approx(counted[0] + pace * (70.0 - counted[1]), abs=1e-6)
 
 
-def test_a_request_carries_our_clock_in_nanoseconds_and_never_nothing(link: Listening, latency: Latency) -> None:
+def test_a_request_carries_our_clock_in_nanoseconds_and_is_never_zero(link: Listening, latency: Latency) -> None:
     latency.ask()
     link.clock.advance(0.25)
     latency.ask()
@@ -117,7 +115,7 @@ def test_medians_are_of_all_answers_so_far(link: Listening, latency: Latency) ->
 
 
 @pytest.mark.parametrize(("apart", "pace"), [(0.4, 1.0), (0.5, 2.0), (0.7, 2.0)])
-def test_half_a_second_of_answers_tells_a_clocks_speed(
+def test_half_a_second_of_answers_determines_the_clock_speed(
     link: Listening, latency: Latency, apart: float, pace: float
 ) -> None:
     for k in range(2):
@@ -125,7 +123,7 @@ def test_half_a_second_of_answers_tells_a_clocks_speed(
     assert latency.vehicle_time(60.0) == pytest.approx(7.0 + pace * 10.0, abs=1e-6)
 
 
-def test_requests_and_answers_to_others_are_not_for_us(link: Listening, latency: Latency) -> None:
+def test_requests_and_answers_for_others_are_ignored(link: Listening, latency: Latency) -> None:
     latency.ask()
     link.answer(SimpleNamespace(tc1=0, ts1=link.sent[-1].ts1))
     link.answer(SimpleNamespace(tc1=1, ts1=12345))
@@ -140,7 +138,7 @@ def command(latency: Latency, value: float, measured: float, seen: float) -> Non
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("size", "moved"), [(0.5, 0.03), (0.06, 0.018)])
-def test_a_change_is_timed_when_the_output_has_gone_a_share_of_its_way(
+def test_a_change_is_timed_when_the_output_has_moved_a_given_fraction(
     link: Listening, latency: Latency, sign: float, size: float, moved: float
 ) -> None:
     for k in range(2):
@@ -158,7 +156,7 @@ def test_a_change_is_timed_when_the_output_has_gone_a_share_of_its_way(
     assert latency.times().samples == 1
 
 
-def test_what_is_timed_counts_from_where_the_output_was(latency: Latency) -> None:
+def test_a_change_is_timed_relative_to_the_previous_output(latency: Latency) -> None:
     command(latency, 0.3, 0.0, 1.0)
     command(latency, -0.3, 0.3, 2.0)
     latency.moved(2.1, {"N": 0.28})
@@ -173,16 +171,14 @@ def test_what_is_timed_counts_from_where_the_output_was(latency: Latency) -> Non
     [(0.039, 0.0), (-0.039, 0.0), (0.3, 0.27), (0.3, 0.33)],
     ids=["small", "down", "there", "far"],
 )
-def test_small_changes_and_outputs_that_are_there_already_are_not_timed(
-    latency: Latency, value: float, measured: float
-) -> None:
+def test_small_changes_and_outputs_already_there_are_not_timed(latency: Latency, value: float, measured: float) -> None:
     command(latency, 0.0, 0.0, 1.0)
     command(latency, value, measured, 2.0)
     latency.moved(2.1, {"N": 2.0 * value})
     assert latency.times().samples == 0
 
 
-def test_the_first_command_one_without_effect_and_one_forgotten_are_not_timed(latency: Latency) -> None:
+def test_the_first_ineffective_and_forgotten_commands_are_not_timed(latency: Latency) -> None:
     command(latency, 0.5, 0.0, 1.0)
     latency.moved(1.1, {"N": 0.5})
     command(latency, -0.5, 0.5, 2.0)
@@ -196,7 +192,7 @@ def test_the_first_command_one_without_effect_and_one_forgotten_are_not_timed(la
     assert str(latency.times()) == "not measured"
 
 
-def test_a_command_that_is_taken_back_to_where_the_output_is_is_not_timed(latency: Latency) -> None:
+def test_a_command_withdrawn_before_the_output_moves_is_not_timed(latency: Latency) -> None:
     command(latency, 0.0, 0.0, 1.0)
     command(latency, 0.5, 0.0, 2.0)
     command(latency, 0.0, 0.01, 2.1)
@@ -204,7 +200,7 @@ def test_a_command_that_is_taken_back_to_where_the_output_is_is_not_timed(latenc
     assert latency.times().samples == 0
 
 
-def test_after_what_was_commanded_is_forgotten_the_next_command_is_the_first(latency: Latency) -> None:
+def test_after_forgetting_the_next_command_is_treated_as_the_first(latency: Latency) -> None:
     command(latency, 0.0, 0.0, 1.0)
     latency.forget()
     command(latency, 0.5, 0.0, 2.0)
@@ -212,14 +208,14 @@ def test_after_what_was_commanded_is_forgotten_the_next_command_is_the_first(lat
     assert latency.times().samples == 0
 
 
-def test_one_force_that_stays_where_it_was_hides_none_that_changes(latency: Latency) -> None:
+def test_a_constant_force_does_not_hide_a_changing_one(latency: Latency) -> None:
     for k, value in enumerate((0.0, 0.04)):
         latency.commanded({"X": 0.3, "N": value}, {"X": 0.3, "N": 0.0}, 1.0 + k)
     latency.moved(2.3, {"X": 0.3, "N": 0.04})
     assert latency.times().samples == 1
 
 
-def test_an_effect_within_two_seconds_is_still_one(latency: Latency) -> None:
+def test_an_effect_within_two_seconds_is_timed(latency: Latency) -> None:
     command(latency, 0.5, 0.5, 1.0)
     command(latency, -0.5, 0.5, 2.0)
     latency.moved(3.9, {})
@@ -233,13 +229,11 @@ def test_an_effect_within_two_seconds_is_still_one(latency: Latency) -> None:
     ("loop", "rate", "period"),
     [(0.1, 10.0, 1.2), (math.nan, 10.0, 0.8), (0.01, 10.0, 0.8), (0.1, 0.0, 0.8), (math.nan, 0.0, 0.0)],
 )
-def test_an_oscillation_takes_eight_delays_and_eight_samples_at_least(loop: float, rate: float, period: float) -> None:
+def test_an_oscillation_takes_at_least_eight_delays_and_eight_samples(loop: float, rate: float, period: float) -> None:
     assert least_period(loop, rate) == pytest.approx(period)
 
 
-def test_the_way_up_is_never_told_longer_than_the_whole_loop_though_fewer_are_timed(
-    link: Listening, latency: Latency
-) -> None:
+def test_the_uplink_delay_never_exceeds_the_loop_delay(link: Listening, latency: Latency) -> None:
     for k in range(19):  # before the clocks are compared: the whole loop only
         command(latency, 0.3 * (-1.0) ** k, -0.3 * (-1.0) ** k, 1.0 + k)
         latency.moved(1.1 + k, {"N": 0.3 * (-1.0) ** k})
@@ -252,7 +246,7 @@ def test_the_way_up_is_never_told_longer_than_the_whole_loop_though_fewer_are_ti
 
 
 def test_two_outputs_that_move_in_one_message_are_both_timed(latency: Latency) -> None:
-    for k, (wanted, measured) in enumerate(((0.0, 0.0), (0.5, 0.0))):
-        latency.commanded({"N": wanted, "X": -wanted}, {"N": measured, "X": -measured}, 1.0 + k)
+    for k, (commanded_value, measured) in enumerate(((0.0, 0.0), (0.5, 0.0))):
+        latency.commanded({"N": commanded_value, "X": -commanded_value}, {"N": measured, "X": -measured}, 1.0 + k)
     latency.moved(2.3, {"N": 0.4, "X": -0.4})
     assert latency.times().samples == 2

@@ -20,14 +20,14 @@ from sitl import open_vehicle
 
 WANTED = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 40.0, "RC_CHANNELS": 10.0, "GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 5.0}
 ALL = 10 * 40 + 40 * 33 + 10 * 54 + 10 * 40 + 5 * 32
-"""Bytes a second that these take, roughly."""
+"""Approximate bytes per second of these messages."""
 
 
-def board(peer: Peer) -> MavlinkCraft:
+def connect(peer: Peer) -> MavlinkCraft:
     return open_craft(Session(MemoryLink(peer)), wanted_rates=WANTED, arm_patience=3.0)
 
 
-def swing(craft: MavlinkCraft, seconds: int) -> None:
+def oscillate(craft: MavlinkCraft, seconds: int) -> None:
     for k in range(10 * seconds):
         craft.observe()
         craft.send(Actuate(N=0.3 if k // 10 % 2 else -0.3))
@@ -37,10 +37,10 @@ def swing(craft: MavlinkCraft, seconds: int) -> None:
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.06, 0.2])
-def test_a_links_delays_are_measured_without_being_told(boat: ScriptedVehicle, latency: float) -> None:
-    craft = board(Narrow(boat, latency=latency))
+def test_the_delays_of_a_link_are_measured(boat: ScriptedVehicle, latency: float) -> None:
+    craft = connect(Narrow(boat, latency=latency))
     craft.arm()
-    swing(craft, 10)
+    oscillate(craft, 10)
     times = craft.link_times
     assert times.round_trip == pytest.approx(2 * latency + 0.03, abs=0.05)
     assert times.command_to_servo == pytest.approx(latency + 0.02, abs=0.03)
@@ -48,51 +48,51 @@ def test_a_links_delays_are_measured_without_being_told(boat: ScriptedVehicle, l
     assert times.samples >= 10
 
 
-def test_the_loop_is_never_shorter_than_the_way_from_command_to_servo(
+def test_the_loop_delay_is_never_shorter_than_the_command_to_servo_delay(
     boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Clocks compared over an uneven link say that a command left before the attitude it answers was there."""
-    craft = board(Narrow(boat, latency=0.06))
+    """Over an uneven link the compared clocks place a command before the attitude that it responds to."""
+    craft = connect(Narrow(boat, latency=0.06))
     craft.arm()
-    told = craft.latency.vehicle_time
-    monkeypatch.setattr(craft.latency, "vehicle_time", lambda t: told(t) - 0.5)
-    swing(craft, 10)
+    vehicle_time = craft.latency.vehicle_time
+    monkeypatch.setattr(craft.latency, "vehicle_time", lambda t: vehicle_time(t) - 0.5)
+    oscillate(craft, 10)
     times = craft.link_times
     assert 0.0 < times.command_to_servo <= times.loop
     assert 0.0 < times.command_to_servo_90 <= times.loop_90
     assert str(times).startswith("whole loop")
 
 
-def test_jitter_shows_in_the_ninth_of_ten(boat: ScriptedVehicle) -> None:
-    craft = board(Narrow(boat, latency=0.05, jitter=0.15))
+def test_jitter_shows_in_the_90th_percentile(boat: ScriptedVehicle) -> None:
+    craft = connect(Narrow(boat, latency=0.05, jitter=0.15))
     craft.arm()
-    swing(craft, 20)
+    oscillate(craft, 20)
     times = craft.link_times
     assert times.loop_90 - times.loop > 0.03
     assert times.round_trip_90 - times.round_trip > 0.03
 
 
-def test_the_delay_sets_the_quickest_oscillation_that_can_be_flown(boat: ScriptedVehicle) -> None:
-    craft = board(Narrow(boat, latency=0.2))
+def test_the_delay_sets_the_shortest_period_that_can_be_flown(boat: ScriptedVehicle) -> None:
+    craft = connect(Narrow(boat, latency=0.2))
     assert craft.least_period == pytest.approx(8 / 10.0, rel=0.1)
     craft.arm()
     assert craft.least_period == pytest.approx(8 * (0.42 + 0.05), rel=0.15)
 
 
-def test_a_trial_carries_the_links_delays(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+def test_a_trial_contains_the_link_delays(boat: ScriptedVehicle) -> None:
+    craft = connect(boat)
     craft.arm()
     craft.start_recording("relay")
-    swing(craft, 3)
+    oscillate(craft, 3)
     meta = craft.stop_recording("completed").meta
     assert meta["link_times"]["override_rate"] >= 25.0
     assert {"round_trip", "command_to_servo", "loop"} <= set(meta["link_times"])
     assert (meta["loop_period"], meta["rate_lag"]) == (0.02, 0.0)
 
 
-def test_a_vehicle_without_timesync_is_flown_all_the_same(boat: ScriptedVehicle) -> None:
+def test_a_vehicle_without_timesync_can_be_flown(boat: ScriptedVehicle) -> None:
     boat.on["TIMESYNC"] = lambda _: None
-    craft = board(boat)
+    craft = connect(boat)
     craft.arm()
     assert str(craft.link_times).startswith("whole loop")
 
@@ -100,15 +100,15 @@ def test_a_vehicle_without_timesync_is_flown_all_the_same(boat: ScriptedVehicle)
 # --- how much --------------------------------------------------------------------------------
 
 
-def test_a_wide_link_gets_everything(boat: ScriptedVehicle) -> None:
-    craft = board(Narrow(boat, rate=11520.0))
+def test_a_wide_link_gets_the_full_rates(boat: ScriptedVehicle) -> None:
+    craft = connect(Narrow(boat, rate=11520.0))
     assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.1)
     assert not any("bytes/s" in note for note in craft.session.notes)
 
 
-def test_a_narrow_link_carries_what_is_needed_most(boat: ScriptedVehicle) -> None:
+def test_a_narrow_link_carries_the_most_needed_messages(boat: ScriptedVehicle) -> None:
     pipe = Narrow(boat, rate=1100.0, latency=0.05, jitter=0.02)
-    craft = board(pipe)
+    craft = connect(pipe)
     rates = craft.rates.measured
     assert rates["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
     assert 10.0 <= rates["SERVO_OUTPUT_RAW"] < 30.0
@@ -116,28 +116,28 @@ def test_a_narrow_link_carries_what_is_needed_most(boat: ScriptedVehicle) -> Non
     assert any("the link carries" in note and "SERVO_OUTPUT_RAW 40 ->" in note for note in craft.session.notes)
     pipe.dropped = 0
     craft.arm()
-    swing(craft, 10)
+    oscillate(craft, 10)
     assert pipe.dropped < 0.02 * pipe.carried
     assert 9.0 <= craft.link_times.override_rate <= 25.0, "the way up is spared too"
 
 
-def board_with_room_to_spare(peer: Peer) -> MavlinkCraft:
+def connect_with_spare_rates(peer: Peer) -> MavlinkCraft:
     return open_craft(
         Session(MemoryLink(peer)), wanted_rates=WANTED, spare_rates={"SERVO_OUTPUT_RAW": 100.0}, arm_patience=3.0
     )
 
 
-def test_a_quick_loop_tells_its_outputs_a_hundred_times_a_second_and_a_slow_one_as_often_as_it_can() -> None:
+def test_outputs_are_requested_at_100_hz_from_a_fast_loop_and_40_hz_from_a_slow_one() -> None:
     for vehicle, rate in (("falcon", 100.0), ("charlie", 40.0)):
-        craft = board_with_room_to_spare(open_vehicle(vehicle))
+        craft = connect_with_spare_rates(open_vehicle(vehicle))
         assert craft.rates.granted["SERVO_OUTPUT_RAW"].granted == rate
         craft.rates.measure({})
         assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(rate, rel=0.1)
         assert craft.rates.measured["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
 
 
-def test_a_link_with_room_for_all_and_no_more_keeps_the_usual_rates() -> None:
-    craft = board_with_room_to_spare(Narrow(open_vehicle("falcon"), rate=3600.0))
+def test_a_link_without_spare_capacity_keeps_the_usual_rates() -> None:
+    craft = connect_with_spare_rates(Narrow(open_vehicle("falcon"), rate=3600.0))
     assert craft.rates.granted["SERVO_OUTPUT_RAW"].granted == 40.0
     assert craft.rates.measured["SERVO_OUTPUT_RAW"] == pytest.approx(40.0, rel=0.1)
     assert craft.rates.measured["ATTITUDE"] == pytest.approx(10.0, rel=0.1)
@@ -147,7 +147,7 @@ RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
 
 
 def chatting(boat: ScriptedVehicle) -> ScriptedVehicle:
-    """Have *boat* send RAW_IMU at 20 Hz unasked, behind all else, as an autopilot streams by default."""
+    """Have *boat* send RAW_IMU at 20 Hz without a request, after all else, as an autopilot streams by default."""
     boat.intervals[RAW_IMU] = 0.05
     step = boat._step
 
@@ -161,8 +161,8 @@ def chatting(boat: ScriptedVehicle) -> ScriptedVehicle:
     return boat
 
 
-def test_streams_nobody_asked_for_give_way_on_a_narrow_link_and_come_back(boat: ScriptedVehicle) -> None:
-    craft = board(Narrow(chatting(boat), rate=1200.0))
+def test_unrequested_streams_are_turned_off_on_a_narrow_link_and_restored(boat: ScriptedVehicle) -> None:
+    craft = connect(Narrow(chatting(boat), rate=1200.0))
     assert craft.rates.measured["ATTITUDE"] >= 4.5
     assert any("RAW_IMU off" in note for note in craft.session.notes)
     craft.rates.restore()
@@ -173,46 +173,46 @@ def test_streams_nobody_asked_for_give_way_on_a_narrow_link_and_come_back(boat: 
     ("rate", "answers_by_name"),
     [*((rate, True) for rate in range(1100, 1501, 25)), *((rate, False) for rate in (1300, 1325, 1400, 1425))],
 )
-def test_messages_that_a_narrow_link_crowds_out_are_not_taken_for_missing_aboard(
+def test_messages_crowded_out_on_a_narrow_link_are_not_taken_for_missing(
     boat: ScriptedVehicle, rate: int, answers_by_name: bool
 ) -> None:
-    """With this much room attitudes and outputs alone fill it, to the message, and three others never come."""
+    """At this capacity attitudes and outputs alone fill the link, and three other messages never arrive."""
     if not answers_by_name:
         boat.asked_for = lambda number: number == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-    craft = board(Narrow(chatting(boat), rate=rate))
+    craft = connect(Narrow(chatting(boat), rate=rate))
     assert all(craft.rates.measured[name] > 0.5 for name in WANTED)
     assert any("the link carries" in note for note in craft.session.notes)
 
 
-def test_a_message_that_is_not_aboard_costs_the_others_nothing(boat: ScriptedVehicle) -> None:
+def test_an_unsupported_message_does_not_affect_the_others(boat: ScriptedVehicle) -> None:
     boat.mute.add("VFR_HUD")
-    craft = board(boat)
+    craft = connect(boat)
     assert craft.rates.measured["VFR_HUD"] == 0.0
     assert {n: g.granted for n, g in craft.rates.granted.items()} == WANTED
     assert boat.intervals[mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == pytest.approx(1.0 / WANTED["SERVO_OUTPUT_RAW"])
     assert not any("bytes/s" in note for note in craft.session.notes)
 
 
-def test_a_radios_own_report_is_passed_on(boat: ScriptedVehicle) -> None:
+def test_the_status_report_of_a_radio_is_shown(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     radio = mavlink.MAVLink(None, srcSystem=51, srcComponent=68)
     router.every(radio, 0.5, lambda: mavlink.MAVLink_radio_status_message(180, 150, 40, 20, 30, 7, 0))
-    craft = board(router)
+    craft = connect(router)
     assert any(
         "radio: signal 180 and noise 20 here" in n and "40 % of its buffer free" in n for n in craft.session.notes
     )
     assert craft.other_stations.stations == {}
 
 
-def test_a_link_too_narrow_for_the_least_is_refused_with_the_number(boat: ScriptedVehicle) -> None:
+def test_a_link_too_narrow_for_the_minimum_is_refused_with_its_capacity(boat: ScriptedVehicle) -> None:
     lossy, slow = r"loses \d+ % of .* is overloaded", r"it carries \d+ bytes/s.* Use a faster link"
     with pytest.raises(TelemetryFault, match=f"{lossy}|{slow}"):
-        board(Narrow(boat, rate=250.0))
+        connect(Narrow(boat, rate=250.0))
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.floats(100.0, 20000.0), st.floats(0.0, 5000.0))
-def test_a_plan_never_exceeds_what_there_is_but_for_the_floors(capacity: float, chatter: float) -> None:
+def test_a_plan_never_exceeds_the_capacity_except_for_the_minimum_rates(capacity: float, chatter: float) -> None:
     demands = [Demand("ATTITUDE", 10, 40, 5), Demand("SERVO_OUTPUT_RAW", 40, 33, 5), Demand("VFR_HUD", 5, 32)]
     rates, hushed = plan(demands, {"RAW_IMU": chatter}, capacity)
     used = sum(rates[d.name] * d.size for d in demands) + (0.0 if hushed else chatter)
@@ -224,7 +224,7 @@ def test_a_plan_never_exceeds_what_there_is_but_for_the_floors(capacity: float, 
 # --- and whose --------------------------------------------------------------------------------
 
 
-def test_rates_another_station_changed_are_asked_for_again_and_said(boat: ScriptedVehicle) -> None:
+def test_rates_changed_by_another_station_are_requested_again_and_reported(boat: ScriptedVehicle) -> None:
     router = Router(boat, repeats=True)
     other = router.station(252)
     number = mavlink.MAVLINK_MSG_ID_ATTITUDE
@@ -233,26 +233,26 @@ def test_rates_another_station_changed_are_asked_for_again_and_said(boat: Script
         boat.intervals[number] = 1.0 / m.req_message_rate
 
     boat.on["REQUEST_DATA_STREAM"] = stream
-    craft = board(router)
+    craft = connect(router)
     craft.arm()
     router.say(other, mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 2, 1))
-    swing(craft, 3)
+    oscillate(craft, 3)
     assert boat.intervals[number] == pytest.approx(0.1)
-    said = [note for note in craft.session.notes if "requested again" in note]
-    assert len(said) == 1
-    assert said[0].startswith("message rates were low and were requested again: ATTITUDE at")
-    assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in said[0]
+    notes = [note for note in craft.session.notes if "requested again" in note]
+    assert len(notes) == 1
+    assert notes[0].startswith("message rates were low and were requested again: ATTITUDE at")
+    assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in notes[0]
 
 
-def test_a_router_beside_another_station_is_like_no_router(boat: ScriptedVehicle) -> None:
+def test_foreign_traffic_through_a_router_changes_nothing_recorded(boat: ScriptedVehicle) -> None:
     """Duplicated datagrams, foreign heartbeats and foreign traffic change nothing that is recorded."""
     router = Router(boat, repeats=True)
     other = router.station(252)
     router.every(other, 0.1, lambda: mavlink.MAVLink_attitude_message(1, 0.0, 0.0, 2.0, 0.0, 0.0, 9.0))
-    craft = board(router)
+    craft = connect(router)
     craft.arm()
     craft.start_recording("relay")
-    swing(craft, 5)
+    oscillate(craft, 5)
     trial = craft.stop_recording("completed")
     assert abs(trial["r"].values).max() < 1.0
     assert len(trial["psi"]) == pytest.approx(50, abs=2)

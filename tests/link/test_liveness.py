@@ -1,4 +1,4 @@
-"""Who speaks, by number: both protocols, two that interleave, strangers told of once, a vehicle that moved."""
+"""Senders by sequence number: both protocols, two that interleave, others reported once, a vehicle that moved."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def numbered(sequence: int, v1: bool = False, origin: str = "") -> Frame:
     return Frame(raw, None, "HEARTBEAT", 1, 1, origin)
 
 
-def told(sequences: list[int], v1: bool = False) -> int:
+def count_notes(sequences: list[int], v1: bool = False) -> int:
     notes: list[str] = []
     sender = HeldSender(notes)
     for sequence in sequences:
@@ -35,21 +35,21 @@ def interleaved(turns: int, begin: int = 0, apart: int = 100) -> list[int]:
 
 @pytest.mark.parametrize("v1", [True, False])
 @pytest.mark.parametrize("begin", [0, 253])
-def test_two_senders_are_told_of_once_when_each_has_gone_on_five_times(v1: bool, begin: int) -> None:
-    assert told(interleaved(5, begin), v1) == 0
-    assert told(interleaved(6, begin), v1) == 1
-    assert told(interleaved(40, begin), v1) == 1
-    assert told(list(range(begin, begin + 600)), v1) == 0
+def test_two_senders_are_reported_once_after_five_frames_of_each(v1: bool, begin: int) -> None:
+    assert count_notes(interleaved(5, begin), v1) == 0
+    assert count_notes(interleaved(6, begin), v1) == 1
+    assert count_notes(interleaved(40, begin), v1) == 1
+    assert count_notes(list(range(begin, begin + 600)), v1) == 0
 
 
-def test_sixteen_runs_are_followed_at_once_and_no_more() -> None:
-    """Of so many that speak in turn each begins again where it is followed still."""
+def test_at_most_sixteen_sequences_are_followed() -> None:
+    """Seventeen interleaved senders exceed the limit, so none of them is followed."""
     in_turn = [[n for k in range(8) for n in range(0, 10 * count, 10)] for count in (16, 17)]
     every = [[(n + k // count) % 256 for k, n in enumerate(row)] for count, row in zip((16, 17), in_turn, strict=True)]
-    assert [told(row) for row in every] == [1, 0]
+    assert [count_notes(row) for row in every] == [1, 0]
 
 
-def test_without_a_word_about_where_it_comes_from_the_sender_is_the_one_held_to() -> None:
+def test_without_an_origin_every_frame_is_from_the_held_sender() -> None:
     sender = HeldSender([])
     assert sender.is_held(numbered(1))
     assert not sender.is_held(numbered(1, origin=ELSEWHERE))
@@ -57,7 +57,7 @@ def test_without_a_word_about_where_it_comes_from_the_sender_is_the_one_held_to(
     assert sender.is_held(numbered(1, origin=HOME))
 
 
-def test_strangers_are_told_of_once_each_when_the_one_held_to_is_heard_after_them() -> None:
+def test_other_senders_are_reported_once_each_when_the_held_sender_is_heard_again() -> None:
     notes: list[str] = []
     sender = HeldSender(notes)
     sender.hold(HOME)
@@ -65,7 +65,7 @@ def test_strangers_are_told_of_once_each_when_the_one_held_to_is_heard_after_the
     for _ in range(2):
         for k in range(2):
             sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 3, 9, f"{ELSEWHERE}{k}"))
-        assert len(notes) in (0, 2), "who is silent since may be him, at another port"
+        assert len(notes) in (0, 2), "the vehicle may have moved to another port"
         sender.hear(numbered(2, origin=HOME))
         assert len(notes) == 2
     assert f"another sender at {ELSEWHERE}0 uses the vehicle's ids (system 3, component 9)" in notes[0]
@@ -76,7 +76,7 @@ def test_strangers_are_told_of_once_each_when_the_one_held_to_is_heard_after_the
     assert len(notes) == 20
 
 
-def test_one_who_turns_out_to_be_the_vehicle_is_no_stranger() -> None:
+def test_a_sender_that_proves_to_be_the_vehicle_is_not_reported_as_another() -> None:
     notes: list[str] = []
     sender = HeldSender(notes)
     sender.hold(HOME)
@@ -107,7 +107,7 @@ def introduced(uid: int = 0, word: int = 0x04060000 + 255, name: str = "AUTOPILO
         (introduced(0xAB, name="HEARTBEAT"), "ab", False),
     ],
 )
-def test_a_vehicle_is_known_again_by_its_board_or_without_an_id_by_its_firmware(
+def test_a_vehicle_is_recognised_by_its_board_or_without_an_id_by_its_firmware(
     frame: Frame, uid: str, known: bool
 ) -> None:
     assert HeldSender([]).may_be(frame, VehicleIdentity(1, 1, 3, 11, version="4.6.0", uid=uid)) is known
@@ -118,7 +118,7 @@ def listened(liveness: Liveness, seconds: float) -> None:
         liveness.count(liveness._last_pump + 0.25)
 
 
-def test_the_longest_of_several_silences_counts_while_its_end_is_in_the_span() -> None:
+def test_the_longest_of_several_silences_is_reported_while_its_end_is_in_the_span() -> None:
     liveness = Liveness(0.0)
     for seconds in (1.0, 4.0, 2.0):
         listened(liveness, seconds)
@@ -130,8 +130,8 @@ def test_the_longest_of_several_silences_counts_while_its_end_is_in_the_span() -
     assert liveness.longest(1e9) == 1.0, "fifty are kept"
 
 
-def test_only_what_was_listened_to_counts_as_silence() -> None:
-    """Half a second from pump to pump at most: longer, it was we who were away."""
+def test_only_time_spent_listening_counts_as_silence() -> None:
+    """A gap between pumps counts at most half a second: in a longer one this program was away."""
     hearing = Liveness(100.0)
     hearing.count(100.4)
     assert (hearing.listened, hearing.silence) == (pytest.approx(0.4), pytest.approx(0.4))
@@ -145,7 +145,7 @@ def test_only_what_was_listened_to_counts_as_silence() -> None:
 
 
 @pytest.mark.parametrize(("silence", "is_kept"), [(0.5, False), (0.51, True)])
-def test_the_longest_silence_is_of_those_worth_keeping_that_ended_in_the_span(silence: float, is_kept: bool) -> None:
+def test_the_longest_silence_ignores_short_ones_and_those_outside_the_span(silence: float, is_kept: bool) -> None:
     liveness = Liveness(0.0)
 
     def listen(until: float) -> None:
@@ -167,4 +167,4 @@ def test_the_longest_silence_is_of_those_worth_keeping_that_ended_in_the_span(si
     liveness.bear(3.0)
     assert (liveness.silence, liveness.actual_silence) == (pytest.approx(-3.0), pytest.approx(4.8))
     liveness.heard()
-    assert liveness.longest(1.0) == pytest.approx(4.8), "a silence that was borne was one"
+    assert liveness.longest(1.0) == pytest.approx(4.8), "a tolerated silence still counts"

@@ -1,4 +1,4 @@
-"""A link that loses messages is told as such, by the gaps in the vehicle's sequence numbers."""
+"""A lossy link is detected by the gaps in the vehicle's sequence numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune.workflow.connection import telemetry_rates
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.02, 0.3, 0.6, 0.9])
-def test_the_share_that_is_lost_is_read_off_the_sequence_numbers(loss: float) -> None:
+def test_the_loss_rate_is_read_from_the_sequence_numbers(loss: float) -> None:
     rng, counted = random.Random(3), Loss()
     for k in range(5000):
         if rng.random() >= loss:
@@ -23,7 +23,7 @@ def test_the_share_that_is_lost_is_read_off_the_sequence_numbers(loss: float) ->
     assert (f"loses {100.0 * counted.share:.0f} %" in counted.words) == (loss > 0.1)
 
 
-def test_a_restart_and_what_comes_out_of_order_are_no_loss() -> None:
+def test_restarts_and_reordered_frames_are_not_counted_as_loss() -> None:
     counted = Loss()
     for sequence in (*range(200), 0, *range(1, 100), 98, 99, 100, 101):
         counted.hear(sequence)
@@ -44,15 +44,15 @@ def refusal_over(loss: float, seed: int) -> str:
 
 
 @pytest.mark.parametrize(("loss", "least"), [(0.3, 15), (0.9, 60)])
-def test_a_lossy_link_is_refused_as_one_and_not_as_slow_or_old(loss: float, least: int) -> None:
-    refusals = [said for seed in range(6) if (said := refusal_over(loss, seed))]
-    shares = [int(said.partition("loses ")[2].split(" ")[0]) for said in refusals if "loses" in said]
+def test_a_lossy_link_is_refused_as_lossy_and_not_as_slow_or_old(loss: float, least: int) -> None:
+    refusals = [refusal for seed in range(6) if (refusal := refusal_over(loss, seed))]
+    shares = [int(refusal.partition("loses ")[2].split(" ")[0]) for refusal in refusals if "loses" in refusal]
     assert 3 <= len(refusals) == len(shares)
     assert all(least <= share <= 99 for share in shares)
-    assert not any("too slow" in said or "older" in said for said in refusals)
+    assert not any("too slow" in refusal or "older" in refusal for refusal in refusals)
 
 
-def test_a_parameter_that_was_lost_nine_times_in_ten_is_not_said_to_be_missing() -> None:
+def test_a_parameter_lost_nine_times_in_ten_is_not_reported_missing() -> None:
     refused = 0
     for seed in range(4):
         link = MemoryLink(ScriptedVehicle(), loss=0.9, seed=seed)

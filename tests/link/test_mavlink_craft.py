@@ -25,20 +25,20 @@ from gcs_autotune.errors import (
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Session, open_craft
 
 
-def board(vehicle: ScriptedVehicle, interrupt: Callable[[], bool] = lambda: False) -> MavlinkCraft:
+def connect(vehicle: ScriptedVehicle, interrupt: Callable[[], bool] = lambda: False) -> MavlinkCraft:
     return open_craft(Session(MemoryLink(vehicle), interrupt=interrupt), arm_patience=3.0)
 
 
 @pytest.fixture
 def craft(boat: ScriptedVehicle) -> Craft:
-    """A boarded boat; that it is a ``Craft`` is checked by the type checker here."""
-    return board(boat)
+    """A connected boat; the type checker verifies here that it is a ``Craft``."""
+    return connect(boat)
 
 
 @pytest.fixture
 def flying(boat: ScriptedVehicle) -> MavlinkCraft:
-    """A boarded, armed boat that steers."""
-    craft = board(boat)
+    """A connected, armed boat that steers."""
+    craft = connect(boat)
     craft.arm()
     craft.send(Actuate(N=0.4, X=0.5))
     for _ in range(5):
@@ -46,7 +46,7 @@ def flying(boat: ScriptedVehicle) -> MavlinkCraft:
     return craft
 
 
-def test_a_stop_in_the_midst_of_a_mode_change_does_not_leave_the_autopilot_steering(
+def test_a_stop_during_a_mode_change_does_not_leave_the_autopilot_steering(
     flying: MavlinkCraft, boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ctrl-C came between order and heartbeat: ArduSub was in ALT_HOLD by then, and pushed at full thrust."""
@@ -59,7 +59,7 @@ def test_a_stop_in_the_midst_of_a_mode_change_does_not_leave_the_autopilot_steer
         while_cut_off.setattr(flying.commands, "set_mode", cut_off)
         with pytest.raises(OperatorStopped):
             flying.set_mode("GUIDED")
-    assert (flying.mode, boat.mode) == ("MANUAL", 15), "no heartbeat has told yet"
+    assert (flying.mode, boat.mode) == ("MANUAL", 15), "no heartbeat has arrived yet"
     flying.neutral()
     assert boat.mode == flying.firmware.modes["HOLD"]
 
@@ -67,20 +67,20 @@ def test_a_stop_in_the_midst_of_a_mode_change_does_not_leave_the_autopilot_steer
 # --- boarding --------------------------------------------------------------------------------
 
 
-def test_boarding_says_who_and_what_it_is(craft: Craft) -> None:
+def test_connecting_identifies_firmware_and_vehicle(craft: Craft) -> None:
     assert isinstance(craft, MavlinkCraft)
     assert craft.firmware.name == "ArduRover"
     assert craft.session.vehicle is not None
     assert (craft.session.vehicle.firmware, craft.session.vehicle.frame) == ("ArduRover", None)
 
 
-def test_a_vehicle_of_another_kind_is_refused_by_name() -> None:
+def test_a_vehicle_of_another_type_is_refused_by_name() -> None:
     with pytest.raises(WrongVehicle, match="QUADROTOR"):
-        board(ScriptedVehicle(2))
+        connect(ScriptedVehicle(2))
 
 
 @pytest.mark.parametrize(
-    ("aboard", "system", "told"),
+    ("aboard", "system", "reported"),
     [
         ({"MAV_GCS_SYSID": 255}, 255, ""),
         ({"SYSID_MYGCS": 252}, 252, "SYSID_MYGCS is 252: using system id 252"),
@@ -88,34 +88,34 @@ def test_a_vehicle_of_another_kind_is_refused_by_name() -> None:
         ({}, 255, "the vehicle does not report which ground station it obeys. Using system id 255"),
     ],
 )
-def test_the_id_the_vehicle_obeys_is_adopted_and_said(
-    boat: ScriptedVehicle, aboard: dict[str, float], system: int, told: str
+def test_the_ground_station_id_that_the_vehicle_obeys_is_adopted_and_reported(
+    boat: ScriptedVehicle, aboard: dict[str, float], system: int, reported: str
 ) -> None:
     del boat.parameters["MAV_GCS_SYSID"]
     boat.parameters |= aboard
-    craft = board(boat)
+    craft = connect(boat)
     assert craft.session.port.system == system
-    assert [note for note in craft.session.notes if "system id" in note] == ([told] if told else [])
+    assert [note for note in craft.session.notes if "system id" in note] == ([reported] if reported else [])
     craft.arm()
     craft.send(Actuate(N=0.5))
     craft.observe()
     assert craft.observe().output["N"] == pytest.approx(0.5, abs=0.01)
 
 
-def test_telemetry_too_slow_to_steer_by_puts_the_rates_back(boat: ScriptedVehicle) -> None:
+def test_telemetry_too_slow_for_control_restores_the_rates(boat: ScriptedVehicle) -> None:
     boat.mute.add("SERVO_OUTPUT_RAW")
     with pytest.raises(TelemetryFault, match="SERVO_OUTPUT_RAW 0"):
-        board(boat)
+        connect(boat)
     assert boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(0.25)
 
 
-def test_a_vehicle_that_grants_no_rates_and_streams_nothing_is_too_slow(boat: ScriptedVehicle) -> None:
+def test_a_vehicle_that_grants_no_rates_and_streams_nothing_is_refused(boat: ScriptedVehicle) -> None:
     boat.fastest = 0.1
     with pytest.raises(TelemetryFault, match="no ATTITUDE"):
-        board(boat)
+        connect(boat)
 
 
-def test_stopping_while_boarding_puts_the_rates_back(boat: ScriptedVehicle) -> None:
+def test_stopping_while_connecting_restores_the_rates(boat: ScriptedVehicle) -> None:
     stop = False
     session = Session(MemoryLink(boat), interrupt=lambda: stop)
     session.discover()
@@ -131,7 +131,7 @@ def test_stopping_while_boarding_puts_the_rates_back(boat: ScriptedVehicle) -> N
     assert boat.intervals[mavlink.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(0.25)
 
 
-def test_in_simulated_time_a_decision_is_taken_at_the_tick_it_answers(craft: Craft) -> None:
+def test_in_simulated_time_a_decision_is_taken_at_its_own_tick(craft: Craft) -> None:
     for _ in range(20):
         observation = craft.observe()
         assert craft.clock.now() == pytest.approx(observation.t, abs=1e-6)
@@ -141,23 +141,23 @@ def test_in_simulated_time_a_decision_is_taken_at_the_tick_it_answers(craft: Cra
 
 
 @pytest.mark.parametrize("kind", [BOAT, ROV])
-def test_the_wanted_fractions_come_out_of_the_actuators(kind: int) -> None:
-    craft = board(ScriptedVehicle(kind))
+def test_the_requested_outputs_appear_at_the_actuators(kind: int) -> None:
+    craft = connect(ScriptedVehicle(kind))
     craft.arm()
-    wanted = Actuate(N=0.3, X=-0.2, Z=0.0 if kind == BOAT else 0.25)
-    craft.send(wanted)
+    requested = Actuate(N=0.3, X=-0.2, Z=0.0 if kind == BOAT else 0.25)
+    craft.send(requested)
     craft.observe()
     output = craft.observe().output
-    assert output == pytest.approx({name: getattr(wanted, name) for name in output}, abs=0.01)
+    assert output == pytest.approx({name: getattr(requested, name) for name in output}, abs=0.01)
 
 
-def test_heading_goes_on_beyond_half_a_turn(flying: MavlinkCraft) -> None:
+def test_heading_is_continuous_beyond_half_a_turn(flying: MavlinkCraft) -> None:
     psi = [flying.observe().psi for _ in range(200)]
     assert psi[-1] > math.pi
     assert all(0.0 < b - a < 0.1 for a, b in pairwise(psi))
 
 
-def test_an_observation_has_everything_that_is_known(flying: MavlinkCraft) -> None:
+def test_an_observation_contains_everything_known(flying: MavlinkCraft) -> None:
     seen = flying.observe()
     assert (seen.armed, seen.mode, seen.speed) == (True, "MANUAL", 1.25)
     assert seen.battery_voltage == pytest.approx(12.6)
@@ -165,7 +165,7 @@ def test_an_observation_has_everything_that_is_known(flying: MavlinkCraft) -> No
     assert seen.value("z") == 0.0
 
 
-def test_a_command_stays_in_force_without_being_repeated_by_the_manoeuvre(
+def test_a_command_stays_in_force_without_repetition_by_the_manoeuvre(
     flying: MavlinkCraft, boat: ScriptedVehicle
 ) -> None:
     flying.session.pause(10.0)
@@ -186,7 +186,7 @@ def test_overrides_flow_at_25_hz_whatever_the_control_rate(flying: MavlinkCraft,
     assert flying.link_times.override_gap <= 0.05
 
 
-def test_a_vehicle_whose_time_runs_fast_still_gets_its_overrides_in_time(
+def test_a_vehicle_with_accelerated_time_gets_its_overrides_in_time(
     flying: MavlinkCraft, boat: ScriptedVehicle
 ) -> None:
     flying._streamer._task.period = 1e9
@@ -235,7 +235,7 @@ def test_frozen_attitude_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle)
     assert "frozen" in observe_until_fault(flying)
 
 
-def test_a_standing_clock_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+def test_a_stopped_clock_is_a_fault(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     stamp = round(flying.observe().t * 1000)
     spoil(boat, time_boot_ms=lambda _: stamp)
     assert "its clock stopped" in observe_until_fault(flying)
@@ -258,7 +258,9 @@ def test_after_a_fault_the_vehicle_can_still_be_brought_to_rest(flying: MavlinkC
 # --- other hands --------------------------------------------------------------------------------
 
 
-def test_a_mode_change_by_others_trips_with_the_vehicles_words(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+def test_a_foreign_mode_change_trips_the_guard_with_the_vehicles_message(
+    flying: MavlinkCraft, boat: ScriptedVehicle
+) -> None:
     boat.mode = 4
     boat.say("Radio Failsafe")
     with pytest.raises(GuardTripped, match=r"from MANUAL to HOLD, not by this tool .*Radio Failsafe") as caught:
@@ -267,7 +269,7 @@ def test_a_mode_change_by_others_trips_with_the_vehicles_words(flying: MavlinkCr
     assert caught.value.guard == "mode"
 
 
-def test_our_own_mode_changes_do_not_trip(flying: MavlinkCraft) -> None:
+def test_our_own_mode_changes_do_not_trip_the_guard(flying: MavlinkCraft) -> None:
     for mode in ("GUIDED", "MANUAL"):
         flying.set_mode(mode)
         seen = [flying.observe() for _ in range(30)]
@@ -278,7 +280,7 @@ def test_our_own_mode_changes_do_not_trip(flying: MavlinkCraft) -> None:
 # --- targets --------------------------------------------------------------------------------
 
 
-def test_a_boats_heading_target_is_attitude_and_a_fraction_of_its_speed(
+def test_a_boats_heading_target_is_an_attitude_and_a_fraction_of_full_speed(
     flying: MavlinkCraft, boat: ScriptedVehicle
 ) -> None:
     flying.set_mode("GUIDED")
@@ -290,7 +292,7 @@ def test_a_boats_heading_target_is_attitude_and_a_fraction_of_its_speed(
     assert boat.last("RC_CHANNELS_OVERRIDE").chan1_raw == 1500
 
 
-def test_a_boats_turn_rate_target_is_a_body_rate_and_a_fraction_of_its_speed(
+def test_a_boats_turn_rate_target_is_a_body_rate_and_a_fraction_of_full_speed(
     flying: MavlinkCraft, boat: ScriptedVehicle
 ) -> None:
     flying.set_mode("GUIDED")
@@ -302,22 +304,22 @@ def test_a_boats_turn_rate_target_is_a_body_rate_and_a_fraction_of_its_speed(
     assert boat.last("RC_CHANNELS_OVERRIDE").chan1_raw == 1500
 
 
-def test_a_rovs_turn_rate_is_its_yaw_stick_beyond_the_dead_zone_the_joystick_gain_leaves(rov: ScriptedVehicle) -> None:
+def test_an_rovs_turn_rate_is_a_yaw_stick_position_beyond_the_scaled_dead_zone(rov: ScriptedVehicle) -> None:
     """As measured: rate = (|rc - 1500| - 40 gain)/(400 - 40 gain) of 45 deg/s times ACRO_YAW_P."""
     rov.parameters |= {"ACRO_YAW_P": 3.375, "RC4_DZ": 40, "JS_GAIN_DEFAULT": 0.5}
-    craft = board(rov)
+    craft = connect(rov)
     craft.arm()
     craft.set_mode("ALT_HOLD")
     for rate in (0.3, -0.3):
         craft.send(TurnRateTarget(r=rate))
         craft.observe()
         offset = rov.last("RC_CHANNELS_OVERRIDE").chan4_raw - 1500
-        told = math.copysign((abs(offset) - 20) / 380 * math.radians(45.0) * 3.375, offset)
-        assert told == pytest.approx(rate, abs=0.005)
+        reported = math.copysign((abs(offset) - 20) / 380 * math.radians(45.0) * 3.375, offset)
+        assert reported == pytest.approx(rate, abs=0.005)
 
 
-def test_a_rovs_targets_keep_the_pilot_input_alive_at_neutral(rov: ScriptedVehicle) -> None:
-    craft = board(rov)
+def test_an_rovs_targets_keep_the_pilot_input_alive_at_neutral(rov: ScriptedVehicle) -> None:
+    craft = connect(rov)
     craft.arm()
     craft.set_mode("ALT_HOLD")
     craft.send(HeadingTarget(psi=1.0))
@@ -336,14 +338,14 @@ def test_a_rovs_targets_keep_the_pilot_input_alive_at_neutral(rov: ScriptedVehic
 
 def test_a_boat_without_a_receiver_arms_because_neutral_overrides_flow_first(boat: ScriptedVehicle) -> None:
     boat.needs_overrides_to_arm = True
-    craft = board(boat)
+    craft = connect(boat)
     craft.arm()
     assert boat.armed
     assert boat.last("RC_CHANNELS_OVERRIDE").chan3_raw == 1500
 
 
-def test_prearm_checks_that_settle_are_waited_for(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+def test_prearm_checks_that_settle_are_awaited(boat: ScriptedVehicle) -> None:
+    craft = connect(boat)
     boat.arming_refusals = ["PreArm: Accels inconsistent"]
     craft.session.every(2.5, lambda: boat.arming_refusals.clear() if craft.clock.now() > begun + 2 else None)
     begun = craft.clock.now()
@@ -351,8 +353,8 @@ def test_prearm_checks_that_settle_are_waited_for(boat: ScriptedVehicle) -> None
     assert boat.armed
 
 
-def test_refused_arming_leaves_no_override_behind(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
+def test_refused_arming_leaves_no_override_active(boat: ScriptedVehicle) -> None:
+    craft = connect(boat)
     boat.arming_refusals = ["Arm: Leak detected"]
     with pytest.raises(ArmingRefused, match="Leak detected"):
         craft.arm()
@@ -360,8 +362,8 @@ def test_refused_arming_leaves_no_override_behind(boat: ScriptedVehicle) -> None
     assert boat.overrides == {}
 
 
-def test_neutral_is_checked_on_the_outputs_and_held_while_armed(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
-    """Without a receiver ArduRover takes its pilot for lost half a second after the last override."""
+def test_neutral_is_verified_at_the_outputs_and_held_while_armed(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
+    """Without a receiver ArduRover considers its pilot lost half a second after the last override."""
     flying.neutral()
     assert boat.servos[:3] == [1500, 1500, 1500]
     flying.session.pause(10.0)
@@ -370,7 +372,7 @@ def test_neutral_is_checked_on_the_outputs_and_held_while_armed(flying: MavlinkC
 
 
 @pytest.mark.parametrize("leave", ["disarm", "release"])
-def test_leaving_releases_the_overrides_and_nothing_is_commanded_any_more(
+def test_leaving_releases_the_overrides_and_ends_all_commands(
     flying: MavlinkCraft, boat: ScriptedVehicle, leave: str
 ) -> None:
     flying.neutral()
@@ -408,14 +410,14 @@ def test_neutral_is_sent_even_when_the_link_is_lost(flying: MavlinkCraft, boat: 
 
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 200))
-def test_the_operator_may_stop_at_any_pump_and_the_actuators_end_neutral(pumps: int) -> None:
+def test_the_actuators_end_neutral_whenever_the_operator_stops(pumps: int) -> None:
     boat, left = ScriptedVehicle(), [10**9]
 
     def stop() -> bool:
         left[0] -= 1
         return left[0] < 0
 
-    craft = board(boat, stop)
+    craft = connect(boat, stop)
     left[0] = pumps
     try:
         craft.arm()
@@ -435,7 +437,7 @@ def test_the_operator_may_stop_at_any_pump_and_the_actuators_end_neutral(pumps: 
 # --- recording --------------------------------------------------------------------------------
 
 
-def test_a_trial_knows_its_vehicle(flying: MavlinkCraft) -> None:
+def test_a_trial_contains_its_vehicle(flying: MavlinkCraft) -> None:
     flying.start_recording("relay")
     for _ in range(50):
         flying.observe()
@@ -447,9 +449,9 @@ def test_a_trial_knows_its_vehicle(flying: MavlinkCraft) -> None:
     assert trial["N"].values.tolist() == pytest.approx([0.4] * len(trial["N"]), abs=0.01)
 
 
-def test_the_same_flight_gives_the_same_record_to_the_last_bit() -> None:
+def test_the_same_flight_gives_a_bit_identical_record() -> None:
     def flight() -> Any:
-        craft = board(ScriptedVehicle())
+        craft = connect(ScriptedVehicle())
         craft.arm()
         craft.start_recording("relay")
         for k in range(60):
@@ -464,7 +466,7 @@ def test_the_same_flight_gives_the_same_record_to_the_last_bit() -> None:
         assert channel.values.tobytes() == second[name].values.tobytes()
 
 
-def test_no_attitude_and_no_word_is_a_lost_link_and_no_attitude_alone_a_fault(boat: ScriptedVehicle) -> None:
+def test_silence_is_a_lost_link_and_a_missing_attitude_alone_is_a_fault(boat: ScriptedVehicle) -> None:
     craft = open_craft(Session(MemoryLink(boat)))
     boat.mute.add("ATTITUDE")
     with pytest.raises(TelemetryFault, match="although the vehicle sends messages"):

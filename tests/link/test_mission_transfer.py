@@ -63,7 +63,7 @@ def theirs() -> list[Any]:
     return [(i.command, i.parameters, i.latitude, i.longitude) for i in THEIRS[1:]]
 
 
-def test_a_mission_is_read_as_it_is_stored() -> None:
+def test_a_mission_is_read_as_stored() -> None:
     found = read_mission(Boat().session)
     assert [item.command for item in found.items[1:]] == [16, 178, 19]
     assert (found.items[1].x, found.items[1].y, found.items[1].z) == (450001000, 150002000, 1.5)
@@ -71,14 +71,14 @@ def test_a_mission_is_read_as_it_is_stored() -> None:
 
 
 @pytest.mark.parametrize("lossy", [False, True])
-def test_a_mission_written_is_the_mission_read(lossy: bool) -> None:
+def test_a_written_mission_is_read_back(lossy: bool) -> None:
     boat = Boat(lossy=lossy)
     write_mission(boat.session, OURS)
     assert same_mission(read_mission(boat.session).items, OURS.items)
     assert boat.mission.current == 1
 
 
-def test_an_empty_mission_clears_the_one_of_the_vehicle() -> None:
+def test_an_empty_mission_clears_the_vehicles_mission() -> None:
     boat = Boat()
     write_mission(boat.session, StoredMission())
     assert len(boat.mission.items) <= 1
@@ -115,7 +115,7 @@ def test_a_loan_restores_the_mission_after_an_error(tmp_path: Path) -> None:
     assert boat.flown == theirs()
 
 
-def test_a_mission_of_another_station_stays(tmp_path: Path) -> None:
+def test_a_mission_written_by_another_station_stays(tmp_path: Path) -> None:
     boat = Boat()
     with MissionLoan(boat.session, Journal(tmp_path / "j")) as loan:
         loan.set(OURS)
@@ -124,7 +124,7 @@ def test_a_mission_of_another_station_stays(tmp_path: Path) -> None:
     assert "another station" in " ".join(boat.session.notes)
 
 
-def test_a_mission_under_way_by_order_of_an_operator_is_left_and_stays_in_the_journal(tmp_path: Path) -> None:
+def test_a_mission_started_by_an_operator_is_left_and_stays_in_the_journal(tmp_path: Path) -> None:
     boat = Boat()
     loan = MissionLoan(boat.session, Journal(tmp_path / "j"), lambda: "the vehicle is in AUTO")
     loan.set(OURS)
@@ -134,7 +134,7 @@ def test_a_mission_under_way_by_order_of_an_operator_is_left_and_stays_in_the_jo
     assert len(boat.flown) == 2
 
 
-def test_what_an_interrupted_upload_leaves_is_replaced_by_the_mission_before(tmp_path: Path) -> None:
+def test_the_remains_of_an_interrupted_upload_are_replaced_by_the_previous_mission(tmp_path: Path) -> None:
     """ArduPilot overwrites item by item: the first is ours, the rest is theirs."""
     boat = Boat()
     with MissionLoan(boat.session, Journal(tmp_path / "j")) as loan:

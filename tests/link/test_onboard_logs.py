@@ -43,22 +43,22 @@ def session_with(boat: ScriptedVehicle, **link) -> Session:
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.1])
-def test_a_log_comes_whole_also_when_frames_are_lost(boat: ScriptedVehicle, loss: float) -> None:
+def test_a_log_is_complete_even_when_frames_are_lost(boat: ScriptedVehicle, loss: float) -> None:
     session = session_with(with_a_card(boat, LOGS), loss=loss, seed=3)
     logs = list_logs(session)
     assert [(log.number, log.size) for log in logs] == [(n, len(data)) for n, data in LOGS.items()]
-    told: list[int] = []
-    assert fetch_log(session, logs[-1], lambda done, whole: told.append(done)) == LOGS[7]
-    assert told == sorted(told)
+    reported: list[int] = []
+    assert fetch_log(session, logs[-1], lambda done, whole: reported.append(done)) == LOGS[7]
+    assert reported == sorted(reported)
     session.pause(0.2)
     assert loss or boat.count("LOG_REQUEST_END") == 1
 
 
-def test_an_empty_card_holds_no_logs(boat: ScriptedVehicle) -> None:
+def test_an_empty_card_has_no_logs(boat: ScriptedVehicle) -> None:
     assert list_logs(session_with(with_a_card(boat, {}))) == ()
 
 
-def test_a_vehicle_that_does_not_tell_or_stops_sending_is_given_up_in_words(boat: ScriptedVehicle) -> None:
+def test_a_vehicle_that_does_not_list_or_stops_sending_logs_is_reported(boat: ScriptedVehicle) -> None:
     with pytest.raises(NoReply, match=r"did not list its logs.* only when disarmed"):
         list_logs(session_with(boat))
     session = session_with(with_a_card(boat, LOGS))
@@ -74,18 +74,18 @@ def connection_to(boat: ScriptedVehicle) -> Connection:
     return Connection("memory", opened=MemoryLink(boat))
 
 
-def test_the_newest_is_fetched_unless_another_is_named(boat: ScriptedVehicle) -> None:
+def test_the_newest_log_is_fetched_unless_another_is_requested(boat: ScriptedVehicle) -> None:
     with_a_card(boat, LOGS)
-    for number, wanted in ((None, 7), (3, 3), (0, None)):
+    for number, expected in ((None, 7), (3, 3), (0, None)):
         logs, log, data = fetch_onboard_log(connection_to(boat), number, Unattended(), SilentObserver())
         assert len(logs) == 2
-        assert (None if log is None else log.number) == wanted
-        assert data == (b"" if wanted is None else LOGS[wanted])
+        assert (None if log is None else log.number) == expected
+        assert data == (b"" if expected is None else LOGS[expected])
     with pytest.raises(UsageError, match="Available: 3, 7"):
         fetch_onboard_log(connection_to(boat), 9, Unattended(), SilentObserver())
 
 
-def test_the_operator_may_stop_it_and_the_vehicle_is_told(boat: ScriptedVehicle) -> None:
+def test_the_operator_can_stop_a_log_download(boat: ScriptedVehicle) -> None:
     class Hasty(Unattended):
         def stop_requested(self) -> bool:
             return boat.count("LOG_REQUEST_DATA") > 1
@@ -95,7 +95,7 @@ def test_the_operator_may_stop_it_and_the_vehicle_is_told(boat: ScriptedVehicle)
         fetch_onboard_log(connection_to(boat), None, Hasty(), SilentObserver())
 
 
-def test_the_command_says_that_a_simulated_vehicle_keeps_no_logs(capsys, tmp_path) -> None:
+def test_logs_fetch_reports_that_a_simulated_vehicle_keeps_no_logs(capsys, tmp_path) -> None:
     out = tmp_path / "log.bin"
     assert main(["logs", "fetch", "--connect", "sitl:charlie", "--out", str(out)]) == 3
     assert "did not list its logs" in capsys.readouterr().err

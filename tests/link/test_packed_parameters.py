@@ -1,4 +1,4 @@
-"""The whole parameter set by MAVLink FTP, with the firmware's defaults; a vehicle that cannot is asked one by one."""
+"""The whole parameter set by MAVLink FTP, with the firmware's defaults; a vehicle without it is read one by one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def parameters_of(peer, **link) -> Parameters:
     return Parameters(session)
 
 
-def test_the_set_is_the_one_that_is_read_one_by_one_and_comes_sooner():
+def test_the_packed_set_equals_the_one_read_one_by_one_and_is_faster():
     parameters = parameters_of(sitl.open_vehicle("videoray"))
     begun = parameters.session.clock.now()
     found = parameters.read_whole()
@@ -37,7 +37,7 @@ def test_the_set_is_the_one_that_is_read_one_by_one_and_comes_sooner():
     assert parameters.session.notes == []
 
 
-def test_what_was_set_differs_from_its_default():
+def test_a_changed_parameter_differs_from_its_default():
     parameters = parameters_of(sitl.open_vehicle("charlie"))
     before = parameters.read_whole()
     parameters.write("ATC_STR_RAT_P", 0.77)
@@ -49,12 +49,12 @@ def test_what_was_set_differs_from_its_default():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_lost_pieces_are_asked_for_again(seed):
+def test_lost_pieces_are_requested_again(seed):
     parameters = parameters_of(sitl.open_vehicle("charlie"), loss=0.1, seed=seed)
     assert parameters.read_whole().values == pytest.approx(parameters.read_full())
 
 
-def test_a_vehicle_without_ftp_is_asked_one_by_one_and_that_is_said(boat: ScriptedVehicle):
+def test_a_vehicle_without_ftp_is_read_one_by_one_with_a_note(boat: ScriptedVehicle):
     parameters = parameters_of(boat)
     found = parameters.read_whole()
     assert found.values == pytest.approx(boat.parameters)
@@ -63,13 +63,13 @@ def test_a_vehicle_without_ftp_is_asked_one_by_one_and_that_is_said(boat: Script
     assert any("does not answer MAVLink FTP" in note for note in parameters.session.notes)
 
 
-def test_a_file_that_is_not_there_is_refused_in_words():
+def test_a_missing_remote_file_is_reported():
     parameters = parameters_of(sitl.open_vehicle("charlie"))
     with pytest.raises(BadFile, match="no readable file /etc/passwd: the file does not exist"):
         read_remote_file(parameters.session, "/etc/passwd")
 
 
-def test_mavproxys_own_reader_reads_the_same():
+def test_mavproxys_reader_reads_the_same_values():
     param_ftp = pytest.importorskip("MAVProxy.modules.lib.param_ftp", reason="MAVProxy is not installed")
     data = packed(sitl.open_vehicle("videoray"), defaults=True)
     theirs, ours = param_ftp.ftp_param_decode(data), unpack_parameters(data)
@@ -81,7 +81,7 @@ DATA = packed(sitl.open_vehicle("charlie"), defaults=True)
 
 
 @given(st.integers(0, len(DATA) - 1), st.integers(0, 255))
-def test_a_damaged_file_is_refused_or_read_never_anything_else(at, byte):
+def test_a_damaged_file_is_read_or_raises_bad_file(at, byte):
     for damaged in (DATA[:at], DATA[:at] + bytes([byte]) + DATA[at + 1 :]):
         try:
             found = unpack_parameters(damaged)
@@ -90,7 +90,7 @@ def test_a_damaged_file_is_refused_or_read_never_anything_else(at, byte):
         assert len(found.values) == struct.unpack_from("<H", DATA, 2)[0]
 
 
-def test_params_save_tells_how_many_are_not_the_firmwares(tmp_path, capsys):
+def test_params_save_prints_how_many_values_differ_from_the_defaults(tmp_path, capsys):
     path = tmp_path / "all.json"
     assert main(["params", "save", str(path), "--connect", "sitl:charlie"]) == 0
     assert "differ from the firmware's defaults)" in capsys.readouterr().out

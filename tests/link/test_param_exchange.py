@@ -1,4 +1,4 @@
-"""Questions and answers about parameters, one by one: what is outstanding, asked for again, and taken for an answer."""
+"""Parameter requests and answers: what is outstanding, requested again, and accepted as an answer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.link.parameters.exchange import ParamExchange, ParamWatch, as_
 
 
 class Answering:
-    """A session with a vehicle that holds ``held``; ``answer`` says what becomes of a question (its answers)."""
+    """A session with a vehicle that holds ``held``; ``answer`` handles a request."""
 
     def __init__(self, **held: float) -> None:
         self.held = held
@@ -61,9 +61,9 @@ class Answering:
             self.value(message.param_id)
 
     def value(self, name: str, value: float | None = None, index: int = 65535) -> None:
-        told = self.held[name] if value is None else value
+        reported = self.held[name] if value is None else value
         self.queue.append(("PARAM_VALUE", SimpleNamespace(
-            param_id=name, param_value=told, param_type=9, param_index=index, param_count=len(self.held),
+            param_id=name, param_value=reported, param_type=9, param_index=index, param_count=len(self.held),
         )))  # fmt: skip
 
     def wait_for(self, condition: Callable[[], Any], timeout: float) -> Any:
@@ -90,14 +90,14 @@ def exchange(session: Answering) -> ParamExchange:
     return ParamExchange(session)  # type: ignore[arg-type]
 
 
-def test_ten_questions_are_outstanding_at_once_and_each_ten_are_given_a_second() -> None:
+def test_ten_requests_are_outstanding_at_once_and_each_ten_get_a_second() -> None:
     session = Answering(**{f"P{k}": float(k) for k in range(23)})
     assert parameters(session).read_all(session.held) == session.held
     assert session.waits == [(10, 1.0), (20, 1.0), (23, 1.0)]
     assert session.clock.now() == 100.0, "what is answered is not waited for"
 
 
-def test_of_alternative_names_five_groups_are_asked_for_at_once_and_those_answered_no_more() -> None:
+def test_alternative_names_are_requested_in_five_groups_and_answered_ones_not_again() -> None:
     session = Answering(**{f"OLD{k}": float(k) for k in range(7)})
     session.held["NEW1"] = 9.0
     groups = [(f"NEW{k}", f"OLD{k}") for k in range(7)] + [("NONE", "NEITHER")]
@@ -107,7 +107,7 @@ def test_of_alternative_names_five_groups_are_asked_for_at_once_and_those_answer
 
 
 @pytest.mark.parametrize(("lost", "asked"), [(0, 3), (1, 6), (2, 6)])
-def test_what_is_not_answered_is_asked_for_three_times_and_six_where_answers_come_late(lost: int, asked: int) -> None:
+def test_an_unanswered_name_is_requested_three_times_or_six_on_a_lossy_link(lost: int, asked: int) -> None:
     session = Answering(P=0.5)
     dropped = [0]
 
@@ -122,7 +122,7 @@ def test_what_is_not_answered_is_asked_for_three_times_and_six_where_answers_com
     assert (session.asked()["NONE"], session.asked()["P"]) == (asked, lost + 1)
 
 
-def test_missing_names_are_all_told_and_a_vehicle_that_answers_nothing_any_more_is_told_apart() -> None:
+def test_all_missing_names_are_reported_and_a_silent_vehicle_is_distinguished() -> None:
     session = Answering(P=0.5)
     mine = parameters(session)
     with pytest.raises(ParameterMissing, match="has no parameter A, B") as caught:
@@ -133,12 +133,12 @@ def test_missing_names_are_all_told_and_a_vehicle_that_answers_nothing_any_more_
         mine.read("A")
 
 
-def test_the_file_of_another_vehicle_fills_no_screen_with_names() -> None:
+def test_a_long_list_of_missing_names_is_shortened() -> None:
     with pytest.raises(ParameterMissing, match=r"P0, .*P7 and 82 others\. Check that this is the right vehicle"):
         parameters(Answering(P=0.5)).read_all(["P", *(f"P{i}" for i in range(90))])
 
 
-def test_the_first_of_several_names_that_is_answered_is_taken_within_three_askings() -> None:
+def test_the_first_answered_of_several_names_is_used_within_three_requests() -> None:
     session = Answering(OLD=0.5, OLDER=0.7)
     assert parameters(session).read_first(["NEW", "OLD", "OLDER"]) == ("OLD", 0.5)
     assert session.asked()["NEW"] == 1
@@ -152,7 +152,7 @@ def test_the_first_of_several_names_that_is_answered_is_taken_within_three_askin
     ("votes", "winner"),
     [({}, None), ({1.0: 1}, None), ({1.0: 2}, 1.0), ({1.0: 2, 2.0: 2}, None), ({1.0: 2, 2.0: 3, 3.0: 1}, 2.0)],
 )
-def test_a_value_wins_that_was_heard_twice_and_more_often_than_any_other(
+def test_a_value_wins_when_received_twice_and_more_often_than_any_other(
     votes: dict[float, int], winner: float | None
 ) -> None:
     assert _winner(votes) == winner
@@ -163,7 +163,7 @@ def test_a_value_wins_that_was_heard_twice_and_more_often_than_any_other(
         assert _decided("P", votes) == winner
 
 
-def test_answers_that_go_on_contradicting_each_other_are_given_up_after_eight_askings() -> None:
+def test_contradicting_answers_are_given_up_after_eight_requests() -> None:
     session = Answering(P=0.5)
 
     def both(message: Any) -> None:
@@ -174,13 +174,13 @@ def test_answers_that_go_on_contradicting_each_other_are_given_up_after_eight_as
     with pytest.raises(TelemetryFault, match=r"\(0, 0\.1\)"):
         read_confirmed(parameters(session), ["P"])
     assert session.asked()["P"] == 9, "twice at once to begin with, for a second answer in the same time"
-    assert len(session.listeners["PARAM_VALUE"]) == 2, "nobody counts any more"
+    assert len(session.listeners["PARAM_VALUE"]) == 2, "no counter is left"
     steady = Answering(P=0.5, I=0.2)
     assert read_confirmed(parameters(steady), ["P", "I", "P"]) == {"P": 0.5, "I": 0.2}
     assert steady.asked() == {"P": 2, "I": 2}
 
 
-def test_a_list_of_which_nothing_is_known_is_asked_for_again_until_the_time_is_up() -> None:
+def test_an_unanswered_list_is_requested_again_until_the_timeout() -> None:
     session = Answering(P=0.5)
     session.answer = lambda message: None
     with pytest.raises(NoReply, match=r"incomplete \(0 of unknown\) after 6 s"):
@@ -189,7 +189,7 @@ def test_a_list_of_which_nothing_is_known_is_asked_for_again_until_the_time_is_u
     assert {seconds for _, seconds in session.waits} == {1.5}
 
 
-def test_a_value_without_a_place_in_the_list_or_with_one_beyond_its_end_has_none() -> None:
+def test_a_value_without_a_valid_index_has_no_place_in_the_list() -> None:
     session = Answering(P=0.5)
     own = exchange(session)
     for index in (65535, 1, 3):
@@ -201,7 +201,7 @@ def test_a_value_without_a_place_in_the_list_or_with_one_beyond_its_end_has_none
     assert (own.indices, own.count) == ({0: "P"}, 1)
 
 
-def test_before_a_vehicle_is_found_nothing_can_be_asked() -> None:
+def test_nothing_can_be_requested_before_a_vehicle_is_discovered() -> None:
     session = Answering(P=0.5)
     session.vehicle = None
     with pytest.raises(NoReply, match="before a vehicle was discovered"):
@@ -209,7 +209,7 @@ def test_before_a_vehicle_is_found_nothing_can_be_asked() -> None:
 
 
 @pytest.mark.parametrize(("echoes", "sets"), [(0, 3), (2, 3), (1, 2)])
-def test_a_write_is_sent_until_its_echo_comes(echoes: int, sets: int) -> None:
+def test_a_write_is_repeated_until_its_echo_arrives(echoes: int, sets: int) -> None:
     """Without any echo it is sent three times, and what the vehicle then holds decides."""
     session = Answering(P=0.5)
 
@@ -226,7 +226,7 @@ def test_a_write_is_sent_until_its_echo_comes(echoes: int, sets: int) -> None:
     assert sum(m.get_type() == "PARAM_SET" for m in session.sent) == sets
 
 
-def test_a_write_that_does_not_last_is_repeated_three_times_and_then_said_with_the_vehicles_last_word() -> None:
+def test_a_write_that_does_not_last_is_repeated_three_times_and_then_reported() -> None:
     session = Answering(P=0.5)
 
     def undone(message: Any) -> None:
@@ -245,7 +245,7 @@ def test_a_write_that_does_not_last_is_repeated_three_times_and_then_said_with_t
     assert session.looked_back == [6.0]
 
 
-def test_a_write_that_is_refused_is_sent_once() -> None:
+def test_a_refused_write_is_sent_once() -> None:
     session = Answering(P=0.5)
 
     def refusing(message: Any) -> None:
@@ -271,7 +271,7 @@ def watched(session: Answering, **values: float) -> tuple[ParamWatch, Callable[.
     return watch, hear
 
 
-def test_a_strange_value_is_asked_about_and_an_intrusion_when_it_is_told_twice() -> None:
+def test_an_unexpected_value_is_requested_again_and_is_an_intrusion_when_repeated() -> None:
     session = Answering(P=0.9, Q=1.0)
     session.answer = lambda message: None
     watch, hear = watched(session, P=0.5)
@@ -288,10 +288,10 @@ def test_a_strange_value_is_asked_about_and_an_intrusion_when_it_is_told_twice()
     hear("P", 0.8)
     assert watch.intrusions == [("P", 0.5, 0.8)]
     hear("P", 0.8)
-    assert (session.asked(), len(watch.intrusions)) == ({"P": 3}, 1), "now it is what it stays"
+    assert (session.asked(), len(watch.intrusions)) == ({"P": 3}, 1), "a confirmed intrusion is not requested again"
 
 
-def test_what_we_write_ourselves_or_watch_no_more_is_no_intrusion() -> None:
+def test_our_own_writes_and_unwatched_parameters_are_not_intrusions() -> None:
     session = Answering(P=0.9)
     session.answer = lambda message: None
     watch, hear = watched(session, P=0.5)
@@ -309,11 +309,11 @@ def test_what_we_write_ourselves_or_watch_no_more_is_no_intrusion() -> None:
     assert (len(session.sent), watch.intrusions) == (1, [])
     watch.add({"P": 0.9})
     hear("P", 0.7)
-    assert watch.intrusions == [], "it is suspected anew"
+    assert watch.intrusions == [], "the suspicion starts again"
 
 
 @pytest.mark.parametrize("scale", [1.0, -1.0, 1e-20, 1e20])
-def test_the_last_bits_of_a_float32_make_no_difference_and_more_do(scale: float) -> None:
+def test_the_last_bits_of_a_float32_are_ignored_and_larger_differences_are_not(scale: float) -> None:
     assert same_float32(scale, scale * (1.0 + 3.9 * 2.0**-24))
     assert same_float32(scale * (1.0 + 3.9 * 2.0**-24), scale)
     assert not same_float32(scale, scale * (1.0 + 4.2 * 2.0**-24))
@@ -332,11 +332,11 @@ def test_the_last_bits_of_a_float32_make_no_difference_and_more_do(scale: float)
         (0.0, 1e-30, False),
     ],
 )
-def test_numbers_that_are_none_are_compared_too(a: float, b: float, same: bool) -> None:
+def test_nan_and_infinity_are_compared_too(a: float, b: float, same: bool) -> None:
     assert same_float32(a, b) is same_float32(b, a) is same
 
 
-def test_a_value_is_rounded_as_the_vehicle_will_hold_it() -> None:
+def test_a_value_is_rounded_as_the_vehicle_stores_it() -> None:
     assert as_float32("P", 0.1) == 0.10000000149011612
     assert as_float32("P", 3.0) == 3.0
 

@@ -1,4 +1,4 @@
-"""Journal and transaction: whatever happens, the vehicle is as found, or the journal says what it is not."""
+"""Journal and transaction: the vehicle is restored in every case, or the journal lists what is not."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def held(boat: ScriptedVehicle) -> dict[str, float]:
     return {name: boat.parameters[name] for name in OLD}
 
 
-def test_lending_reads_and_journals_what_was_found(transaction: ParameterTransaction, path: Path) -> None:
+def test_lending_reads_and_journals_the_initial_values(transaction: ParameterTransaction, path: Path) -> None:
     assert transaction.lend(OLD) == pytest.approx(OLD)
     events = [json.loads(line) for line in path.read_text().splitlines()]
     assert [e["event"] for e in events] == ["opened", "lent", "lent", "lent"]
     assert Journal.open_debts(path) == {}
 
 
-def test_what_is_set_is_in_the_vehicle_and_owed_in_the_journal(
+def test_a_value_set_is_in_the_vehicle_and_owed_in_the_journal(
     transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
     transaction.set(NEW)
@@ -66,7 +66,7 @@ def test_what_is_set_is_in_the_vehicle_and_owed_in_the_journal(
     assert Journal.open_debts(path) == pytest.approx(OLD)
 
 
-def test_giving_back_restores_in_reverse_order_and_pays_the_debt(
+def test_restoring_writes_in_reverse_order_and_settles_the_debt(
     transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
     transaction.set(NEW)
@@ -86,14 +86,14 @@ def test_keeping_leaves_the_new_values_and_owes_nothing(
     assert Journal.open_debts(path) == {}
 
 
-def test_a_second_round_after_keeping_owes_the_kept_values(transaction: ParameterTransaction, path: Path) -> None:
+def test_a_write_after_keeping_owes_the_kept_values(transaction: ParameterTransaction, path: Path) -> None:
     transaction.set(NEW)
     transaction.keep()
     transaction.set({P: 0.9})
     assert Journal.open_debts(path) == {P: pytest.approx(0.5)}
 
 
-def test_leaving_the_context_gives_back_also_after_an_error(
+def test_leaving_the_context_restores_also_after_an_error(
     transaction: ParameterTransaction, boat: ScriptedVehicle
 ) -> None:
     with pytest.raises(LinkLost), transaction:
@@ -102,7 +102,9 @@ def test_leaving_the_context_gives_back_also_after_an_error(
     assert held(boat) == pytest.approx(OLD)
 
 
-def test_one_refused_value_puts_all_back(transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle) -> None:
+def test_one_refused_value_restores_all_values(
+    transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
+) -> None:
     boat.read_only.add(FF)
     with pytest.raises(ParameterNotAccepted, match=FF):
         transaction.set(NEW)
@@ -116,7 +118,7 @@ def test_a_missing_name_writes_nothing(transaction: ParameterTransaction, boat: 
     assert boat.count("PARAM_SET") == 0
 
 
-def test_what_cannot_be_put_back_is_listed_and_stays_owed(
+def test_values_that_could_not_be_restored_are_reported_and_stay_owed(
     transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
     transaction.set(NEW)
@@ -132,7 +134,7 @@ def test_what_cannot_be_put_back_is_listed_and_stays_owed(
     assert Journal.open_debts(path) == {}
 
 
-def test_a_lost_link_while_setting_names_what_is_owed(
+def test_a_link_lost_while_setting_is_reported_with_the_owed_values(
     transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle
 ) -> None:
     def die_at_the_second(m: Any) -> None:
@@ -148,7 +150,7 @@ def test_a_lost_link_while_setting_names_what_is_owed(
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 60))
-def test_the_operator_may_stop_at_any_pump_and_all_is_as_found(tmp_path: Path, pumps: int) -> None:
+def test_the_operator_can_stop_at_any_pump_and_all_values_are_restored(tmp_path: Path, pumps: int) -> None:
     boat, left = ScriptedVehicle(), [10**9]
 
     def stop() -> bool:
@@ -173,7 +175,7 @@ def test_the_operator_may_stop_at_any_pump_and_all_is_as_found(tmp_path: Path, p
 
 
 class PowerCut(BaseException):
-    """Nothing of ours runs after it."""
+    """No code of this program runs after it."""
 
 
 @pytest.mark.parametrize("last", range(1, 8))
@@ -200,13 +202,13 @@ def test_after_a_power_cut_at_any_event_the_journal_covers_every_change(
 # --- the journal itself --------------------------------------------------------------------------------
 
 
-def test_the_journal_tells_how_things_were_found(transaction: ParameterTransaction, path: Path) -> None:
+def test_the_journal_contains_the_initial_state(transaction: ParameterTransaction, path: Path) -> None:
     state = Journal.read(path)
     assert (state.mode, state.armed, state.link, state.closed) == ("HOLD", False, "memory", False)
     assert state.vehicle["vehicle_type"] == 11
 
 
-def test_a_last_line_cut_short_is_ignored_but_a_damaged_middle_is_not(
+def test_a_truncated_last_line_is_ignored_but_a_damaged_line_before_is_not(
     transaction: ParameterTransaction, path: Path
 ) -> None:
     transaction.set(NEW)
@@ -220,7 +222,7 @@ def test_a_last_line_cut_short_is_ignored_but_a_damaged_middle_is_not(
         Journal.open_debts(path)
 
 
-def test_a_journal_that_makes_no_sense_is_a_bad_file(path: Path) -> None:
+def test_an_invalid_journal_raises_bad_file(path: Path) -> None:
     path.write_text('{"event": "writing", "name": "A", "value": 1}\n')
     with pytest.raises(BadFile, match="invalid event"):
         Journal.read(path)
@@ -228,7 +230,7 @@ def test_a_journal_that_makes_no_sense_is_a_bad_file(path: Path) -> None:
         Journal.read(path.with_name("none"))
 
 
-def test_no_journal_no_loan(tmp_path: Path) -> None:
+def test_without_a_journal_no_parameter_is_changed(tmp_path: Path) -> None:
     with pytest.raises(PreconditionFailed, match="no parameter may be changed"):
         Journal(tmp_path / "no" / "journal.jsonl")
 
@@ -240,7 +242,7 @@ def full_disk() -> Callable[..., int]:
     return write
 
 
-def test_a_full_disk_refuses_every_write(
+def test_a_full_disk_prevents_every_write(
     transaction: ParameterTransaction, boat: ScriptedVehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(journal_module.os, "write", full_disk())
@@ -249,7 +251,7 @@ def test_a_full_disk_refuses_every_write(
     assert boat.count("PARAM_SET") == 0
 
 
-def test_a_disk_that_fills_up_does_not_stop_the_giving_back(
+def test_a_disk_that_fills_up_does_not_prevent_restoring(
     transaction: ParameterTransaction, boat: ScriptedVehicle, parameters: Parameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     transaction.set(NEW)
@@ -311,7 +313,7 @@ def counted(path: Path) -> tuple[ParameterTransaction, Counted]:
     return transaction, parameters
 
 
-def test_what_is_lent_is_watched_until_it_is_given_back(path: Path) -> None:
+def test_lent_parameters_are_watched_until_they_are_restored(path: Path) -> None:
     transaction, parameters = counted(path)
     assert parameters.watched == [P, INT, FF]
     transaction.set({P: 0.6})
@@ -320,7 +322,7 @@ def test_what_is_lent_is_watched_until_it_is_given_back(path: Path) -> None:
     assert parameters.watched == []
 
 
-def test_what_is_written_twice_goes_back_once_in_the_order_of_the_last_writes(path: Path) -> None:
+def test_a_value_written_twice_is_restored_once_in_the_order_of_the_last_writes(path: Path) -> None:
     transaction, parameters = counted(path)
     transaction.set({P: 0.6})
     assert transaction.written == [INT, FF, P]
@@ -330,7 +332,7 @@ def test_what_is_written_twice_goes_back_once_in_the_order_of_the_last_writes(pa
     assert parameters.held == OLD
 
 
-def test_a_write_that_got_no_answer_is_repeated_and_the_others_are_only_looked_at(path: Path) -> None:
+def test_an_unanswered_write_is_repeated_and_the_others_are_only_checked(path: Path) -> None:
     transaction, parameters = counted(path)
     parameters.fails = {INT: [NoReply("no answer")]}
     transaction.give_back()
@@ -339,7 +341,7 @@ def test_a_write_that_got_no_answer_is_repeated_and_the_others_are_only_looked_a
     assert parameters.held == OLD
 
 
-def test_what_a_late_write_of_ours_undoes_is_put_back_again_a_few_times(path: Path) -> None:
+def test_a_restored_value_undone_by_a_late_write_is_restored_again_a_few_times(path: Path) -> None:
     transaction, parameters = counted(path)
     parameters.undone = [{INT: 0.4}]
     transaction.give_back()
@@ -353,7 +355,7 @@ def test_what_a_late_write_of_ours_undoes_is_put_back_again_a_few_times(path: Pa
     assert "it changed to 0.4 again after it was restored" in caught.value.differences[INT]
 
 
-def test_what_nobody_could_look_at_again_is_owed_though_it_was_written(path: Path) -> None:
+def test_values_that_cannot_be_checked_stay_owed_though_written(path: Path) -> None:
     transaction, parameters = counted(path)
     parameters.read_confirmed = lambda names: (_ for _ in ()).throw(LinkLost("silence"))  # type: ignore[method-assign]
     with pytest.raises(NotAsFound) as caught:
@@ -363,7 +365,7 @@ def test_what_nobody_could_look_at_again_is_owed_though_it_was_written(path: Pat
     assert Journal.open_debts(path) == OLD
 
 
-def test_leaving_without_a_write_neither_writes_nor_looks(path: Path) -> None:
+def test_leaving_without_a_write_neither_writes_nor_checks(path: Path) -> None:
     transaction, parameters = counted(path)
     transaction.give_back()
     parameters.writes.clear()
@@ -373,7 +375,7 @@ def test_leaving_without_a_write_neither_writes_nor_looks(path: Path) -> None:
     assert (parameters.writes, parameters.looks) == ([], 0)
 
 
-def test_a_value_that_is_refused_is_not_written_again_and_again(path: Path) -> None:
+def test_a_refused_value_is_written_only_once(path: Path) -> None:
     transaction, parameters = counted(path)
     parameters.fails = {INT: [ParameterNotAccepted("refused", name=INT, wanted=0.1, found=0.4)] * 9}
     with pytest.raises(NotAsFound):
@@ -382,7 +384,7 @@ def test_a_value_that_is_refused_is_not_written_again_and_again(path: Path) -> N
     assert parameters.asked == [[P, FF]]
 
 
-def test_giving_back_writes_each_once_last_first_and_looks_once(path: Path) -> None:
+def test_restoring_writes_each_value_once_in_reverse_order_and_checks_once(path: Path) -> None:
     transaction, parameters = counted(path)
     transaction.give_back()
     assert parameters.writes == [FF, INT, P]
@@ -390,7 +392,7 @@ def test_giving_back_writes_each_once_last_first_and_looks_once(path: Path) -> N
     assert (transaction.written, transaction.old) == ([], {})
 
 
-def test_a_link_that_falls_silent_is_not_written_to_again_before_it_is_waited_for(path: Path) -> None:
+def test_a_silent_link_is_awaited_before_it_is_written_again(path: Path) -> None:
     transaction, parameters = counted(path)
     parameters.lost = {INT}
     with pytest.raises(NotAsFound, match="could not restore") as caught:
@@ -401,7 +403,7 @@ def test_a_link_that_falls_silent_is_not_written_to_again_before_it_is_waited_fo
     assert transaction.written == [INT] and Journal.open_debts(path) == {INT: OLD[INT]}
 
 
-def test_a_line_of_a_journal_that_is_json_but_no_event_is_damage(path: Path) -> None:
+def test_a_journal_line_that_is_json_but_not_an_event_is_damage(path: Path) -> None:
     Journal(path, stamp=lambda: "now").leave()
     good = path.read_text()
     for line in ("[1, 2]", "7", '"opened"', "null", "{}", '{"event": 3}', '{"name": "P"}'):
@@ -412,7 +414,7 @@ def test_a_line_of_a_journal_that_is_json_but_no_event_is_damage(path: Path) -> 
         assert Journal.read(path).opened, "at its end it is what a power cut left"
 
 
-def test_leaving_after_an_error_says_what_went_wrong_and_what_could_not_be_put_back(
+def test_an_error_on_leaving_is_reported_with_the_values_not_restored(
     transaction: ParameterTransaction, boat: ScriptedVehicle
 ) -> None:
     with pytest.raises(NotAsFound, match="the worst moment; and could not restore " + INT) as caught, transaction:
@@ -422,7 +424,7 @@ def test_leaving_after_an_error_says_what_went_wrong_and_what_could_not_be_put_b
     assert isinstance(caught.value.__cause__, ParameterNotAccepted)
 
 
-def test_leaving_in_peace_what_cannot_be_put_back_says_no_more_than_that(
+def test_leaving_without_an_error_reports_only_the_values_not_restored(
     transaction: ParameterTransaction, boat: ScriptedVehicle
 ) -> None:
     with pytest.raises(NotAsFound, match="^could not restore " + INT) as caught, transaction:
@@ -431,9 +433,7 @@ def test_leaving_in_peace_what_cannot_be_put_back_says_no_more_than_that(
     assert caught.value.__cause__ is None
 
 
-def test_leaving_without_having_written_watches_nothing_any_more(
-    transaction: ParameterTransaction, boat: ScriptedVehicle
-) -> None:
+def test_leaving_without_a_write_stops_watching(transaction: ParameterTransaction, boat: ScriptedVehicle) -> None:
     with transaction:
         transaction.lend(OLD)
     assert transaction.old == {}
@@ -444,7 +444,7 @@ def test_leaving_without_having_written_watches_nothing_any_more(
     assert transaction._parameters.intrusions == []
 
 
-def test_a_link_lost_while_putting_one_back_is_waited_for_though_the_others_are_back(
+def test_a_link_lost_while_restoring_is_awaited_and_all_values_are_restored(
     transaction: ParameterTransaction, boat: ScriptedVehicle
 ) -> None:
     transaction.set(NEW)
@@ -464,7 +464,7 @@ def test_a_link_lost_while_putting_one_back_is_waited_for_though_the_others_are_
 
 
 @pytest.mark.parametrize("name", [P, INT, FF])
-def test_none_is_kept_when_any_one_of_them_is_not_what_was_proved(
+def test_no_value_is_kept_when_one_differs_from_the_tested_value(
     transaction: ParameterTransaction, path: Path, boat: ScriptedVehicle, name: str
 ) -> None:
     transaction.set(NEW)
@@ -479,7 +479,7 @@ def test_none_is_kept_when_any_one_of_them_is_not_what_was_proved(
     assert Journal.open_debts(path) == {}
 
 
-def test_a_gain_that_was_written_elsewhere_while_nobody_heard_it_is_not_written(
+def test_a_gain_changed_elsewhere_without_notice_is_not_overwritten(
     transaction: ParameterTransaction, boat: ScriptedVehicle
 ) -> None:
     transaction._parameters.watch(OLD)
@@ -489,18 +489,18 @@ def test_a_gain_that_was_written_elsewhere_while_nobody_heard_it_is_not_written(
     assert boat.count("PARAM_SET") == 0
 
 
-def test_where_a_system_has_a_stronger_sync_the_journal_asks_for_that_too(
+def test_the_journal_uses_the_stronger_sync_where_the_system_has_one(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """macOS keeps what was synced in the drive's own memory until it is told F_FULLFSYNC."""
-    asked: list[int] = []
+    """macOS keeps synced data in the drive's cache until F_FULLFSYNC."""
+    requested: list[int] = []
     system = SimpleNamespace(**{n: getattr(journal_module.fcntl, n) for n in ("flock", "LOCK_EX", "LOCK_NB")})
-    system.F_FULLFSYNC, system.fcntl = 51, lambda descriptor, command: asked.append(command)
+    system.F_FULLFSYNC, system.fcntl = 51, lambda descriptor, command: requested.append(command)
     monkeypatch.setattr(journal_module, "fcntl", system)
     journal = Journal(path)
     journal.record("writing", name="A", value=1.0)
     journal.close()
-    assert asked and set(asked) == {51}
+    assert requested and set(requested) == {51}
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a folder can be synced on POSIX systems only")

@@ -25,7 +25,7 @@ def test_a_parameter_is_read_by_name(parameters: Parameters, boat: ScriptedVehic
     assert boat.last("PARAM_REQUEST_READ").param_index == -1
 
 
-def test_an_unknown_name_is_missing_after_three_tries_of_a_second(
+def test_an_unknown_name_is_missing_after_three_requests_of_a_second(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
     begun = parameters.session.clock.now()
@@ -36,7 +36,7 @@ def test_an_unknown_name_is_missing_after_three_tries_of_a_second(
     assert parameters.session.clock.now() - begun == pytest.approx(3.0, abs=0.05)
 
 
-def test_a_newer_firmwares_parameter_error_saves_the_wait(parameters: Parameters, boat: ScriptedVehicle) -> None:
+def test_param_error_of_newer_firmware_ends_the_wait(parameters: Parameters, boat: ScriptedVehicle) -> None:
     boat.on["PARAM_REQUEST_READ"] = lambda m: boat.send(
         mavlink.MAVLink_param_error_message(255, 190, m.param_id.encode(), -1, 1)
     )
@@ -50,7 +50,7 @@ def test_a_newer_firmwares_parameter_error_saves_the_wait(parameters: Parameters
     assert parameters.read("NO_SUCH_THING") == 2.0, "a refusal is of its own question only"
 
 
-def test_of_alternative_names_those_whose_answers_were_lost_are_asked_for_again(
+def test_alternative_names_whose_answers_were_lost_are_requested_again(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
     lost = {"ATC_STR_RAT_P": 2}
@@ -67,7 +67,7 @@ def test_of_alternative_names_those_whose_answers_were_lost_are_asked_for_again(
     assert set(found) == {"ATC_STR_RAT_P", "CRUISE_THROTTLE"}
 
 
-def test_no_more_requests_are_open_at_once_than_a_slow_radio_holds(
+def test_no_more_requests_are_outstanding_than_a_slow_radio_holds(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
     names = [f"NO_SUCH_{k}" for k in range(31)]
@@ -77,15 +77,15 @@ def test_no_more_requests_are_open_at_once_than_a_slow_radio_holds(
     before, begun = boat.count("PARAM_REQUEST_READ"), parameters.session.clock.now()
     with pytest.raises(ParameterMissing):
         parameters.read_all(names)
-    asked, took = boat.count("PARAM_REQUEST_READ") - before, parameters.session.clock.now() - begun
-    assert (asked, took) == (
+    requested, took = boat.count("PARAM_REQUEST_READ") - before, parameters.session.clock.now() - begun
+    assert (requested, took) == (
         93,
         pytest.approx(12.0, abs=0.2),
     )  # three tries of groups of ten, ten, ten and one, a second each
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_lost_frames_are_asked_for_again(boat: ScriptedVehicle, seed: int) -> None:
+def test_lost_frames_are_requested_again(boat: ScriptedVehicle, seed: int) -> None:
     parameters = connect(boat, loss=0.1, seed=seed)
     assert len(parameters.read_existing(f"RC{n}_MIN" for n in range(1, 5))) == 4
     assert parameters.read_full() == pytest.approx(boat.parameters)
@@ -102,7 +102,7 @@ def test_a_forged_value_from_another_system_is_ignored(parameters: Parameters, b
         parameters.read("WP_SPEED")
 
 
-def test_a_vehicle_that_falls_silent_while_we_wait_is_a_lost_link(
+def test_a_vehicle_that_falls_silent_while_waiting_is_a_lost_link(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
     boat.alive = False
@@ -112,7 +112,7 @@ def test_a_vehicle_that_falls_silent_while_we_wait_is_a_lost_link(
 
 
 @pytest.mark.parametrize("name", ["", "A_NAME_OF_17_CHARS", "GRÖSSE"])
-def test_what_cannot_be_a_name_is_a_usage_error(parameters: Parameters, name: str) -> None:
+def test_an_impossible_name_is_a_usage_error(parameters: Parameters, name: str) -> None:
     with pytest.raises(UsageError, match="is not a parameter name"):
         parameters.read(name)
 
@@ -137,31 +137,35 @@ def test_a_write_is_verified_by_its_echo_and_by_reading_it_back_twice(
     assert boat.last("PARAM_SET").param_type == mavlink.MAV_PARAM_TYPE_REAL32
 
 
-def test_whole_numbers_travel_as_floats_and_never_bytewise(parameters: Parameters, boat: ScriptedVehicle) -> None:
+def test_whole_numbers_are_sent_as_floats_and_never_bytewise(parameters: Parameters, boat: ScriptedVehicle) -> None:
     parameters.write("CRUISE_THROTTLE", 45)
     assert boat.last("PARAM_SET").param_value == 45.0
 
 
-def test_a_read_only_parameter_is_not_accepted_and_says_why(parameters: Parameters, boat: ScriptedVehicle) -> None:
+def test_a_read_only_parameter_is_not_accepted_and_the_reason_is_reported(
+    parameters: Parameters, boat: ScriptedVehicle
+) -> None:
     boat.read_only.add("WP_SPEED")
     with pytest.raises(ParameterNotAccepted, match="write denied") as caught:
         parameters.write("WP_SPEED", 9.0)
     assert (caught.value.name, caught.value.wanted, caught.value.found) == ("WP_SPEED", 9.0, 2.0)
 
 
-def test_a_value_that_is_rounded_by_the_vehicle_is_not_accepted(parameters: Parameters) -> None:
+def test_a_value_rounded_by_the_vehicle_is_not_accepted(parameters: Parameters) -> None:
     with pytest.raises(ParameterNotAccepted) as caught:
         parameters.write("CRUISE_THROTTLE", 33.4)
     assert caught.value.found == 33.0
 
 
-def test_writing_an_unknown_name_is_missing(parameters: Parameters) -> None:
+def test_writing_an_unknown_name_raises_parameter_missing(parameters: Parameters) -> None:
     with pytest.raises(ParameterMissing):
         parameters.write("NO_SUCH_THING", 1.0)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3.5e38, -1e300])
-def test_what_is_no_finite_float32_is_never_sent(parameters: Parameters, boat: ScriptedVehicle, value: float) -> None:
+def test_values_outside_finite_float32_are_never_sent(
+    parameters: Parameters, boat: ScriptedVehicle, value: float
+) -> None:
     with pytest.raises(UsageError, match="finite"):
         parameters.write("WP_SPEED", value)
     assert boat.count("PARAM_SET") == 0
@@ -176,7 +180,7 @@ def test_writes_get_through_a_lossy_link(boat: ScriptedVehicle, seed: int) -> No
 # --- watching --------------------------------------------------------------------------------
 
 
-def test_another_hands_write_is_noticed(parameters: Parameters, boat: ScriptedVehicle) -> None:
+def test_a_foreign_write_is_detected(parameters: Parameters, boat: ScriptedVehicle) -> None:
     parameters.watch({"ATC_STR_RAT_P": parameters.read("ATC_STR_RAT_P")})
     boat.parameters["ATC_STR_RAT_P"] = 1.5
     boat.send_parameter("ATC_STR_RAT_P")
@@ -184,7 +188,7 @@ def test_another_hands_write_is_noticed(parameters: Parameters, boat: ScriptedVe
     assert parameters.intrusions == [("ATC_STR_RAT_P", pytest.approx(0.2), 1.5)]
 
 
-def test_our_own_writes_are_no_intrusion(parameters: Parameters, boat: ScriptedVehicle) -> None:
+def test_our_own_writes_are_not_intrusions(parameters: Parameters, boat: ScriptedVehicle) -> None:
     parameters.watch({"ATC_STR_RAT_P": parameters.read("ATC_STR_RAT_P")})
     parameters.write("ATC_STR_RAT_P", 0.4)
     boat.send_parameter("ATC_STR_RAT_P")
@@ -192,7 +196,7 @@ def test_our_own_writes_are_no_intrusion(parameters: Parameters, boat: ScriptedV
     assert parameters.intrusions == []
 
 
-def test_a_write_without_any_echo_is_given_up_after_three_sendings_when_it_did_not_take(
+def test_a_write_without_an_echo_or_effect_is_given_up_after_three_attempts(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
     boat.on["PARAM_SET"] = lambda message: None
@@ -218,7 +222,7 @@ def test_a_write_that_was_echoed_and_undone_at_once_is_written_again(
     assert boat.count("PARAM_SET") == 2
 
 
-def test_a_list_that_comes_whole_is_asked_for_once_and_of_one_with_gaps_only_these_are_asked_for(
+def test_a_complete_list_is_requested_once_and_only_its_gaps_are_requested_again(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
     assert parameters.read_full() == pytest.approx(boat.parameters)
@@ -235,11 +239,11 @@ def test_a_list_that_comes_whole_is_asked_for_once_and_of_one_with_gaps_only_the
     boat.edit = lose  # type: ignore[assignment]
     assert len(parameters.read_full()) == len(boat.parameters)
     assert boat.count("PARAM_REQUEST_LIST") == 2
-    asked = [m for m in boat.heard if m.get_type() == "PARAM_REQUEST_READ"]
-    assert sorted((m.param_index, m.param_id) for m in asked) == [(3, ""), (7, ""), (20, "")]
+    requested = [m for m in boat.heard if m.get_type() == "PARAM_REQUEST_READ"]
+    assert sorted((m.param_index, m.param_id) for m in requested) == [(3, ""), (7, ""), (20, "")]
 
 
-def test_while_a_list_still_comes_no_gap_is_asked_for(parameters: Parameters, boat: ScriptedVehicle) -> None:
+def test_gaps_are_not_requested_while_the_list_still_arrives(parameters: Parameters, boat: ScriptedVehicle) -> None:
     waiting: list[str] = []
     boat.on["PARAM_REQUEST_LIST"] = lambda _: waiting.extend(boat.parameters)
     known, names = boat._step, list(boat.parameters)

@@ -1,4 +1,4 @@
-"""Who took a hand, and messages that thin out: by number, on as little of a session as that needs."""
+"""Interference causes and falling message rates, on a minimal session."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Kept:
         self.look = look
 
     def pass_by(self, seconds: float, **rates: float) -> list[str]:
-        """Let seconds go by with so many messages a second; return what was asked for again."""
+        """Let seconds pass with so many messages a second; return the messages requested again."""
         before = len(self.sent)
         begun = self.clock.now()
         for step in range(round(20.0 * seconds)):
@@ -69,13 +69,11 @@ ALL = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 5.0, "RC_CHANNELS": 5.0}
 
 @pytest.mark.parametrize("name", VITAL)
 @pytest.mark.parametrize(("share", "thin"), [(0.5, True), (0.7, False), (1.0, False)])
-def test_what_comes_at_less_than_three_fifths_of_its_rate_is_asked_for_again(
-    name: str, share: float, thin: bool
-) -> None:
+def test_a_message_below_three_fifths_of_its_rate_is_requested_again(name: str, share: float, thin: bool) -> None:
     kept = Kept()
     assert kept.pass_by(4.0, **ALL) == []
-    asked = kept.pass_by(10.0, **{**ALL, name: share * ALL[name]})
-    assert set(asked) == ({name} if thin else set())
+    requested = kept.pass_by(10.0, **{**ALL, name: share * ALL[name]})
+    assert set(requested) == ({name} if thin else set())
     if thin:
         assert kept.sent[0].param2 == pytest.approx(1e6 / (2.0 * ALL[name])), "at the rate granted, in us"
         (note,) = kept.notes
@@ -86,7 +84,7 @@ def test_what_comes_at_less_than_three_fifths_of_its_rate_is_asked_for_again(
         assert 0.0 <= since - 94.0 <= 8.0, "orders of the last ten seconds"
 
 
-def test_it_is_noted_once_for_each_message_and_asked_for_each_time() -> None:
+def test_a_low_rate_is_noted_once_per_message_and_requested_each_time() -> None:
     kept = Kept()
     kept.pass_by(4.0, **ALL)
     kept.pass_by(8.0, **{**ALL, "RC_CHANNELS": 0.5})
@@ -96,20 +94,20 @@ def test_it_is_noted_once_for_each_message_and_asked_for_each_time() -> None:
     assert "SERVO_OUTPUT_RAW at" in kept.notes[1] and "RC_CHANNELS at" in kept.notes[1]
 
 
-def test_what_was_never_granted_or_measured_is_not_missed() -> None:
+def test_a_rate_never_granted_or_measured_is_not_missed() -> None:
     kept = Kept(granted={"ATTITUDE": 10.0, "RC_CHANNELS": 0.0})
     assert kept.pass_by(12.0, ATTITUDE=10.0) == []
     assert kept.notes == []
 
 
-def test_after_a_silence_or_before_the_first_stamp_nothing_is_judged() -> None:
+def test_rates_are_not_judged_after_a_silence_or_before_the_first_stamp() -> None:
     kept = Kept()
     kept.pass_by(2.0, ATTITUDE=10.0)
     assert kept.sent == [], "counted from the first look on"
     silent = Kept()
     silent.pass_by(4.0, **ALL)
     silent.clock.advance(9.0)  # neither a message nor a look for so long
-    assert silent.pass_by(1.0, **ALL) == [], "more than ten seconds at once tell nothing"
+    assert silent.pass_by(1.0, **ALL) == [], "more than ten seconds at once are not judged"
     nobody = Kept()
     nobody.pass_by(4.0, **ALL)
     nobody.session.vehicle = None
@@ -117,7 +115,7 @@ def test_after_a_silence_or_before_the_first_stamp_nothing_is_judged() -> None:
 
 
 class Ours:
-    """A monitor on as much of everything as it looks at; the radio failsafe waits for two seconds."""
+    """A monitor on minimal stand-ins; the radio failsafe waits for two seconds."""
 
     def __init__(
         self, *, pause: float = 0.0, pace: float = 1.0, ordered: bool = False, says: tuple[str, ...] = ()
@@ -173,9 +171,7 @@ class Ours:
         (1.71, 0.5, "pause"),
     ],
 )
-def test_a_pause_of_ours_that_lasted_as_long_as_the_failsafe_waits_is_its_cause(
-    pause: float, pace: float, guard: str
-) -> None:
+def test_our_pause_as_long_as_the_failsafe_timeout_is_the_cause(pause: float, pace: float, guard: str) -> None:
     ours = Ours(pause=pause, pace=pace, says=("Radio Failsafe",))
     ours.monitor.check()
     ours.session.custom_mode = 4
@@ -205,13 +201,13 @@ def test_a_pause_explains_a_failsafe_only_without_a_receiver(receiver: bool, say
 
 
 @pytest.mark.parametrize(("pace", "ahead"), [(1.5, False), (1.51, True)])
-def test_a_simulation_runs_ahead_beyond_half_as_fast_again(pace: float, ahead: bool) -> None:
+def test_a_simulation_runs_ahead_beyond_one_and_a_half_times_real_time(pace: float, ahead: bool) -> None:
     ours = Ours(pause=2.0, pace=pace, says=("Radio Failsafe",))
     ours.session.custom_mode = 4
     assert ("Let the simulation run slower" in str(ours.trips())) is ahead
 
 
-def test_a_disarm_is_no_work_of_a_failsafe_that_changes_the_mode() -> None:
+def test_a_disarm_is_not_attributed_to_a_failsafe_that_changes_the_mode() -> None:
     ours = Ours(pause=3.0, ordered=True, says=("Failsafe",))
     ours.session.armed = False
     tripped = ours.trips()
@@ -220,7 +216,7 @@ def test_a_disarm_is_no_work_of_a_failsafe_that_changes_the_mode() -> None:
     assert ("texts", 45.0) in ours.asked and ("ordered", 45.0) in ours.asked
 
 
-def test_while_a_mode_order_of_ours_is_on_its_way_both_modes_are_expected() -> None:
+def test_while_our_mode_command_is_under_way_both_modes_are_expected() -> None:
     ours = Ours()
     ours.monitor.order_mode(4)
     for mode in (15, 4, 15):
@@ -232,7 +228,7 @@ def test_while_a_mode_order_of_ours_is_on_its_way_both_modes_are_expected() -> N
     assert ours.trips().guard == "mode"
 
 
-def test_what_is_accepted_is_expected_from_then_on() -> None:
+def test_an_accepted_state_is_expected_from_then_on() -> None:
     ours = Ours()
     ours.session.custom_mode = 4
     ours.trips()
@@ -242,14 +238,14 @@ def test_what_is_accepted_is_expected_from_then_on() -> None:
     assert ours.trips().guard == "armed"
 
 
-def test_a_vehicle_that_is_not_ours_is_not_watched() -> None:
+def test_a_vehicle_that_was_given_back_is_not_monitored() -> None:
     ours = Ours()
     ours.monitor.give_back()
     ours.session.custom_mode, ours.session.armed = 4, False
     assert ours.monitor.check() is None
 
 
-def test_a_switch_moved_at_the_transmitter_is_who_did_it_but_wrote_no_parameter() -> None:
+def test_a_switch_moved_on_the_transmitter_explains_a_mode_but_not_a_parameter() -> None:
     ours = Ours()
     ours.session.custom_mode = 4
     ours.sticks.moved_by_hand = (5, 1000, 1900)
@@ -261,7 +257,7 @@ def test_a_switch_moved_at_the_transmitter_is_who_did_it_but_wrote_no_parameter(
     assert ("culprit", 45.0, "P") in ours.asked
 
 
-def test_a_hand_on_the_sticks_and_somebody_elses_are_told_apart_with_what_was_sent() -> None:
+def test_moved_sticks_and_foreign_overrides_are_distinguished() -> None:
     ours = Ours()
     ours.sticks.departed = (1, 1600, 1500)
     tripped = ours.trips()

@@ -15,7 +15,7 @@ DRIVEN = {1: 1500, 3: 1700}
 
 
 class Listening:
-    """As much of a session as ``RcMonitor`` needs: the time listened, and who wants RC_CHANNELS."""
+    """The part of a session that ``RcMonitor`` needs: the time listened, and the RC_CHANNELS listener."""
 
     def __init__(self) -> None:
         self.liveness = SimpleNamespace(listened=100.0)
@@ -42,7 +42,7 @@ def rc_monitor(listening: Listening) -> RcMonitor:
 
 
 @pytest.mark.parametrize("to", [1850, 1150], ids=["up", "down"])
-def test_a_stick_that_is_moved_either_way_and_stays_there_is_a_hand(
+def test_a_stick_moved_in_either_direction_and_held_is_detected(
     listening: Listening, rc_monitor: RcMonitor, to: int
 ) -> None:
     rc_monitor.sent(DRIVEN)
@@ -54,7 +54,7 @@ def test_a_stick_that_is_moved_either_way_and_stays_there_is_a_hand(
 
 
 @pytest.mark.parametrize("channel", [1, 8])
-def test_the_first_and_the_last_of_a_transmitters_channels_are_watched(
+def test_the_first_and_last_transmitter_channels_are_monitored(
     listening: Listening, rc_monitor: RcMonitor, channel: int
 ) -> None:
     rc_monitor.sent({3: 1700})
@@ -64,7 +64,7 @@ def test_the_first_and_the_last_of_a_transmitters_channels_are_watched(
 
 
 @pytest.mark.parametrize("by", [100, -100])
-def test_a_stick_within_a_hundred_microseconds_is_jitter_and_one_beyond_is_not(
+def test_up_to_100_us_is_stick_jitter_and_more_is_movement(
     listening: Listening, rc_monitor: RcMonitor, by: int
 ) -> None:
     rc_monitor.sent(DRIVEN)
@@ -77,7 +77,7 @@ def test_a_stick_within_a_hundred_microseconds_is_jitter_and_one_beyond_is_not(
     assert rc_monitor.moved_by_hand == (6, 1500, beyond)
 
 
-def test_two_single_excursions_with_a_rest_between_are_no_hand(listening: Listening, rc_monitor: RcMonitor) -> None:
+def test_two_separate_excursions_are_not_a_movement(listening: Listening, rc_monitor: RcMonitor) -> None:
     rc_monitor.sent(DRIVEN)
     for shown in (1500, 1150, 1500, 1150, 1500):
         listening.show(c3=1700, c6=shown)
@@ -89,7 +89,7 @@ def test_two_single_excursions_with_a_rest_between_are_no_hand(listening: Listen
     [(3, 1100, True), (9, 1900, True), (6, 799, True)],
     ids=["driven by us", "no stick", "no pulse"],
 )
-def test_what_no_pilot_can_have_moved_is_no_hand(
+def test_driven_channels_non_sticks_and_missing_pulses_are_not_a_movement(
     listening: Listening, rc_monitor: RcMonitor, channel: int, shown: int, receiver: bool
 ) -> None:
     rc_monitor.sent(DRIVEN)
@@ -100,21 +100,19 @@ def test_what_no_pilot_can_have_moved_is_no_hand(
     assert rc_monitor.has_receiver is receiver
 
 
-def test_overrides_that_were_never_obeyed_are_said_after_a_while_and_not_before(
-    listening: Listening, rc_monitor: RcMonitor
-) -> None:
-    """Three seconds of patience, one of memory: until then the first of them may still be on its way."""
-    said = []
+def test_overrides_never_obeyed_are_reported_after_four_seconds(listening: Listening, rc_monitor: RcMonitor) -> None:
+    """Three seconds of patience and one of memory: until then the first may still be under way."""
+    verdicts = []
     for _ in range(60):
         rc_monitor.sent(DRIVEN)
         listening.show()
-        said.append((listening.liveness.listened - 100.0, rc_monitor.departed))
+        verdicts.append((listening.liveness.listened - 100.0, rc_monitor.departed))
         listening.liveness.listened += 0.1
-    assert {verdict for after, verdict in said if after <= 3.95} == {None}
-    assert {verdict for after, verdict in said if after >= 4.15} == {(3, 1700, 1500)}
+    assert {verdict for after, verdict in verdicts if after <= 3.95} == {None}
+    assert {verdict for after, verdict in verdicts if after >= 4.15} == {(3, 1700, 1500)}
 
 
-def test_overrides_once_obeyed_and_then_no_more_are_said_at_the_third_message(
+def test_overrides_no_longer_obeyed_are_reported_at_the_third_message(
     listening: Listening, rc_monitor: RcMonitor
 ) -> None:
     rc_monitor.sent(DRIVEN)
@@ -125,7 +123,7 @@ def test_overrides_once_obeyed_and_then_no_more_are_said_at_the_third_message(
         assert rc_monitor.departed == expected
 
 
-def test_what_was_sent_a_moment_ago_counts_and_what_was_sent_long_ago_does_not(
+def test_values_sent_recently_count_and_values_sent_long_ago_do_not(
     listening: Listening, rc_monitor: RcMonitor
 ) -> None:
     rc_monitor.sent({1: 1500})
@@ -144,7 +142,7 @@ def test_what_was_sent_a_moment_ago_counts_and_what_was_sent_long_ago_does_not(
     assert rc_monitor.departed == (1, 1801, 1500)
 
 
-def test_a_slow_link_gets_as_much_longer(listening: Listening, rc_monitor: RcMonitor) -> None:
+def test_a_slow_link_gets_its_slack_added(listening: Listening, rc_monitor: RcMonitor) -> None:
     for pwm in (1500, 1600, 1700, 1800):
         rc_monitor.sent({1: pwm}, slack=5.0)
         listening.liveness.listened += 1.0
@@ -168,12 +166,12 @@ def test_nothing_is_shown_before_the_first_message(rc_monitor: RcMonitor) -> Non
 
 
 @pytest.mark.parametrize("channels", [0, 1, 16])
-def test_one_channel_is_a_receiver(listening: Listening, rc_monitor: RcMonitor, channels: int) -> None:
+def test_one_channel_makes_a_receiver(listening: Listening, rc_monitor: RcMonitor, channels: int) -> None:
     listening.show(receiver=channels)
     assert rc_monitor.has_receiver is (channels > 0)
 
 
-def test_after_forgetting_nobody_is_accused(listening: Listening, rc_monitor: RcMonitor) -> None:
+def test_after_forgetting_no_conflict_is_reported(listening: Listening, rc_monitor: RcMonitor) -> None:
     rc_monitor.sent(DRIVEN)
     listening.show(c3=1700)
     for _ in range(3):
@@ -186,7 +184,7 @@ def test_after_forgetting_nobody_is_accused(listening: Listening, rc_monitor: Rc
     assert (rc_monitor.departed, rc_monitor.moved_by_hand) == (None, None)
 
 
-def test_all_sixteen_channels_are_shown_as_they_came(listening: Listening, rc_monitor: RcMonitor) -> None:
+def test_all_sixteen_channels_are_stored_as_received(listening: Listening, rc_monitor: RcMonitor) -> None:
     listening.show(c1=1101, c16=1116)
     assert set(rc_monitor.shown) == set(range(1, 17))
     assert (rc_monitor.shown[1], rc_monitor.shown[16], rc_monitor.shown[8]) == (1101, 1116, 1500)

@@ -1,4 +1,4 @@
-"""Our serial transport on a real pseudo-terminal that passes as many bytes a second as the baud rate says."""
+"""Our serial transport on a real pseudo-terminal that passes the bytes per second of its baud rate."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune.link.transports.serial_port import SerialPort
 
 
 @pytest.mark.parametrize("baud", [57600, 115200])
-def test_a_parameter_list_longer_than_the_buffers_comes_whole_in_the_time_it_takes(baud: int) -> None:
+def test_a_parameter_list_longer_than_the_buffers_arrives_complete_at_line_rate(baud: int) -> None:
     boat = ScriptedVehicle()
     boat.parameters |= {f"EXTRA_{n}": float(n) for n in range(400)}
     with ThrottledPty(boat, baud) as link, Session(link) as session:
@@ -27,7 +27,7 @@ def test_a_parameter_list_longer_than_the_buffers_comes_whole_in_the_time_it_tak
         assert session.port.bad_data == 0
 
 
-def test_a_cable_pulled_in_the_middle_of_a_frame_is_a_lost_link() -> None:
+def test_a_cable_pulled_mid_frame_is_a_lost_link() -> None:
     with ThrottledPty(ScriptedVehicle(), 57600) as link, Session(link) as session:
         session.discover()
         link.unplug()
@@ -35,7 +35,7 @@ def test_a_cable_pulled_in_the_middle_of_a_frame_is_a_lost_link() -> None:
             link.port.read(0.5)
 
 
-def test_what_would_wait_half_a_second_on_the_wire_is_dropped_and_said() -> None:
+def test_data_that_would_wait_half_a_second_is_dropped_and_reported() -> None:
     with ThrottledPty(ScriptedVehicle(), 57600) as link:
         port = link.port
         assert isinstance(port, SerialPort)
@@ -50,7 +50,7 @@ def test_what_would_wait_half_a_second_on_the_wire_is_dropped_and_said() -> None
 
 
 class Driver:
-    """A serial driver that tells how much it still has to send; a pseudo-terminal has never any."""
+    """A serial driver that reports its unsent bytes; a pseudo-terminal never has any."""
 
     out_waiting = 0
 

@@ -17,7 +17,7 @@ from gcs_autotune.mavlink import AT_WORK, Framer, TextLog, TlogWriter, read_tlog
 
 
 class Babbler:
-    """A peer that sends given bytes and notes what it hears."""
+    """A peer that sends the supplied bytes and records what it receives."""
 
     def __init__(self, *chunks: bytes) -> None:
         self._chunks = list(chunks)
@@ -35,25 +35,25 @@ class Babbler:
 # --- discovery --------------------------------------------------------------------------------
 
 
-def test_the_vehicle_found_says_who_it_is(session: Session) -> None:
+def test_a_discovered_vehicle_is_identified(session: Session) -> None:
     assert session.vehicle is not None
     assert str(session.vehicle) == "ArduRover 4.7.0-dev (system 1, component 1)"
     assert session.vehicle.to_dict()["vehicle_type"] == 11
 
 
-def test_nobody_there_is_an_error_after_the_time_out_and_not_a_hang() -> None:
+def test_a_missing_vehicle_is_an_error_after_the_timeout() -> None:
     session = Session(MemoryLink(Babbler()))
     with pytest.raises(NoVehicle, match="nothing was received"):
         session.discover(timeout=3.0)
     assert session.clock.now() == pytest.approx(3.0, abs=0.01)
 
 
-def test_noise_without_mavlink_on_a_network_suggests_the_address() -> None:
+def test_noise_without_mavlink_suggests_checking_the_address() -> None:
     with pytest.raises(NoVehicle, match="Check the address"):
         Session(MemoryLink(Babbler(b"\x55" * 400))).discover(timeout=1.0)
 
 
-def test_another_ground_station_is_no_vehicle_but_is_named() -> None:
+def test_another_ground_station_is_no_vehicle_but_is_reported() -> None:
     mission_planner = ScriptedVehicle(system=254)
     mission_planner.heartbeat = lambda: mission_planner.send(  # type: ignore[method-assign]
         mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
@@ -76,12 +76,12 @@ class Two:
         return b"".join(vehicle.advance_to(t) for vehicle in self.vehicles)
 
 
-def test_two_autopilots_need_a_choice_and_both_are_named() -> None:
+def test_two_autopilots_need_a_choice_and_both_are_listed() -> None:
     with pytest.raises(UsageError, match=r"system 1 \(ArduRover\) and system 7 \(ArduSub\)"):
         Session(MemoryLink(Two())).discover()
 
 
-def test_with_a_choice_only_the_chosen_one_is_listened_to() -> None:
+def test_with_a_choice_only_the_chosen_vehicle_is_heard() -> None:
     session = Session(MemoryLink(Two()))
     vehicle = session.discover(system_id=7)
     assert (vehicle.system, vehicle.vehicle_type) == (7, 12)
@@ -90,12 +90,12 @@ def test_with_a_choice_only_the_chosen_one_is_listened_to() -> None:
     assert session.routing.foreign[1, 1] >= 3
 
 
-def test_a_system_id_that_is_not_there_lists_who_is() -> None:
+def test_a_missing_system_id_is_reported_with_those_present() -> None:
     with pytest.raises(NoVehicle, match=r"system id 9 .* system 1 \(ArduRover\)"):
         Session(MemoryLink(ScriptedVehicle())).discover(timeout=2.0, system_id=9)
 
 
-def test_a_vehicle_that_does_not_tell_its_version_is_still_found(boat: ScriptedVehicle) -> None:
+def test_a_vehicle_without_a_version_is_still_discovered(boat: ScriptedVehicle) -> None:
     boat.mute.add("AUTOPILOT_VERSION")
     session = Session(MemoryLink(boat))
     assert session.discover().version == ""
@@ -105,7 +105,7 @@ def test_a_vehicle_that_does_not_tell_its_version_is_still_found(boat: ScriptedV
 # --- heartbeat, liveness, the operator ------------------------------------------------------------------------
 
 
-def test_our_heartbeat_goes_out_every_second(session: Session, boat: ScriptedVehicle) -> None:
+def test_our_heartbeat_is_sent_every_second(session: Session, boat: ScriptedVehicle) -> None:
     before = boat.count("HEARTBEAT")
     session.pause(10.0)
     assert boat.count("HEARTBEAT") - before == 10
@@ -113,7 +113,7 @@ def test_our_heartbeat_goes_out_every_second(session: Session, boat: ScriptedVeh
     assert (beat.type, beat.autopilot, beat.get_srcSystem(), beat.get_srcComponent()) == (6, 8, 255, 190)
 
 
-def test_a_run_is_marked_from_a_component_that_no_other_computer_has(session: Session, boat: ScriptedVehicle) -> None:
+def test_a_run_is_announced_from_a_component_id_of_its_own(session: Session, boat: ScriptedVehicle) -> None:
     session.at_work = True
     session.pause(3.0)
     heard = [(m.get_srcComponent(), int(m.custom_mode)) for m in boat.heard if m.get_type() == "HEARTBEAT"][-4:]
@@ -129,7 +129,7 @@ class Nowhere(MemoryLink):
     is_simulated = False
 
 
-def test_a_silent_vehicle_is_a_lost_link_with_the_seconds(session: Session, boat: ScriptedVehicle) -> None:
+def test_a_silent_vehicle_is_reported_with_the_seconds(session: Session, boat: ScriptedVehicle) -> None:
     boat.alive = False
     begun = session.clock.now()
     with pytest.raises(LinkLost, match=r"Lost contact with .* \(5\.\d s\)"):
@@ -137,7 +137,7 @@ def test_a_silent_vehicle_is_a_lost_link_with_the_seconds(session: Session, boat
     assert session.clock.now() - begun < 7.0
 
 
-def test_others_talking_do_not_hide_the_silence(session: Session, boat: ScriptedVehicle) -> None:
+def test_traffic_of_others_does_not_hide_the_silence(session: Session, boat: ScriptedVehicle) -> None:
     boat.mute.add("HEARTBEAT")
     with pytest.raises(LinkLost):
         for _ in range(100):
@@ -145,7 +145,7 @@ def test_others_talking_do_not_hide_the_silence(session: Session, boat: Scripted
             session.pump()
 
 
-def test_after_a_lost_link_its_return_can_be_awaited(session: Session, boat: ScriptedVehicle) -> None:
+def test_the_vehicles_return_can_be_awaited_after_a_lost_link(session: Session, boat: ScriptedVehicle) -> None:
     boat.alive = False
     with pytest.raises(LinkLost):
         session.pause(60.0)
@@ -165,7 +165,7 @@ def test_the_operators_stop_is_raised_by_the_next_pump(boat: ScriptedVehicle) ->
 
 
 class RealLink(MemoryLink):
-    """Memory that says its time is the machine's, and notes how long it was waited at once."""
+    """A memory link that claims to run in real time and records every wait."""
 
     is_simulated = False
 
@@ -178,21 +178,21 @@ class RealLink(MemoryLink):
         return super().read(timeout)
 
 
-def test_in_the_machines_own_time_no_silence_keeps_a_stop_waiting(boat: ScriptedVehicle) -> None:
+def test_in_real_time_a_stop_is_raised_without_delay(boat: ScriptedVehicle) -> None:
     link = RealLink(boat)
-    asked: list[int] = []
-    with Session(link, interrupt=lambda: bool(asked)) as session:
+    requested: list[int] = []
+    with Session(link, interrupt=lambda: bool(requested)) as session:
         session.discover()
         session.pause(0.5)
         assert max(link.waits) <= 0.02
-        asked.append(1)
+        requested.append(1)
         begun = session.clock.now()
         with pytest.raises(OperatorStopped):
             session.pause(10.0)
         assert session.clock.now() - begun <= 0.02
 
 
-def test_a_shield_keeps_the_stop_until_it_is_down(boat: ScriptedVehicle) -> None:
+def test_a_shield_delays_the_stop_until_it_ends(boat: ScriptedVehicle) -> None:
     pressed = False
     session = Session(MemoryLink(boat), interrupt=lambda: pressed)
     session.discover()
@@ -223,7 +223,7 @@ def test_an_error_inside_a_shield_is_not_replaced(boat: ScriptedVehicle) -> None
 # --- texts --------------------------------------------------------------------------------
 
 
-def test_a_text_in_pieces_is_joined() -> None:
+def test_a_text_in_chunks_is_joined() -> None:
     log = TextLog()
     long = "PreArm: " + "all the many things that are wrong " * 3
     pieces = [long[i : i + 50] for i in range(0, len(long), 50)]
@@ -235,7 +235,7 @@ def test_a_text_in_pieces_is_joined() -> None:
     assert done[:-1] == [None] * (len(pieces) - 1)
 
 
-def test_texts_carry_their_severity_and_time(session: Session, boat: ScriptedVehicle) -> None:
+def test_texts_have_their_severity_and_time(session: Session, boat: ScriptedVehicle) -> None:
     boat.say("Leak detected", severity=2)
     session.pump()
     (text,) = session.texts
@@ -260,7 +260,7 @@ _FRAME = mavlink.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3).pack(mavlink.MAVLi
 
 @settings(max_examples=60, deadline=None)
 @given(st.binary(max_size=60).filter(lambda b: 0xFD not in b and 0xFE not in b), st.integers(1, 20))
-def test_a_frame_in_noise_is_found_however_it_is_cut(noise: bytes, cut: int) -> None:
+def test_a_frame_in_noise_is_found_whatever_the_chunk_size(noise: bytes, cut: int) -> None:
     framer = Framer()
     data = noise + _FRAME + noise + _FRAME
     frames = [f for i in range(0, len(data), cut) for f in framer.feed(data[i : i + cut])]
@@ -268,7 +268,7 @@ def test_a_frame_in_noise_is_found_however_it_is_cut(noise: bytes, cut: int) -> 
     assert framer.bad_bytes == 2 * len(noise)
 
 
-def test_a_false_start_does_not_swallow_the_frames_behind_it(boat: ScriptedVehicle) -> None:
+def test_a_false_start_does_not_swallow_the_frames_after_it(boat: ScriptedVehicle) -> None:
     session = Session(MemoryLink(Babbler(b"\xfd\xff\x00" + _FRAME)))
     assert session.discover(timeout=4.0).system == 1
     assert session.port.bad_data == 1
@@ -294,7 +294,7 @@ def flown(path: Path, make: Callable[[], ScriptedVehicle]) -> list[Any]:
     return list(read_tlog(path))
 
 
-def test_the_log_holds_both_directions_from_the_first_byte(tmp_path: Path) -> None:
+def test_the_log_contains_both_directions_from_the_first_byte(tmp_path: Path) -> None:
     records = flown(tmp_path / "a.tlog", ScriptedVehicle)
     assert records[0].frame.system == 255
     assert {r.frame.system for r in records} == {1, 255}
@@ -302,13 +302,13 @@ def test_the_log_holds_both_directions_from_the_first_byte(tmp_path: Path) -> No
     assert [r.time for r in records] == sorted(r.time for r in records)
 
 
-def test_simulated_runs_leave_the_same_log_to_the_last_bit(tmp_path: Path) -> None:
+def test_simulated_runs_write_bit_identical_logs(tmp_path: Path) -> None:
     for name in ("a.tlog", "b.tlog"):
         flown(tmp_path / name, ScriptedVehicle)
     assert (tmp_path / "a.tlog").read_bytes() == (tmp_path / "b.tlog").read_bytes()
 
 
-def test_lossy_links_still_find_the_vehicle() -> None:
+def test_the_vehicle_is_discovered_on_lossy_links() -> None:
     seeds = random.Random(1).sample(range(1000), 5)
     assert len(seeds) == 5
     for seed in seeds:
@@ -316,7 +316,7 @@ def test_lossy_links_still_find_the_vehicle() -> None:
         assert session.discover().system == 1
 
 
-def test_a_full_disk_ends_the_log_but_not_the_conversation(
+def test_a_full_disk_ends_the_log_but_not_the_session(
     boat: ScriptedVehicle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
@@ -332,7 +332,7 @@ def test_a_full_disk_ends_the_log_but_not_the_conversation(
     session.close()
 
 
-def test_a_second_station_with_our_id_is_pointed_out_once(session: Session, boat: ScriptedVehicle) -> None:
+def test_a_second_station_with_our_id_is_reported_once(session: Session, boat: ScriptedVehicle) -> None:
     for _ in range(3):
         boat.send_as(255, 190, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         session.pause(1.0)
@@ -349,7 +349,7 @@ class Suspended:
         return self.ahead
 
 
-def test_a_machine_that_was_away_does_not_take_its_own_absence_for_the_vehicles(boat):
+def test_a_suspended_machine_does_not_count_its_own_absence_as_silence(boat):
     link = MemoryLink(boat)
     with Session(link) as session:
         session.discover()
@@ -368,7 +368,7 @@ def test_a_machine_that_was_away_does_not_take_its_own_absence_for_the_vehicles(
 
 
 class Backlog:
-    """A vehicle whose messages queue up while nobody reads: each read returns one of them."""
+    """A vehicle whose unread messages queue up: each read returns one of them."""
 
     def __init__(self, boat: ScriptedVehicle) -> None:
         self.boat = boat
@@ -398,7 +398,7 @@ def busy_session(boat: ScriptedVehicle) -> tuple[Session, Backlog, Suspended]:
     return session, peer, clock
 
 
-def test_what_came_while_the_machine_was_busy_is_read_to_its_end_at_once(boat: ScriptedVehicle) -> None:
+def test_messages_queued_while_the_machine_was_busy_are_all_read_at_once(boat: ScriptedVehicle) -> None:
     session, peer, clock = busy_session(boat)
     heard: list[str] = []
     session.listen("STATUSTEXT", lambda m: heard.append(m.text))
@@ -410,7 +410,7 @@ def test_what_came_while_the_machine_was_busy_is_read_to_its_end_at_once(boat: S
     assert heard == ["oldest", "older", "newest"]
 
 
-def test_an_answer_that_lies_unread_is_not_late_however_long_the_machine_was_busy(boat: ScriptedVehicle) -> None:
+def test_an_unread_answer_is_not_late_however_long_the_machine_was_busy(boat: ScriptedVehicle) -> None:
     session, peer, clock = busy_session(boat)
     heard: list[str] = []
     session.listen("STATUSTEXT", lambda m: heard.append(m.text))
@@ -428,7 +428,7 @@ def test_an_answer_that_lies_unread_is_not_late_however_long_the_machine_was_bus
     assert session.wait_for(answered, 2.0)
 
 
-def test_without_an_answer_a_wait_ends_after_the_time_that_was_spent_listening(boat: ScriptedVehicle) -> None:
+def test_a_wait_without_an_answer_ends_after_the_time_spent_listening(boat: ScriptedVehicle) -> None:
     session, _, clock = busy_session(boat)
     begun = session.liveness.listened
 

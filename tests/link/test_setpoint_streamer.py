@@ -104,7 +104,7 @@ def written() -> Written:
     return Written()
 
 
-def test_a_command_goes_out_at_once_is_timed_and_is_kept_in_force(written: Written) -> None:
+def test_a_command_is_sent_at_once_timed_and_kept_in_force(written: Written) -> None:
     own = streamer(written)
     own.command(Actuate(N=0.5, X=-0.2))
     assert written.commands == [({"N": 0.5, "X": -0.2}, {"N": 0.1}, 100.0)]
@@ -120,14 +120,14 @@ def test_a_command_goes_out_at_once_is_timed_and_is_kept_in_force(written: Writt
     assert len(written.commands) == 1, "only a new command is timed"
 
 
-def test_a_link_that_is_known_to_be_slow_gets_twice_its_round_trip_of_slack(written: Written) -> None:
+def test_a_slow_link_gets_twice_its_round_trip_as_slack(written: Written) -> None:
     written.round_trip = 0.3
     streamer(written).command(Actuate())
     assert written.sticks[0][1] == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize(("after", "sent"), [(0.15, 1), (0.16, 2)])
-def test_a_vehicle_that_runs_ahead_is_kept_up_with_in_its_own_time(written: Written, after: float, sent: int) -> None:
+def test_a_faster_vehicle_gets_overrides_in_its_own_time(written: Written, after: float, sent: int) -> None:
     own = streamer(written)
     own.command(Actuate())
     written.t = 100.0 + after - 1e-9
@@ -137,7 +137,7 @@ def test_a_vehicle_that_runs_ahead_is_kept_up_with_in_its_own_time(written: Writ
     assert written.commands[-1] == ("moved", 99.0, {"N": 0.1})
 
 
-def test_without_a_command_nothing_is_kept_in_force(written: Written) -> None:
+def test_without_a_command_nothing_is_repeated(written: Written) -> None:
     streamer(written)
     written.tasks[0][1]()
     written.listeners["ATTITUDE"](None)
@@ -145,9 +145,7 @@ def test_without_a_command_nothing_is_kept_in_force(written: Written) -> None:
 
 
 @pytest.mark.parametrize(("after", "sent"), [(0.049, 1), (0.051, 2)])
-def test_a_link_to_be_spared_gets_no_command_twice_within_half_a_period(
-    written: Written, after: float, sent: int
-) -> None:
+def test_a_thin_link_gets_no_repeated_command_within_half_a_period(written: Written, after: float, sent: int) -> None:
     own = streamer(written)
     own.spare_the_link()
     assert written.task.period == 0.1
@@ -159,7 +157,7 @@ def test_a_link_to_be_spared_gets_no_command_twice_within_half_a_period(
     assert len(written.messages) == sent + 1, "a new one goes at once"
 
 
-def test_a_wide_link_gets_every_command_and_a_crowded_one_three_of_each(written: Written) -> None:
+def test_a_wide_link_gets_every_command_and_a_crowded_one_three_copies(written: Written) -> None:
     own = streamer(written)
     for _ in range(2):
         own.command(Actuate(N=0.5))
@@ -172,7 +170,7 @@ def test_a_wide_link_gets_every_command_and_a_crowded_one_three_of_each(written:
     assert written.kinds() == [OVERRIDE]
 
 
-def test_rest_is_neutral_and_letting_go_releases_each_five_times(written: Written) -> None:
+def test_rest_sends_neutral_and_letting_go_releases_each_five_times(written: Written) -> None:
     own = streamer(written)
     own.command(Actuate(N=0.9))
     own.rest()
@@ -189,7 +187,7 @@ def test_rest_is_neutral_and_letting_go_releases_each_five_times(written: Writte
 
 
 @pytest.mark.parametrize(("kind", "mask", "thrust"), [("ardurover", 7, 0.5), ("ardusub", 7 | 64, 0.5)])
-def test_a_heading_goes_with_neutral_overrides_as_the_firmware_takes_it(
+def test_a_heading_target_is_sent_with_neutral_overrides_and_the_firmwares_mask(
     written: Written, kind: str, mask: int, thrust: float
 ) -> None:
     own = streamer(written, firmware=kind)
@@ -204,7 +202,7 @@ def test_a_heading_goes_with_neutral_overrides_as_the_firmware_takes_it(
 @pytest.mark.parametrize(
     ("speed", "full", "thrust"), [(2.0, 4.0, 0.5), (-9.0, 4.0, -1.0), (9.0, 4.0, 1.0), (2.0, 0.0, 0.0)]
 )
-def test_a_turn_rate_goes_as_a_target_with_the_speeds_share_of_full(speed: float, full: float, thrust: float) -> None:
+def test_a_turn_rate_target_has_the_speed_as_a_fraction_of_full_speed(speed: float, full: float, thrust: float) -> None:
     target: Any = turn_rate_target((7, 1), TurnRateTarget(-0.3, speed), full)
     assert target.body_yaw_rate == pytest.approx(-0.3)
     assert target.thrust == pytest.approx(thrust)
@@ -213,9 +211,7 @@ def test_a_turn_rate_goes_as_a_target_with_the_speeds_share_of_full(speed: float
 
 
 @pytest.mark.parametrize(("gain", "stick"), [(math.nan, 0.05 + 0.5 * 0.95), (1.0, 0.1 + 0.5 * 0.9)])
-def test_where_a_turn_rate_is_asked_for_by_the_stick_no_target_goes(
-    written: Written, gain: float, stick: float
-) -> None:
+def test_a_turn_rate_sent_by_the_stick_needs_no_target(written: Written, gain: float, stick: float) -> None:
     written.gain = gain
     own = streamer(written, SUB, "ardusub", rate_stick=RateStick(2.0, 0.1, 0.5))
     own.command(TurnRateTarget(-1.0, 0.0))
@@ -226,7 +222,7 @@ def test_where_a_turn_rate_is_asked_for_by_the_stick_no_target_goes(
     assert written.kinds()[1:] == [OVERRIDE, ATTITUDE]
 
 
-def test_a_depth_is_asked_for_below_the_estimators_own_origin(written: Written) -> None:
+def test_a_depth_target_is_relative_to_the_estimators_origin(written: Written) -> None:
     own = streamer(written, SUB, "ardusub")
     own.command(DepthTarget(3.0))
     override, target = written.messages
@@ -237,7 +233,7 @@ def test_a_depth_is_asked_for_below_the_estimators_own_origin(written: Written) 
     assert (plain.alt, plain.target_system, plain.vx) == (-3.0, 7, 0.0)
 
 
-def test_a_probe_is_streamed_until_it_is_shown_and_ends(written: Written) -> None:
+def test_a_probe_is_streamed_until_it_is_shown(written: Written) -> None:
     own = streamer(written)
     assert not own.probe_override()
     written.shows.add(tuple(sorted(BOAT.probe.items())))
@@ -257,7 +253,7 @@ def test_a_probe_is_streamed_until_it_is_shown_and_ends(written: Written) -> Non
     ("receiver", "taken", "held", "released"),
     [(True, True, False, True), (True, True, True, False), (True, False, False, True), (False, False, True, True)],
 )
-def test_letting_go_is_seen_where_there_is_a_receiver_to_show_it(
+def test_a_release_is_verified_where_a_receiver_can_show_it(
     written: Written, receiver: bool, taken: bool, held: bool, released: bool
 ) -> None:
     own, probe = streamer(written), tuple(sorted(BOAT.probe.items()))
@@ -277,7 +273,7 @@ def test_letting_go_is_seen_where_there_is_a_receiver_to_show_it(
     assert len(releases) == (5 if released else 8), "lost releases are repeated"
 
 
-def test_pauses_are_counted_while_something_should_be_sent() -> None:
+def test_pauses_count_only_while_commands_are_sent() -> None:
     clock = ManualClock(0.0)
     rate = SendRate(clock)
     assert math.isnan(rate.rate) and math.isnan(rate.longest)
@@ -297,7 +293,7 @@ def test_pauses_are_counted_while_something_should_be_sent() -> None:
     assert rate.rate == pytest.approx(4 / 0.41)
 
 
-def test_the_pace_of_the_vehicles_time_is_told_after_a_second_and_begins_anew_when_its_clock_runs_back() -> None:
+def test_the_pace_of_vehicle_time_is_known_after_a_second_and_restarts_when_its_clock_runs_back() -> None:
     clock = ManualClock(5.0)
     rate = SendRate(clock)
     for seconds, stamp, pace in (

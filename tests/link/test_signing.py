@@ -47,7 +47,7 @@ def verdicts(*raws: bytes, signer: Signer | None = None) -> list[bool]:
 # --- what is believed ----------------------------------------------------------------------------------------
 
 
-def test_what_the_reference_implementation_signs_is_believed_and_ours_by_it() -> None:
+def test_signatures_agree_with_the_reference_implementation_both_ways() -> None:
     assert verdicts(signed()) == [True]
     packer = Packer(255, 190)
     packer.sign_with(SECRET, LINK_ID, Signer(KEY, lambda: NOW).next_stamp)
@@ -61,7 +61,7 @@ def test_what_the_reference_implementation_signs_is_believed_and_ours_by_it() ->
     assert theirs.signing.stream_timestamps == {(LINK_ID, 255, 190): stamp() + 2}
 
 
-def test_unsigned_wrongly_signed_old_and_replayed_frames_are_refused_each_for_its_reason() -> None:
+def test_unsigned_wrongly_signed_old_and_replayed_frames_are_refused_with_their_reason() -> None:
     signer = Signer(KEY, lambda: NOW)
     mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     plain, old_form = heartbeat().pack(mav), heartbeat().pack(mav, force_mavlink1=True)
@@ -73,18 +73,18 @@ def test_unsigned_wrongly_signed_old_and_replayed_frames_are_refused_each_for_it
     assert signer.refused == {Refusal.UNSIGNED: 2, Refusal.WRONG: 1, Refusal.OLD: 2}
 
 
-def test_a_forged_time_does_not_lock_the_vehicle_out() -> None:
+def test_a_forged_timestamp_does_not_lock_the_vehicle_out() -> None:
     forged = signed(at=2**48 - 1, secret=b"x" * 32)
     assert verdicts(forged, signed()) == [False, True]
 
 
-def test_each_stream_has_its_own_time() -> None:
+def test_each_stream_has_its_own_timestamp() -> None:
     later, earlier = stamp(NOW + 5), stamp(NOW - 5)
     frames = [signed(at=later), signed(at=earlier, link=1), signed(at=earlier, system=2), signed(at=earlier)]
     assert verdicts(*frames) == [True, True, True, False]
 
 
-def test_only_a_radios_own_report_needs_no_signature() -> None:
+def test_only_a_radio_status_needs_no_signature() -> None:
     mav = mavlink.MAVLink(None, srcSystem=51, srcComponent=68)
     radio = mavlink.MAVLink_radio_status_message(200, 190, 100, 10, 10, 0, 0).pack(mav)
     assert verdicts(radio) == [True]
@@ -92,7 +92,7 @@ def test_only_a_radios_own_report_needs_no_signature() -> None:
 
 @settings(max_examples=80, deadline=None)
 @given(st.integers(0, len(signed()) - 1), st.integers(1, 255))
-def test_no_changed_byte_is_believed(at: int, change: int) -> None:
+def test_no_changed_byte_is_accepted(at: int, change: int) -> None:
     frame = bytearray(signed())
     frame[at] ^= change
     framer, judge = Framer(), Signer(KEY, lambda: NOW)
@@ -102,7 +102,7 @@ def test_no_changed_byte_is_believed(at: int, change: int) -> None:
 # --- the time we sign with -----------------------------------------------------------------------------------
 
 
-def test_our_time_only_grows_even_if_the_clock_is_set_back(tmp_path: Path) -> None:
+def test_our_timestamp_only_grows_even_if_the_clock_is_set_back(tmp_path: Path) -> None:
     clock = NOW
     signer = Signer(KEY, lambda: clock, StampStore(tmp_path))
     first = [signer.next_stamp() for _ in range(3)]
@@ -115,13 +115,13 @@ def test_our_time_only_grows_even_if_the_clock_is_set_back(tmp_path: Path) -> No
     assert again.next_stamp() == stamp(NOW + 1e6)
 
 
-def test_the_vehicles_later_time_is_taken_over() -> None:
+def test_a_later_timestamp_of_the_vehicle_is_adopted() -> None:
     signer = Signer(KEY, lambda: NOW)
     assert verdicts(signed(at=stamp(NOW + 7200)), signer=signer) == [True]
     assert signer.next_stamp() == stamp(NOW + 7200) + 1
 
 
-def test_a_time_that_cannot_be_kept_is_said_and_no_reason_to_stop(tmp_path: Path) -> None:
+def test_a_timestamp_that_cannot_be_stored_is_reported_and_is_not_fatal(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file where the folder should be")
     store = StampStore(tmp_path / "taken" / "folder")
     assert Signer(KEY, lambda: NOW, store).next_stamp() == stamp()
@@ -133,12 +133,12 @@ def test_a_time_that_cannot_be_kept_is_said_and_no_reason_to_stop(tmp_path: Path
 # --- the key -------------------------------------------------------------------------------------------------
 
 
-def test_a_passphrase_becomes_the_key_as_other_ground_stations_make_it(tmp_path: Path) -> None:
+def test_a_passphrase_gives_the_same_key_as_in_other_ground_stations(tmp_path: Path) -> None:
     """SHA-256 of the text; the value is that of `printf %s 'correct horse' | sha256sum`."""
-    wanted = bytes.fromhex("4104d36f8da2c254349f85836793ebe029e0c957063a34c91c2e9203187b5631")
+    expected = bytes.fromhex("4104d36f8da2c254349f85836793ebe029e0c957063a34c91c2e9203187b5631")
     for text in ("correct horse", "correct horse\n", "correct horse\r\n"):
         (tmp_path / "key").write_bytes(text.encode())
-        assert SigningKey.read(tmp_path / "key").secret == wanted
+        assert SigningKey.read(tmp_path / "key").secret == expected
     (tmp_path / "key").write_bytes(SECRET[:-1] + b"\xff")
     assert SigningKey.read(tmp_path / "key").secret == SECRET[:-1] + b"\xff"
     (tmp_path / "key").write_text("thirty-two characters of passwd!")
@@ -156,7 +156,7 @@ def test_a_file_without_a_key_is_refused(tmp_path: Path, data: bytes) -> None:
         SigningKey.from_passphrase("")
 
 
-def test_a_key_shows_itself_nowhere() -> None:
+def test_a_key_is_never_shown_or_stored() -> None:
     key = SigningKey.from_passphrase("hunter2")
     for shown in (repr(key), str(key), f"{key}", repr([key]), key.origin):
         assert "hunter2" not in shown and key.secret.hex() not in shown and repr(key.secret) not in shown
@@ -175,7 +175,7 @@ def demanding(boat: ScriptedVehicle, secret: bytes = SECRET) -> ScriptedVehicle:
     return boat
 
 
-def test_both_signing_they_talk_and_nothing_is_refused_once_the_clocks_agree(tmp_path: Path) -> None:
+def test_two_signing_ends_communicate_and_refuse_nothing_once_their_clocks_agree(tmp_path: Path) -> None:
     boat = demanding(ScriptedVehicle())
     with Session(MemoryLink(boat), signing=KEY, tlog=tmp_path / "a.tlog") as session:
         session.discover()
@@ -188,12 +188,12 @@ def test_both_signing_they_talk_and_nothing_is_refused_once_the_clocks_agree(tmp
     assert {r.frame.raw[2] for r in read_tlog(tmp_path / "a.tlog")} == {1}
 
 
-def test_a_vehicle_that_signs_and_does_not_answer_us_is_explained() -> None:
+def test_a_signing_vehicle_that_does_not_answer_is_explained() -> None:
     with pytest.raises(SigningMismatch, match=r"system 1 .* signs .*--signing-key"):
         Session(MemoryLink(demanding(ScriptedVehicle()))).discover()
 
 
-def test_a_vehicle_that_signs_but_obeys_us_on_this_port_is_noted() -> None:
+def test_a_signing_vehicle_that_accepts_unsigned_messages_is_noted() -> None:
     boat = demanding(ScriptedVehicle())
     boat.mav.signing.allow_unsigned_callback = lambda *_: True
     session = Session(MemoryLink(boat))
@@ -201,14 +201,14 @@ def test_a_vehicle_that_signs_but_obeys_us_on_this_port_is_noted() -> None:
     assert any("accepts unsigned messages" in note for note in session.notes)
 
 
-def test_another_key_and_no_key_on_board_are_told_apart() -> None:
+def test_another_key_and_no_key_aboard_are_distinguished() -> None:
     with pytest.raises(SigningMismatch, match=r"signed with another key.*differs from the vehicle's key"):
         Session(MemoryLink(demanding(ScriptedVehicle(), b"o" * 32)), signing=KEY).discover(timeout=3.0)
     with pytest.raises(SigningMismatch, match=r"not signed.*signing setup.*or omit --signing-key"):
         Session(MemoryLink(ScriptedVehicle()), signing=KEY).discover(timeout=3.0)
 
 
-def test_forgeries_in_the_vehicles_name_change_nothing_and_are_counted() -> None:
+def test_forged_messages_with_the_vehicles_ids_change_nothing_and_are_counted() -> None:
     boat = demanding(ScriptedVehicle())
     session = Session(MemoryLink(boat), signing=KEY)
     session.discover()
@@ -228,7 +228,7 @@ def test_forgeries_in_the_vehicles_name_change_nothing_and_are_counted() -> None
         session.pause(30.0)
 
 
-def test_a_key_on_its_way_to_the_vehicle_is_never_logged(tmp_path: Path, boat: ScriptedVehicle) -> None:
+def test_a_key_sent_to_the_vehicle_is_never_logged(tmp_path: Path, boat: ScriptedVehicle) -> None:
     setup = mavlink.MAVLink_setup_signing_message(1, 1, list(SECRET), 0)
     with Session(MemoryLink(boat), tlog=tmp_path / "a.tlog") as session:
         session.discover()
@@ -239,6 +239,6 @@ def test_a_key_on_its_way_to_the_vehicle_is_never_logged(tmp_path: Path, boat: S
     assert boat.count("SETUP_SIGNING") == 1
 
 
-def test_the_first_stamp_of_all_is_one_and_each_is_later_than_the_one_before() -> None:
+def test_the_first_timestamp_is_one_and_each_is_later_than_the_last() -> None:
     signer = Signer(SigningKey(bytes(32)), lambda: EPOCH)
     assert [signer.next_stamp() for _ in range(3)] == [1, 2, 3]

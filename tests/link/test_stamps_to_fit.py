@@ -52,7 +52,7 @@ class Hull(ScriptedVehicle):
         self.track.append((self.time, self.psi))
 
 
-def swing(hull: Hull, output: float = 0.4) -> Trial:
+def fly_relay(hull: Hull, output: float = 0.4) -> Trial:
     craft = open_craft(Session(MemoryLink(hull)), wanted_rates=WANTED)
     craft.arm()
     relay = Relay(RelaySettings("psi", "N", output=output, hysteresis=math.radians(10.0)), "relay")
@@ -61,13 +61,13 @@ def swing(hull: Hull, output: float = 0.4) -> Trial:
 
 @pytest.fixture(scope="module")
 def trial() -> Trial:
-    return swing(Hull())
+    return fly_relay(Hull())
 
 
 @pytest.fixture(scope="module")
-def swings() -> list[Trial]:
-    """One relay per seed. Some changes of output fall between messages 40 ms apart, others 20, as chance has it."""
-    return [swing(Hull(seed=seed)) for seed in range(1, 10)]
+def relays() -> list[Trial]:
+    """One relay per seed. Some changes of output fall between messages 40 ms apart, others 20."""
+    return [fly_relay(Hull(seed=seed)) for seed in range(1, 10)]
 
 
 def with_rate(trial: Trial, change: Callable[[Channel], Channel]) -> Trial:
@@ -100,22 +100,22 @@ def as_if_uniform(trial: Trial) -> Trial:
     return replace(trial, channels={n: even(c) for n, c in trial.channels.items()})
 
 
-def test_forty_hertz_come_on_a_fifty_hertz_loop_in_gaps_of_20_and_40_ms(trial: Trial) -> None:
+def test_40_hz_from_a_50_hz_loop_arrive_in_gaps_of_20_and_40_ms(trial: Trial) -> None:
     for name in ("psi", "N"):
         gaps = np.round(np.diff(np.unique(trial[name].t)), 3)
         assert set(gaps[gaps > 0.005]) <= {0.01, 0.02, 0.03, 0.04}
         assert len(set(gaps)) > 1
 
 
-def test_the_fit_is_right_through_the_whole_chain_because_every_sample_has_its_own_stamp(trial: Trial) -> None:
+def test_the_fit_is_correct_because_every_sample_has_its_own_stamp(trial: Trial) -> None:
     inertia = fit_axis([trial], dof="yaw", structure="linear").parameters["alpha_r"]
     assert inertia.value == pytest.approx(LAG / RATE, abs=3.0 * inertia.std)
     assert inertia.std < 0.02 * inertia.value
 
 
-def test_every_heading_is_where_the_boat_was_at_its_stamp_and_would_not_be_at_even_ones() -> None:
+def test_every_heading_matches_its_own_stamp_and_would_not_match_even_ones() -> None:
     hull = Hull()
-    trial = swing(hull)
+    trial = fly_relay(hull)
 
     def error(run: Trial) -> float:
         true = np.interp(run["psi"].t, *np.array(hull.track).T)
@@ -125,25 +125,25 @@ def test_every_heading_is_where_the_boat_was_at_its_stamp_and_would_not_be_at_ev
     assert error(as_if_uniform(trial)) > 1.15 * NOISE
 
 
-def test_a_change_of_output_is_dated_within_the_loops_it_may_have_happened_in(trial: Trial) -> None:
+def test_a_change_of_output_is_dated_within_one_loop(trial: Trial) -> None:
     """Messages 20 ms apart on a 20 ms loop leave no doubt; 40 ms apart they leave one loop's."""
     assert prepare(trial, "yaw")[0].dating <= 0.01 + 1e-9
     assert prepare(replace(trial, meta={**trial.meta, "loop_period": 0.0}), "yaw")[0].dating > 0.015
 
 
-def test_a_good_gyro_joins_the_fit_on_every_run_and_the_inertia_is_as_sure_as_it_says(swings: list[Trial]) -> None:
-    fits = [fit_axis([run], dof="yaw", structure="linear") for run in swings]
-    assert [fit.extra["signals"] for fit in fits] == [["psi", "r"]] * len(swings)
+def test_a_good_gyro_joins_every_fit_and_the_standard_error_of_the_inertia_is_correct(relays: list[Trial]) -> None:
+    fits = [fit_axis([run], dof="yaw", structure="linear") for run in relays]
+    assert [fit.extra["signals"] for fit in fits] == [["psi", "r"]] * len(relays)
     off = [(f.parameters["alpha_r"].value - LAG / RATE) / f.parameters["alpha_r"].std for f in fits]
     assert max(f.parameters["alpha_r"].std for f in fits) < 0.001 * LAG / RATE
     assert math.sqrt(sum(z**2 for z in off) / len(off)) < 1.8
 
 
-def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(swings: list[Trial]) -> None:
-    """The heading then says neither where the changes of output were nor much of the craft; the gyro does."""
+def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(relays: list[Trial]) -> None:
+    """Such a heading dates no change of output and contains little information; the gyro does both."""
     rng = np.random.default_rng(3)
-    assert len(swings) >= 4
-    for run in swings[:4]:
+    assert len(relays) >= 4
+    for run in relays[:4]:
         psi = run["psi"]
         noisy = replace(psi, values=psi.values + rng.normal(0.0, 0.02, len(psi)))
         coarse = replace(psi, values=np.radians(np.round(np.degrees(psi.values))))
@@ -158,34 +158,34 @@ def test_a_good_gyro_joins_a_heading_that_is_noisy_or_coarse(swings: list[Trial]
     ("wrong", "why"),
     [(late, "lags by"), (filtered, "lags by"), (scaled, "scale differs by +"), (biased, "biased by 0.0")],
 )
-def test_a_late_filtered_scaled_or_biased_gyro_is_left_out_of_every_fit(
-    wrong: Callable[[Channel], Channel], why: str, swings: list[Trial]
+def test_a_late_filtered_scaled_or_biased_gyro_is_excluded_from_every_fit(
+    wrong: Callable[[Channel], Channel], why: str, relays: list[Trial]
 ) -> None:
-    assert len(swings) >= 4
-    for run in swings:
+    assert len(relays) >= 4
+    for run in relays:
         fit = fit_axis([with_rate(run, wrong)], dof="yaw", structure="linear")
         assert fit.extra["signals"] == ["psi"]
         assert why in fit.extra["signals_left_out"]["r"]
 
 
-def test_changes_of_output_that_fell_between_messages_are_dated_at_the_loop_the_motion_tells(
-    swings: list[Trial],
+def test_changes_of_output_between_messages_are_dated_by_the_motion(
+    relays: list[Trial],
 ) -> None:
-    """Taken as they were dated they colour the residuals, which raises standard errors two- to fourfold."""
+    """With their original dates they colour the residuals and raise standard errors two- to fourfold."""
     doubtful = 0
-    for run in swings:
+    for run in relays:
         record = prepare(run, "yaw")[0]
         doubtful += int(np.count_nonzero(record.slack))
         fit = fit_axis([run], dof="yaw", structure="linear", use=("position",))
         assert fit.extra["std_inflation"] == pytest.approx(1.0)
         assert fit.parameters["alpha_r"].value == pytest.approx(LAG / RATE, abs=3.0 * fit.parameters["alpha_r"].std)
-    assert doubtful > len(swings)
+    assert doubtful > len(relays)
 
 
-def test_a_late_gyro_is_dated_back_and_joins_the_fit() -> None:
+def test_a_late_gyro_is_corrected_and_joins_the_fit() -> None:
     hull = Hull(late_ticks=3, seed=1)
     hull.parameters["INS_GYRO_FILTER"] = math.sqrt(2.0) / (2.0 * math.pi * 0.06)
-    known = swing(hull)
+    known = fly_relay(hull)
     assert known.meta["rate_lag"] == pytest.approx(0.06)
     assert known["psi"].t[-1] - known["r"].t[-1] == pytest.approx(0.06)
     fit = fit_axis([known], dof="yaw", structure="linear")
@@ -193,22 +193,20 @@ def test_a_late_gyro_is_dated_back_and_joins_the_fit() -> None:
     assert fit.parameters["alpha_r"].value == pytest.approx(LAG / RATE, rel=0.01)
 
 
-def test_a_late_gyro_that_nobody_knows_of_stays_out_of_the_fit_and_that_is_said() -> None:
-    fit = fit_axis([swing(Hull(late_ticks=3))], dof="yaw", structure="linear")
+def test_a_gyro_of_unknown_lag_is_excluded_from_the_fit_and_reported() -> None:
+    fit = fit_axis([fly_relay(Hull(late_ticks=3))], dof="yaw", structure="linear")
     assert fit.to_dict()["signals"] == ["psi"]
     assert "lags by" in fit.to_dict()["signals_left_out"]["r"]
 
 
-def test_a_fit_that_does_not_know_how_sure_it_is_still_compares_the_gyro(
-    trial: Trial, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fit_without_a_covariance_still_checks_the_gyro(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(signals, "_raised_covariance", lambda solution: np.full_like(solution.whole, np.nan))
     assert "r" in fit_axis(trial).extra["signals"]
     turned = with_rate(trial, lambda rate: replace(rate, values=1.3 * rate.values))
     assert "its scale differs" in fit_axis(turned).extra["signals_left_out"]["r"]
 
 
-def test_a_motion_that_runs_away_is_compared_with_nothing(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_diverging_motion_is_not_compared(trial: Trial, monkeypatch: pytest.MonkeyPatch) -> None:
     compared = signals._compared
     monkeypatch.setattr(
         signals, "_compared", lambda *a: replace(compared(*a), nu=np.full_like(compared(*a).nu, np.nan))

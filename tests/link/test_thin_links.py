@@ -29,18 +29,18 @@ def wire(boat: ScriptedVehicle) -> Iterator[Any]:
     """Return what makes a craft over a serial line of so many baud."""
     links: list[ThrottledPty] = []
 
-    def board(baud: int, axis: str = "heading") -> MavlinkCraft:
+    def connect(baud: int, axis: str = "heading") -> MavlinkCraft:
         links.append(ThrottledPty(boat, baud))
         session = Session(links[-1])
         session.discover()
         return open_craft(session, wanted_rates=WANTED, first_rates=AXES[axis].rates or None, arm_patience=3.0)
 
-    yield board
+    yield connect
     for link in links:
         link.close()
 
 
-def test_nineteen_thousand_baud_carry_what_is_needed_and_no_queue_is_left(wire: Any, boat: ScriptedVehicle) -> None:
+def test_at_19200_baud_the_required_rates_fit_and_no_queue_remains(wire: Any, boat: ScriptedVehicle) -> None:
     craft = wire(19200)
     assert any("the link carries" in note for note in craft.session.notes)
     craft.arm()
@@ -54,14 +54,14 @@ def test_nineteen_thousand_baud_carry_what_is_needed_and_no_queue_is_left(wire: 
 
 
 @pytest.mark.parametrize(("baud", "axis"), [(4800, "heading"), (9600, "depth")])
-def test_a_line_too_thin_to_come_down_is_refused_at_boarding_with_what_is_needed(
+def test_a_downlink_too_slow_is_rejected_on_connection_with_the_required_rate(
     wire: Any, boat: ScriptedVehicle, baud: int, axis: str
 ) -> None:
     with pytest.raises(TelemetryFault, match="the link is too slow: it carries") as caught:
         wire(baud, axis)
-    said = re.search(r"carries (\d+) bytes/s, \w+ an experiment needs at least (?:about )?(\d+)", str(caught.value))
-    assert said is not None, caught.value
-    carried, needed = map(int, said.groups())
+    match = re.search(r"carries (\d+) bytes/s, \w+ an experiment needs at least (?:about )?(\d+)", str(caught.value))
+    assert match is not None, caught.value
+    carried, needed = map(int, match.groups())
     assert 0.5 * baud / 10 < carried <= 1.05 * baud / 10
     assert carried < needed
     assert "faster link" in str(caught.value)
@@ -72,7 +72,7 @@ def test_a_line_too_thin_to_come_down_is_refused_at_boarding_with_what_is_needed
     ("vehicle", "axis", "baud", "period"),
     [("charlie", "heading", 4800, 3.0), ("charlie", "heading", 1200, 12.0), ("videoray", "depth", 4800, 4.1)],
 )
-def test_a_line_full_of_what_is_streamed_anyway_is_the_reason_given_not_what_it_left_unanswered(
+def test_a_line_filled_by_unrequested_streams_is_reported_as_the_cause(
     vehicle: str, axis: str, baud: int, period: float
 ) -> None:
     """The answers drown: without a look at the line the boat had no rudder, and the ROV no frame."""
@@ -97,7 +97,7 @@ def test_a_line_full_of_what_is_streamed_anyway_is_the_reason_given_not_what_it_
 
 
 @pytest.mark.parametrize(("baud", "thinned"), [(9600, True), (57600, False)])
-def test_lines_that_do_are_not_refused_and_only_the_thin_one_is_said_to_be_full(baud: int, thinned: bool) -> None:
+def test_sufficient_lines_are_accepted_and_only_the_thin_one_is_reported_full(baud: int, thinned: bool) -> None:
     link = ThrottledPty(open_vehicle("charlie"), baud)
     session = Session(link)
     try:
@@ -109,16 +109,14 @@ def test_lines_that_do_are_not_refused_and_only_the_thin_one_is_said_to_be_full(
         link.close()
 
 
-def test_a_parameter_that_is_not_there_is_the_reason_on_a_line_with_room(boat: ScriptedVehicle) -> None:
+def test_a_missing_parameter_is_reported_on_a_line_with_capacity(boat: ScriptedVehicle) -> None:
     for n in range(1, 9):
         boat.parameters[f"SERVO{n}_FUNCTION"] = 0
     with pytest.raises(PreconditionFailed, match="assigned to N"):
         open_craft(Session(MemoryLink(boat)), wanted_rates=WANTED, arm_patience=3.0)
 
 
-def test_a_line_too_thin_to_go_up_is_refused_before_arming_with_what_it_carries(
-    boat: ScriptedVehicle, wire: Any
-) -> None:
+def test_an_uplink_too_slow_is_refused_before_arming_with_its_capacity(boat: ScriptedVehicle, wire: Any) -> None:
     craft = wire(38400)
     craft.session.transport.up.rate = 700.0
     with pytest.raises(TelemetryFault, match="uplink is too slow: it carries") as caught:
@@ -129,7 +127,7 @@ def test_a_line_too_thin_to_go_up_is_refused_before_arming_with_what_it_carries(
     assert not boat.armed
 
 
-def test_a_line_with_room_for_ten_overrides_a_second_gets_ten(boat: ScriptedVehicle, wire: Any) -> None:
+def test_an_uplink_with_capacity_for_ten_overrides_a_second_gets_ten(boat: ScriptedVehicle, wire: Any) -> None:
     craft = wire(57600)
     craft.session.transport.up.rate = 1400.0
     craft.arm()
@@ -137,7 +135,7 @@ def test_a_line_with_room_for_ten_overrides_a_second_gets_ten(boat: ScriptedVehi
     assert boat.armed
 
 
-def test_a_link_that_has_become_late_but_keeps_up_is_not_told_that_its_queue_grows(boat: ScriptedVehicle) -> None:
+def test_a_link_with_a_longer_delay_is_not_reported_as_queueing(boat: ScriptedVehicle) -> None:
     link = MemoryLink(boat)
     craft = open_craft(Session(link), wanted_rates=WANTED, arm_patience=3.0)
     link._delay = 0.4
@@ -147,7 +145,7 @@ def test_a_link_that_has_become_late_but_keeps_up_is_not_told_that_its_queue_gro
     assert not any("bytes/s" in note for note in craft.session.notes)
 
 
-def test_what_comes_back_after_the_load_hides_no_queue_that_it_made() -> None:
+def test_later_recovery_does_not_hide_a_queue_made_by_the_load() -> None:
     trips = ((0.0, 0.8), (0.2, 0.8), (1.2, 1.5), (1.8, 1.9), (5.0, 0.8))
     latency: Any = SimpleNamespace(trips=lambda since: tuple(trip for trip in trips if trip[0] >= since))
     load = _judged(latency, 0.8, 0.0, 1.0, 2.0, 900.0)
@@ -155,19 +153,19 @@ def test_what_comes_back_after_the_load_hides_no_queue_that_it_made() -> None:
     assert not load.is_enough
 
 
-def test_a_wide_link_is_not_spared(boat: ScriptedVehicle) -> None:
+def test_a_wide_link_keeps_its_full_override_rate(boat: ScriptedVehicle) -> None:
     craft = open_craft(Session(MemoryLink(boat)), wanted_rates=WANTED, arm_patience=3.0)
     craft.arm()
     assert not any("bytes/s" in note for note in craft.session.notes)
 
 
-def test_a_message_that_does_not_exist_aboard_does_not_make_the_link_look_full(boat: ScriptedVehicle) -> None:
+def test_an_unsupported_message_does_not_make_the_link_look_full(boat: ScriptedVehicle) -> None:
     craft = open_craft(Session(MemoryLink(boat)), wanted_rates={**WANTED, "SCALED_PRESSURE2": 5.0}, arm_patience=3.0)
     assert craft.rates.measured["SCALED_PRESSURE2"] == 0.0
     assert not any("bytes/s" in note for note in craft.session.notes)
 
 
-def test_the_quickest_round_trip_is_what_a_queue_is_known_by(boat: ScriptedVehicle) -> None:
+def test_a_queue_is_detected_relative_to_the_fastest_round_trip(boat: ScriptedVehicle) -> None:
     session = Session(MemoryLink(boat))
     session.discover()
     latency = Latency(session)
@@ -180,5 +178,5 @@ def test_the_quickest_round_trip_is_what_a_queue_is_known_by(boat: ScriptedVehic
     assert not is_queueing(latency, 101.0), "nothing asked, nothing known"
 
 
-def test_the_least_is_what_the_floors_take() -> None:
+def test_the_minimum_is_the_sum_of_the_floors() -> None:
     assert least([Demand("ATTITUDE", 10.0, 40.0), Demand("VFR_HUD", 5.0, 30.0, needed=2.0)]) == 5.0 * 40 + 2.0 * 30

@@ -14,7 +14,7 @@ from gcs_autotune.link.transports.transport import ReconnectingTransport, Steppe
 
 
 class Bare(Transport):
-    """Returns what it is told to, one piece a read, each after a tenth of a second."""
+    """Returns the supplied pieces, one per read, each after a tenth of a second."""
 
     def __init__(self, *pieces: bytes) -> None:
         super().__init__("bare:", ManualClock(10.0))
@@ -34,7 +34,7 @@ class Bare(Transport):
         self.closings += 1
 
 
-def test_a_read_waits_for_something_and_no_longer_than_it_may() -> None:
+def test_a_read_waits_for_data_until_its_timeout() -> None:
     link = Bare(b"", b"", b"word", b"more")
     assert link.read(1.0) == b"word"
     assert link.timeouts == pytest.approx([1.0, 0.9, 0.8])
@@ -49,7 +49,7 @@ def test_a_read_waits_for_something_and_no_longer_than_it_may() -> None:
         assert once.timeouts == [0.0]
 
 
-def test_a_closed_link_is_lost_by_name_and_closed_once() -> None:
+def test_a_closed_link_raises_link_lost_and_is_closed_once() -> None:
     with Bare(b"word") as link:
         link.write(b"")
         link.write(b"ab")
@@ -63,7 +63,7 @@ def test_a_closed_link_is_lost_by_name_and_closed_once() -> None:
     assert str(link.lost("why", "do this")) == "link bare: lost: why. To fix it: do this"
 
 
-def test_what_a_plain_link_is_unless_it_says_otherwise() -> None:
+def test_a_plain_link_has_default_properties() -> None:
     link = Bare()
     link.follow_tick(1.0, 2.0)
     link.hold("somebody")
@@ -105,7 +105,7 @@ class Dropping(ReconnectingTransport):
 
 @pytest.mark.parametrize("error", [OSError("gone"), EOFError("gone"), TypeError("gone")], ids=repr)
 @pytest.mark.parametrize("by", ["read", "write"])
-def test_a_loss_is_said_once_and_the_other_end_looked_for_once_a_second(
+def test_a_lost_link_is_reported_once_and_reconnection_is_tried_every_second(
     monkeypatch: pytest.MonkeyPatch, error: Exception, by: str
 ) -> None:
     if by == "write" and not isinstance(error, OSError):
@@ -138,7 +138,7 @@ def test_a_loss_is_said_once_and_the_other_end_looked_for_once_a_second(
 
 
 class Stepped(SteppedTransport):
-    """Notes what it is granted and handed over; says it reached ``beyond`` what it was granted."""
+    """Records grants and data; reports a time ``beyond`` its grant."""
 
     def __init__(self, beyond: float = 0.0) -> None:
         super().__init__("stepped:", 0.1)
@@ -154,7 +154,7 @@ class Stepped(SteppedTransport):
     def _close(self) -> None: ...
 
 
-def test_time_is_granted_up_to_the_next_tick_and_what_was_written_goes_with_it() -> None:
+def test_time_is_granted_to_the_next_tick_with_the_bytes_written() -> None:
     link = Stepped()
     assert link.is_simulated
     link.write(b"ab")
@@ -169,7 +169,7 @@ def test_time_is_granted_up_to_the_next_tick_and_what_was_written_goes_with_it()
     assert link.grants[4:] == pytest.approx([0.3, 0.4, 0.45])
 
 
-def test_ticks_are_counted_from_where_they_are_said_to_fall() -> None:
+def test_ticks_are_counted_from_the_tick_being_followed() -> None:
     link = Stepped()
     link.follow_tick(0.03, 0.2)
     link.read(0.5)
@@ -181,7 +181,7 @@ def test_ticks_are_counted_from_where_they_are_said_to_fall() -> None:
     assert at.grants == pytest.approx([0.1, 0.2]), "a tick is not granted twice, whatever rounding says"
 
 
-def test_the_clock_is_where_the_other_end_got_to_and_never_goes_back() -> None:
+def test_the_clock_follows_the_other_end_and_never_runs_back() -> None:
     ahead, behind = Stepped(0.02), Stepped(-0.02)
     ahead.says, behind.says = [b"x"], [b"x"]
     assert ahead.read(0.1) == b"x"

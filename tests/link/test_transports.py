@@ -31,7 +31,7 @@ from gcs_autotune.link.transports.udp import UdpIn
 from sitl import VEHICLES
 
 
-def test_udpout_to_nobody_is_silence() -> None:
+def test_udpout_to_a_closed_port_is_silence() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unused:
         unused.bind((LOCAL, 0))
         port = unused.getsockname()[1]
@@ -41,7 +41,7 @@ def test_udpout_to_nobody_is_silence() -> None:
             assert link.read(0.01) == b""
 
 
-def test_udpin_answers_everybody_who_spoke_lately(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_udpin_answers_every_recent_sender(monkeypatch: pytest.MonkeyPatch) -> None:
     with (
         UdpIn(HostPort(LOCAL, 0)) as ours,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
@@ -84,7 +84,7 @@ def test_written_bytes_reach_the_peer_at_the_time_they_were_written() -> None:
     assert heard == [(pytest.approx(0.3), b"now")]
 
 
-def test_a_delayed_memory_link_takes_its_time_both_ways() -> None:
+def test_a_delayed_memory_link_delays_both_ways() -> None:
     link = MemoryLink(Echo(), delay=0.1, quantum=0.05)
     link.write(b"x")
     while not link.read(0.05):
@@ -103,7 +103,7 @@ def test_a_lossy_memory_link_loses_the_same_frames_for_the_same_seed() -> None:
     assert len(received(1)) < len(everything)
 
 
-def test_the_child_is_granted_time_and_answers_with_the_time_reached() -> None:
+def test_the_child_is_granted_time_and_returns_the_time_reached() -> None:
     with SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
         link.write(b"abc")
         assert link.read(0.05) == b"abc"
@@ -114,12 +114,12 @@ def test_the_child_is_granted_time_and_answers_with_the_time_reached() -> None:
         assert link.read(0.0) == b"first 0.05, longest 0.10"
 
 
-def test_the_child_is_in_a_session_of_its_own_so_that_ctrl_c_spares_it() -> None:
+def test_the_child_has_its_own_session_and_is_spared_by_ctrl_c() -> None:
     with SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
         assert os.getsid(link._child.pid) != os.getsid(0)
 
 
-def test_closing_ends_and_reaps_even_a_child_that_will_not_listen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_closing_ends_and_reaps_even_a_stubborn_child(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(child_module, "_GRACE", 0.05)
     link = SitlProcess([sys.executable, "-S", ECHO_CHILD, "--stubborn"], "sitl:echo")
     link.close()
@@ -143,7 +143,7 @@ def test_a_child_that_hangs_is_a_lost_link(monkeypatch: pytest.MonkeyPatch) -> N
         [(True, 0.01 * k) for k in range(7)],  # works without end
     ],
 )
-def test_a_child_hangs_only_once_it_sleeps_or_has_worked_too_long(
+def test_a_child_hangs_only_when_it_sleeps_or_works_too_long(
     monkeypatch: pytest.MonkeyPatch, looks: list[tuple[bool, float]]
 ) -> None:
     link = SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo")
@@ -165,7 +165,7 @@ def test_the_activity_of_a_process_is_its_processor_time() -> None:
     assert child_module._activity_of(2**30) == (False, 0.0)
 
 
-def test_the_childs_last_words_are_in_the_error() -> None:
+def test_the_childs_last_output_is_in_the_error() -> None:
     with SitlProcess([sys.executable, "-S", ECHO_CHILD], "sitl:echo") as link:
         link.write(b"crash")
         with pytest.raises(LinkLost, match="hull breached"):
@@ -189,14 +189,14 @@ def test_an_unknown_simulated_vehicle_is_refused_before_the_simulator_starts(
         assert re.search(rf"Known: .*\b{name}\b", str(caught.value))
 
 
-def test_a_simulator_that_does_not_start_is_said_so() -> None:
+def test_a_simulator_that_does_not_start_is_reported() -> None:
     with pytest.raises(CannotOpenLink, match="exit code 7"):
         SitlProcess([sys.executable, "-c", "raise SystemExit(7)"], "sitl:x")
     with pytest.raises(CannotOpenLink, match="cannot start"):
         SitlProcess(["/no/such/program"], "sitl:x")
 
 
-def test_sitl_uris_start_the_simulator_with_all_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sitl_uris_start_the_simulator_with_their_options(monkeypatch: pytest.MonkeyPatch) -> None:
     commands: list[list[str]] = []
 
     def popen(command: list[str], **options: object) -> None:
@@ -222,12 +222,12 @@ def test_sitl_uris_start_the_simulator_with_all_they_say(monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     "query", ["speed=3", "seed=x", "seed=-1", "effect", "model=", "seed=1&seed=2", "model=a&model=b"]
 )
-def test_what_a_sitl_uri_cannot_mean_is_refused(query: str) -> None:
+def test_an_invalid_sitl_uri_is_refused(query: str) -> None:
     with pytest.raises(UsageError, match=r"seed|model"):
         open_link(f"sitl:charlie?{query}")
 
 
-def test_a_misspelt_effect_in_a_uri_is_refused_with_the_nearest() -> None:
+def test_a_misspelt_effect_in_a_uri_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(UnknownName, match="did you mean dead-zone") as caught:
         open_link("sitl:charlie?effect=dead-zon.width=0.1")
     assert (caught.value.name, caught.value.nearest) == ("dead-zon", ("dead-zone",))
@@ -239,7 +239,7 @@ def test_a_misspelt_effect_in_a_uri_is_refused_with_the_nearest() -> None:
 
 
 @pytest.mark.parametrize("scheme", ["udpin:", "udp:", "udpin://", "tcpin:", "tcpin://"])
-def test_a_port_in_use_says_so_and_what_to_do(scheme: str) -> None:
+def test_a_port_in_use_is_reported_with_its_cure(scheme: str) -> None:
     kind = socket.SOCK_STREAM if "tcp" in scheme else socket.SOCK_DGRAM
     with socket.socket(socket.AF_INET, kind) as taken:
         taken.bind((LOCAL, 0))
@@ -250,7 +250,7 @@ def test_a_port_in_use_says_so_and_what_to_do(scheme: str) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["tcp:", "tcp://", "tcpout://"])
-def test_a_refused_connection_asks_whether_the_vehicle_runs(scheme: str) -> None:
+def test_a_refused_connection_is_reported_with_its_cure(scheme: str) -> None:
     with socket.socket() as unused:
         unused.bind((LOCAL, 0))
         port = unused.getsockname()[1]
@@ -261,7 +261,7 @@ def test_a_refused_connection_asks_whether_the_vehicle_runs(scheme: str) -> None
 @pytest.mark.parametrize(
     "uri", ["/dev/no-such-port,57600", "serial:/dev/no-such-port:57600", "serial:///dev/no-such-port:57600"]
 )
-def test_a_missing_serial_port_is_named(uri: str) -> None:
+def test_a_missing_serial_port_is_reported(uri: str) -> None:
     with pytest.raises(CannotOpenLink, match=r"/dev/no-such-port: the device does not exist"):
         open_link(uri)
 
@@ -275,7 +275,9 @@ def test_a_missing_serial_port_is_named(uri: str) -> None:
         (ValueError("not a valid baudrate"), "baudrate"),
     ],
 )
-def test_serial_failures_come_with_their_cure(monkeypatch: pytest.MonkeyPatch, failure: Exception, words: str) -> None:
+def test_serial_failures_are_reported_with_their_cure(
+    monkeypatch: pytest.MonkeyPatch, failure: Exception, words: str
+) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise failure
 
@@ -304,25 +306,25 @@ def test_serial_speed_comes_from_the_string_or_the_option(monkeypatch: pytest.Mo
     ]
 
 
-def test_a_host_that_does_not_exist_is_named() -> None:
+def test_an_unknown_host_is_reported() -> None:
     with pytest.raises(CannotOpenLink, match="cannot find the host"):
         open_link("tcp:no host of this name:5760")
 
 
 @pytest.mark.parametrize("uri", ["", "charlie", "14550"])
-def test_a_string_that_is_no_connection_gets_examples(uri: str) -> None:
+def test_an_invalid_connection_string_is_answered_with_examples(uri: str) -> None:
     with pytest.raises(UsageError, match=r"udpin:0\.0\.0\.0:14550"):
         open_link(uri)
 
 
-def test_an_unknown_scheme_gets_the_nearest_ones() -> None:
+def test_an_unknown_scheme_is_reported_with_the_nearest_ones() -> None:
     with pytest.raises(UnknownName, match="Did you mean") as caught:
         open_link("upd:0.0.0.0:14550")
     assert set(caught.value.nearest) <= set(TRANSPORTS)
 
 
 @pytest.mark.parametrize("port", ["99999", "abc", "-1"])
-def test_a_port_that_is_no_number_is_refused(port: str) -> None:
+def test_an_invalid_port_number_is_refused(port: str) -> None:
     with pytest.raises(UsageError, match="port number"):
         open_link(f"udpin:0.0.0.0:{port}")
 
@@ -361,7 +363,9 @@ def test_mavsdk_urls_mean_the_same_in_both_backends(backend: str, url: str, unde
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("url", ["tcp://127.0.0.1:{tcp}", "tcpout://127.0.0.1:{tcp}", "tcp:127.0.0.1:{tcp}"])
-def test_calling_a_server_is_written_in_three_ways(backend: str, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tcp_server_address_is_accepted_in_three_forms(
+    backend: str, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(mavsdk_link, "_CONNECT_PATIENCE", 0.02)
     with (
         socket.create_server((LOCAL, 0)) as server,
@@ -386,7 +390,7 @@ def test_calling_a_server_is_written_in_three_ways(backend: str, url: str, monke
         ("upd://:14540", "Did you mean"),
     ],
 )
-def test_what_mavsdk_cannot_do_is_said_with_a_cure(url: str, words: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_mavsdk_limitations_are_reported_with_a_cure(url: str, words: str, capfd: pytest.CaptureFixture[str]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind((LOCAL, 0))
         ports = {"free": free_port(socket.SOCK_STREAM), "taken": taken.getsockname()[1]}
@@ -395,7 +399,7 @@ def test_what_mavsdk_cannot_do_is_said_with_a_cure(url: str, words: str, capfd: 
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_missing_or_old_mavsdk_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_or_old_mavsdk_is_reported_with_the_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mavsdk", None)
     with pytest.raises(UsageError, match=r"cannot be loaded here .*pip install 'mavsdk>=4'"):
         open_link("udpin://:0", backend="mavsdk")
@@ -404,12 +408,12 @@ def test_a_missing_or_old_mavsdk_says_what_to_install(monkeypatch: pytest.Monkey
         open_link("udpin://:0", backend="mavsdk")
 
 
-def test_an_unknown_backend_gets_the_nearest() -> None:
+def test_an_unknown_backend_is_reported_with_the_nearest() -> None:
     with pytest.raises(UnknownName, match="mavsdk"):
         open_link("udpin://:0", backend="mavsd")
 
 
-def test_a_refused_reconnection_is_waited_for_and_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_reconnection_is_retried_without_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(returning, "_RETRY", 0.001)
     with socket.create_server((LOCAL, 0)) as server:
         ours = TcpOut(HostPort(LOCAL, server.getsockname()[1]))
@@ -421,7 +425,7 @@ def test_a_refused_reconnection_is_waited_for_and_no_error(monkeypatch: pytest.M
             assert ours.read(0.002) == b""
 
 
-def test_a_caller_without_a_word_gives_way_to_the_next_but_not_one_that_talks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_tcp_client_is_replaced_by_the_next_but_a_talking_one_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     with TcpIn(HostPort(LOCAL, 0)) as ours, socket.create_connection((LOCAL, ours.port)) as first:
         first.sendall(b"one")
         while ours.read(1.0) != b"one":
@@ -435,9 +439,7 @@ def test_a_caller_without_a_word_gives_way_to_the_next_but_not_one_that_talks(mo
 
 
 @pytest.mark.parametrize(("now", "looks"), [(4.999, False), (5.0, True), (6.0, True)])
-def test_a_link_that_is_down_is_looked_for_again_when_its_time_has_come(
-    monkeypatch: pytest.MonkeyPatch, now: float, looks: bool
-) -> None:
+def test_reconnection_is_tried_when_its_time_has_come(monkeypatch: pytest.MonkeyPatch, now: float, looks: bool) -> None:
     idled: list[float] = []
     monkeypatch.setattr(returning, "idle", idled.append)
     link = types.SimpleNamespace(_next_look=5.0, _clock=ManualClock(now), _is_down=True, _call_again=lambda: True)

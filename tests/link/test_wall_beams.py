@@ -21,7 +21,7 @@ def about(axis: int, angle: float) -> tuple[float, ...]:
     return (math.cos(0.5 * angle), *vector)
 
 
-def test_the_orientation_of_a_message_is_its_yaw_if_it_looks_ahead() -> None:
+def test_the_orientation_of_a_forward_sensor_is_its_yaw() -> None:
     assert yaw_of(message(0)) == 0.0
     assert yaw_of(message(1)) == pytest.approx(math.pi / 4)
     assert yaw_of(message(7)) == pytest.approx(-math.pi / 4)
@@ -34,7 +34,7 @@ def test_the_orientation_of_a_message_is_its_yaw_if_it_looks_ahead() -> None:
 
 @pytest.mark.parametrize("angle", [-0.4, 0.0, 0.25])
 @pytest.mark.parametrize("aside", [0.3, math.pi / 4])
-def test_two_beams_give_the_distance_ahead_and_the_angle(angle: float, aside: float) -> None:
+def test_two_beams_give_distance_and_angle_of_the_wall(angle: float, aside: float) -> None:
     beams, wall = WallBeams(), 2.0
     assert beams.add(1.0, -aside, wall / math.cos(angle - aside)) is None
     found = beams.add(1.0, aside, wall / math.cos(angle + aside))

@@ -1,4 +1,4 @@
-"""The peer that was boarded is held to: what another sends under the vehicle's ids is told of, never believed."""
+"""Messages from another sender with the vehicle's ids are reported and never used."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OBEYED = mavlink.MAVLink_command_ack_message(ARM, 0, 0, 0, 255, 0)
 
 
 class Forged(MemoryLink):
-    """A link on which somebody else speaks too: every 0.3 s what ``forged`` holds, from ``forger``'s address."""
+    """A link with a second sender: every 0.3 s the messages of ``forged``, from ``forger``'s address."""
 
     def __init__(self, boat: ScriptedVehicle) -> None:
         super().__init__(boat)
@@ -56,7 +56,7 @@ def craft(link: Forged) -> Iterator[MavlinkCraft]:
 
 
 def leave_armed_and_lie(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> list[str]:
-    """Come aboard and arm; on leaving the boat will not disarm, and a forger says that all was done."""
+    """Connect and arm; on leaving the boat does not disarm, and a forger acknowledges the disarm."""
     settled: list[str] = []
     with (
         pytest.raises(NotAsFound) as caught,
@@ -68,38 +68,38 @@ def leave_armed_and_lie(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
     return [*settled, str(caught.value)]
 
 
-def test_a_heartbeat_forged_from_another_address_does_not_settle_a_clean_up(
+def test_a_heartbeat_forged_from_another_address_does_not_settle_the_clean_up(
     craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 ) -> None:
-    said = leave_armed_and_lie(craft, boat, link)
-    assert boat.armed and len(said) == 1 and "armed state" in said[0]
-    told = [note for note in craft.session.notes if ELSEWHERE in note]
-    assert len(told) == 1 and f"the vehicle is at {HOME}. The other sender is ignored" in told[0]
+    errors = leave_armed_and_lie(craft, boat, link)
+    assert boat.armed and len(errors) == 1 and "armed state" in errors[0]
+    reported = [note for note in craft.session.notes if ELSEWHERE in note]
+    assert len(reported) == 1 and f"the vehicle is at {HOME}. The other sender is ignored" in reported[0]
 
 
-def test_a_heartbeat_forged_from_the_vehicles_own_address_does_not_settle_a_clean_up(
+def test_a_heartbeat_forged_from_the_vehicles_address_does_not_settle_the_clean_up(
     craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 ) -> None:
     link.forger = HOME
-    said = leave_armed_and_lie(craft, boat, link)
-    assert boat.armed and len(said) == 1 and "contradict each other" in said[0]
+    errors = leave_armed_and_lie(craft, boat, link)
+    assert boat.armed and len(errors) == 1 and "contradict each other" in errors[0]
     assert any("their sequence numbers interleave" in note for note in craft.session.notes)
 
 
-def test_a_forger_who_spoke_first_is_told_as_one_of_two_and_not_as_old_firmware(
+def test_a_forger_who_sends_first_is_reported_as_a_second_sender_not_old_firmware(
     boat: ScriptedVehicle, link: Forged
 ) -> None:
     link.forged = [DISARMED]
     with Session(link) as session, pytest.raises(NoReply) as caught:
         open_craft(session, arm_patience=3.0)
-    said = str(caught.value)
-    assert "messages with the ids of " in said
-    assert f"come from 2 addresses: {ELSEWHERE} and {HOME}. Only messages from {ELSEWHERE} are used" in said
-    assert "answers no parameter requests" in said and "firmware" not in said
+    errors = str(caught.value)
+    assert "messages with the ids of " in errors
+    assert f"come from 2 addresses: {ELSEWHERE} and {HOME}. Only messages from {ELSEWHERE} are used" in errors
+    assert "answers no parameter requests" in errors and "firmware" not in errors
     assert not boat.armed
 
 
-def test_what_another_address_says_moves_nothing(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> None:
+def test_messages_from_another_address_have_no_effect(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> None:
     link.forged = [
         mavlink.MAVLink_heartbeat_message(11, 3, 128, 15, 4, 3),
         mavlink.MAVLink_param_value_message(b"WP_SPEED", 99.0, 9, 10, 1),
@@ -110,7 +110,7 @@ def test_what_another_address_says_moves_nothing(craft: MavlinkCraft, boat: Scri
     assert craft.parameters.read("WP_SPEED") == 2.0
 
 
-def test_a_vehicle_that_comes_back_from_another_port_is_known_by_its_board(
+def test_a_vehicle_returning_from_another_port_is_recognised(
     craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
 ) -> None:
     link.home = "10.0.0.1:50123"
@@ -122,9 +122,7 @@ def test_a_vehicle_that_comes_back_from_another_port_is_known_by_its_board(
     ]
 
 
-def test_another_vehicle_in_its_place_is_not_taken_for_it(
-    craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
-) -> None:
+def test_another_vehicle_in_its_place_is_not_accepted(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged) -> None:
     other = mavlink.MAVLink_autopilot_version_message(0, 4 << 24, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 77)
     boat.alive = False
     link.forged = [DISARMED, other]
@@ -134,7 +132,7 @@ def test_another_vehicle_in_its_place_is_not_taken_for_it(
 
 
 def numbered(numbers: list[int]) -> list[str]:
-    """What is told of frames of these sequence numbers, from one address."""
+    """Return the notes about frames of these sequence numbers from one address."""
     notes: list[str] = []
     peer, mouth, framer = HeldSender(notes), mavlink.MAVLink(None, srcSystem=1, srcComponent=1), Framer()
     for number in numbers:
@@ -145,7 +143,7 @@ def numbered(numbers: list[int]) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("numbers", "told"),
+    ("numbers", "reported"),
     [
         ([n for k in range(20) for n in (k, 100 + k)], 1),
         ([n for k in range(20) for n in (2 * k, 2 * k + 1, 100 + k)], 1),
@@ -157,8 +155,8 @@ def numbered(numbers: list[int]) -> list[str]:
     ],
     ids=["two", "two, one slower", "one", "losses", "doubled", "restarted", "out of order"],
 )
-def test_two_senders_are_known_by_their_sequences_and_a_bad_link_is_none(numbers: list[int], told: int) -> None:
-    assert len(numbered(numbers)) == told
+def test_two_senders_are_detected_by_their_sequences_and_a_bad_link_is_not(numbers: list[int], reported: int) -> None:
+    assert len(numbered(numbers)) == reported
 
 
 # --- UDP -------------------------------------------------------------------------------------------------------
@@ -175,7 +173,7 @@ def heard(link: UdpIn, count: int) -> list[tuple[str, bytes]]:
     return [(data, link.origin)[::-1] for data in (link.read(2.0) for _ in range(count))]  # type: ignore[misc]
 
 
-def test_udp_tells_senders_apart_and_talks_to_the_one_held_to(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_udp_distinguishes_senders_and_answers_the_held_one(monkeypatch: pytest.MonkeyPatch) -> None:
     with UdpIn(HostPort("127.0.0.1", 0)) as link, speaker() as one, speaker() as other:
         names = [f"127.0.0.1:{s.getsockname()[1]}" for s in (one, other)]
         to = ("127.0.0.1", link.port)
@@ -190,7 +188,7 @@ def test_udp_tells_senders_apart_and_talks_to_the_one_held_to(monkeypatch: pytes
         assert one.recv(100) == other.recv(100) == b"for all"
 
 
-def test_half_a_frame_of_one_sender_is_not_continued_by_another(link: Forged, boat: ScriptedVehicle) -> None:
+def test_a_partial_frame_of_one_sender_is_not_continued_by_another(link: Forged, boat: ScriptedVehicle) -> None:
     with Session(link) as session:
         session.discover()
         read: Callable[[float], bytes] = link._read_available

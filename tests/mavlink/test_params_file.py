@@ -23,19 +23,19 @@ FILES = {
 
 
 @pytest.mark.parametrize("text", FILES.values(), ids=FILES)
-def test_everybodys_files_are_read(tmp_path: Path, text: str) -> None:
+def test_parameter_files_of_every_common_tool_are_read(tmp_path: Path, text: str) -> None:
     path = tmp_path / "boat.param"
     path.write_text(text)
     assert load_params(path) == {"ATC_STR_RAT_P": 0.2, "WP_SPEED": 2.5}
 
 
 @pytest.mark.parametrize("name", ["a.param", "a.json"])
-def test_what_is_saved_is_loaded_again(tmp_path: Path, name: str) -> None:
+def test_saved_parameters_are_loaded_again(tmp_path: Path, name: str) -> None:
     save_params(tmp_path / name, VALUES, comment="before tuning\nboat 7")
     assert load_params(tmp_path / name) == pytest.approx(VALUES, rel=1e-8)
 
 
-def test_json_says_which_schema_it_follows_what_it_is_and_the_defaults_where_they_are_known(tmp_path: Path) -> None:
+def test_a_json_file_contains_schema_comment_values_and_known_defaults(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     save_params(path, {"A": 0.25}, comment="before tuning")
     assert json.loads(path.read_text()) == {"schema": 1, "comment": "before tuning", "parameters": {"A": 0.25}}
@@ -45,7 +45,7 @@ def test_json_says_which_schema_it_follows_what_it_is_and_the_defaults_where_the
     }  # fmt: skip
 
 
-def test_qgroundcontrols_file_has_its_five_columns_under_a_head(tmp_path: Path) -> None:
+def test_a_qgroundcontrol_file_has_five_columns_and_a_header(tmp_path: Path) -> None:
     path = tmp_path / "a.params"
     save_qgc_params(path, {"A": 0.25, "B": 3.0}, {"B": 4}, (7, 2), comment="before tuning\nboat 7")
     head, rows = path.read_text().splitlines()[:-2], path.read_text().splitlines()[-2:]
@@ -70,14 +70,14 @@ NONSENSE = {
 
 
 @pytest.mark.parametrize("text", NONSENSE.values(), ids=NONSENSE)
-def test_nonsense_is_a_bad_file(tmp_path: Path, text: str) -> None:
+def test_a_malformed_file_raises_bad_file(tmp_path: Path, text: str) -> None:
     path = tmp_path / "boat.param"
     path.write_text(text)
     with pytest.raises(BadFile, match=r"boat\.param"):
         load_params(path)
 
 
-def test_the_line_is_named(tmp_path: Path) -> None:
+def test_the_error_contains_the_line_number(tmp_path: Path) -> None:
     path = tmp_path / "boat.param"
     path.write_text("WP_SPEED,2\nCRUISE_SPEED\n")
     with pytest.raises(BadFile, match="line 2"):
@@ -91,7 +91,7 @@ def test_the_line_is_named(tmp_path: Path) -> None:
         load_params(path)
 
 
-def test_files_that_cannot_be_opened_are_bad_files(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_opened_raises_bad_file(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="does not exist"):
         load_params(tmp_path / "none.param")
     with pytest.raises(BadFile, match="cannot be read"):
@@ -101,7 +101,9 @@ def test_files_that_cannot_be_opened_are_bad_files(tmp_path: Path) -> None:
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_are_parameters_or_a_bad_file(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+def test_arbitrary_bytes_are_parameters_or_raise_bad_file(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes
+) -> None:
     path = tmp_path_factory.getbasetemp() / "fuzz.param"
     path.write_bytes(data)
     try:
@@ -110,14 +112,14 @@ def test_any_bytes_are_parameters_or_a_bad_file(tmp_path_factory: pytest.TempPat
         assert "fuzz.param" in str(error)
 
 
-def test_each_kind_is_written_as_its_name_says(tmp_path: Path) -> None:
+def test_the_file_format_follows_the_extension(tmp_path: Path) -> None:
     save_params(tmp_path / "a.param", {"P": 0.2, "WP_SPEED": 2.5}, comment="before\nboat 7")
     assert (tmp_path / "a.param").read_text() == "# before\n# boat 7\nP,0.2\nWP_SPEED,2.5\n"
     save_params(tmp_path / "a.json", {"P": 0.2}, comment="before")
     assert json.loads((tmp_path / "a.json").read_text()) == {"schema": 1, "comment": "before", "parameters": {"P": 0.2}}
 
 
-def test_five_columns_are_qgroundcontrols_only_when_they_begin_with_two_ids(tmp_path: Path) -> None:
+def test_five_columns_are_read_as_qgroundcontrol_only_after_two_numeric_ids(tmp_path: Path) -> None:
     path = tmp_path / "a.params"
     path.write_text("1\t2\tP\t0.2\t9\n")
     assert load_params(path) == {"P": 0.2}
@@ -127,7 +129,7 @@ def test_five_columns_are_qgroundcontrols_only_when_they_begin_with_two_ids(tmp_
             load_params(path)
 
 
-def test_a_value_of_a_json_file_that_is_no_number_is_told_with_file_and_name(tmp_path: Path) -> None:
+def test_a_non_numeric_json_value_is_reported_with_file_and_name(tmp_path: Path) -> None:
     path = tmp_path / "gains.json"
     path.write_text('{"parameters": {"ATC_STR_RAT_P": 0.2, "ATC_STR_RAT_I": "much"}}')
     with pytest.raises(BadFile) as caught:
@@ -149,14 +151,14 @@ def test_a_value_of_a_json_file_that_is_no_number_is_told_with_file_and_name(tmp
         ('{"A": true}', "is not a parameter name and a number"),
     ],
 )
-def test_a_name_twice_and_a_number_of_another_kind_are_refused(tmp_path: Path, text: str, words: str) -> None:
+def test_duplicate_names_and_malformed_numbers_are_refused(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "boat.param"
     path.write_text(text)
     with pytest.raises(BadFile, match=words):
         load_params(path)
 
 
-def test_a_long_value_is_not_quoted_whole(tmp_path: Path) -> None:
+def test_a_long_value_is_truncated_in_the_error(tmp_path: Path) -> None:
     (tmp_path / "boat.param").write_text("A," + "9" * 5000 + "\n")
     with pytest.raises(BadFile) as refused:
         load_params(tmp_path / "boat.param")

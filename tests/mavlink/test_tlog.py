@@ -24,7 +24,7 @@ def written(path: Path, count: int = 5) -> bytes:
     return path.read_bytes()
 
 
-def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+def test_a_written_log_is_read_back(tmp_path: Path) -> None:
     written(tmp_path / "a.tlog")
     log = read_tlog(tmp_path / "a.tlog")
     assert [(r.time, r.frame.message.time_boot_ms) for r in log] == [(1000.0 + 0.25 * i, i) for i in range(5)]
@@ -38,7 +38,7 @@ def test_other_ground_stations_can_read_it(tmp_path: Path) -> None:
     log.close()
 
 
-def test_a_truncated_log_gives_what_is_whole(tmp_path: Path) -> None:
+def test_a_truncated_log_returns_its_complete_frames(tmp_path: Path) -> None:
     data = written(tmp_path / "a.tlog")
     whole = len(data) // 5
     assert whole > 20
@@ -49,7 +49,7 @@ def test_a_truncated_log_gives_what_is_whole(tmp_path: Path) -> None:
         assert log.truncated
 
 
-def test_damage_is_stepped_over_and_counted(tmp_path: Path) -> None:
+def test_damaged_bytes_are_skipped_and_counted(tmp_path: Path) -> None:
     data = bytearray(written(tmp_path / "a.tlog"))
     whole = len(data) // 5
     data[whole + 20] ^= 0xFF
@@ -61,7 +61,7 @@ def test_damage_is_stepped_over_and_counted(tmp_path: Path) -> None:
     assert log.damaged_bytes == whole + len(b"garbage")
 
 
-def test_one_byte_too_many_costs_no_frame(tmp_path: Path) -> None:
+def test_one_extra_byte_loses_no_frame(tmp_path: Path) -> None:
     data = bytearray(written(tmp_path / "a.tlog"))
     data[2 * len(data) // 5 : 2 * len(data) // 5] = b"x"
     (tmp_path / "b.tlog").write_bytes(data)
@@ -70,7 +70,7 @@ def test_one_byte_too_many_costs_no_frame(tmp_path: Path) -> None:
     assert (log.damaged, log.damaged_bytes) == (1, 1)
 
 
-def test_missing_and_empty_logs_are_bad_files(tmp_path: Path) -> None:
+def test_missing_and_empty_logs_raise_bad_file(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="cannot be read"):
         read_tlog(tmp_path / "none.tlog")
     (tmp_path / "empty.tlog").write_bytes(b"")
@@ -78,12 +78,12 @@ def test_missing_and_empty_logs_are_bad_files(tmp_path: Path) -> None:
         read_tlog(tmp_path / "empty.tlog")
 
 
-def test_a_log_that_cannot_be_opened_says_where(tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_created_raises_bad_file(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="cannot be written"):
         TlogWriter(tmp_path / "no" / "a.tlog", lambda: 0.0)
 
 
-def test_what_was_flushed_is_in_the_file_before_it_is_closed(tmp_path: Path) -> None:
+def test_flushed_data_is_in_the_file_before_it_is_closed(tmp_path: Path) -> None:
     log = TlogWriter(tmp_path / "a.tlog", lambda: 1.0)
     log.write(b"frame")
     log.flush()
@@ -92,7 +92,7 @@ def test_what_was_flushed_is_in_the_file_before_it_is_closed(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("act", ["write", "flush", "close"])
-def test_a_disk_that_is_full_is_said_with_the_logs_name_whenever_it_shows(tmp_path: Path, act: str) -> None:
+def test_a_full_disk_is_reported_with_the_log_name_on_write_flush_and_close(tmp_path: Path, act: str) -> None:
     log = TlogWriter(tmp_path / "a.tlog", lambda: 1.0)
     log._stream.close()
 
@@ -117,11 +117,11 @@ def test_logs_of_a_real_rov_are_read_with_their_damage_counted(name: str, frames
 
 
 def unknown_frame(payload: bytes = b"abcdef") -> bytes:
-    """A frame of MAVLink 2 of a message that no dialect here knows; nobody can test its checksum."""
+    """A frame of MAVLink 2 of a message that no dialect here knows; its checksum cannot be verified."""
     return bytes([0xFD, len(payload), 0, 0, 0, 1, 1]) + (9_999_999).to_bytes(3, "little") + payload + b"\x00\x00"
 
 
-def test_a_frame_of_an_unknown_kind_is_believed_at_the_end_and_before_another_and_nowhere_else(tmp_path: Path) -> None:
+def test_a_frame_of_unknown_type_is_accepted_only_at_the_end_or_before_a_valid_frame(tmp_path: Path) -> None:
     data = written(tmp_path / "a.tlog", 2)
     half = len(data) // 2
     stamp = data[:8]
@@ -136,12 +136,12 @@ def test_a_frame_of_an_unknown_kind_is_believed_at_the_end_and_before_another_an
     assert read(data + strange) == (["ATTITUD", "ATTITUD", "UNKNOWN"], 0)
     assert read(data[:half] + strange + data[half:]) == (["ATTITUD", "UNKNOWN", "ATTITUD"], 0)
     assert read(data[:half] + strange + b"?" * 9 + data[half:]) == (["ATTITUD", "ATTITUD"], 1)
-    for tail in (1, 7, 8):  # a stamp without its frame tells nothing
+    for tail in (1, 7, 8):  # a stamp without its frame is ignored
         names, _ = read(data + strange + b"?" * tail)
         assert names == ["ATTITUD", "ATTITUD"]
 
 
-def test_damage_at_the_very_beginning_counts_as_one_stretch(tmp_path: Path) -> None:
+def test_damage_at_the_start_counts_as_one_stretch(tmp_path: Path) -> None:
     data = written(tmp_path / "a.tlog")
     (tmp_path / "b.tlog").write_bytes(b"not a log at all" + data)
     log = read_tlog(tmp_path / "b.tlog")
@@ -149,7 +149,9 @@ def test_damage_at_the_very_beginning_counts_as_one_stretch(tmp_path: Path) -> N
     assert (log.damaged, log.damaged_bytes) == (1, 16)
 
 
-def test_a_long_log_is_read_in_few_pieces_and_never_held_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_log_is_read_in_few_chunks_and_never_held_whole_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(tlog, "_CHUNK", 4096)
     data = written(tmp_path / "a.tlog", 900)
     sizes: list[int] = []

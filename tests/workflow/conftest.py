@@ -20,7 +20,7 @@ DRAWN = page.drawn
 
 @pytest.fixture(scope="module", autouse=True)
 def without_pictures() -> Iterator[None]:
-    """Leave the pictures out of reports, a quarter of many a job, but where a file looks at them and says so."""
+    """Omit the figures from reports, a quarter of the time of many a job, except in files that check them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "drawn", lambda figure: iter(()))
         yield
@@ -28,7 +28,7 @@ def without_pictures() -> Iterator[None]:
 
 @contextmanager
 def with_pictures() -> Iterator[None]:
-    """Draw them meanwhile: one page of the file is looked at."""
+    """Plot them meanwhile: one page of the file is checked."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "drawn", DRAWN)
         yield

@@ -19,7 +19,7 @@ __all__ = ["LuaHost"]
 
 FOLDER = "APM/scripts/"
 RESTART_MS = 1000
-"""ArduPilot looks once a second whether scripts are to be loaded anew."""
+"""ArduPilot checks once a second whether scripts must be reloaded."""
 
 PRELUDE = """
 local function u32(v)
@@ -57,7 +57,7 @@ class LuaHost:
     Attributes
     ----------
     breaches, charge, has_position : what the simulated autopilot reports of fence, battery [%] and position.
-    moved : RC channel -> PWM [us] of a stick that somebody moves.
+    moved : RC channel -> PWM [us] of a stick that a pilot moves.
     log : bytes of the dataflash log. rows : (time [s], name, values) of the rows logged.
     error : text of the last Lua error. is_hung : scripts never run again. lateness [ms] : scripts run that late.
     """
@@ -84,7 +84,7 @@ class LuaHost:
     # --- ScriptHost ---------------------------------------------------------------------------------------
 
     def restart(self) -> None:
-        """Load all scripts on the card anew."""
+        """Reload all scripts on the card."""
         self._run.clear()
         self._load_at = self._autopilot.ms + RESTART_MS
 

@@ -1,4 +1,4 @@
-"""A harness for testing whole jobs: a simulated vehicle on a memory link, and somebody meddling with the wire.
+"""A harness for testing whole jobs: a simulated vehicle on a memory link, and a meddler on the link.
 
 The only place besides the benchmarks where tuner and simulator meet in one process, and only by bytes.
 """
@@ -20,7 +20,7 @@ from sitl import Server, open_vehicle
 
 WHEN = "2026-11-20T12:00:00"
 QUICK = "blueboat"
-"""A boat that answers within a second: its tune takes half the time of Charlie's."""
+"""A boat that responds within a second: its tune takes half the time of Charlie's."""
 SLOW_LOOP: Mapping[str, Any] = {"parameters": {"SCHED_LOOP_RATE": 100.0}}
 """Options of a simulated ArduSub whose 400 Hz do not matter: a quarter of the work."""
 Meddling = Callable[[float, Any], Iterable[Any]]
@@ -103,7 +103,7 @@ class SitlHarness:
 
     @property
     def found(self) -> str:
-        """The mode it was found in, as the workflow said; empty when it never came so far."""
+        """The original mode, as the workflow announced it; empty when it never got so far."""
         return next((t.split()[5].rstrip(",") for t in self.said if t.startswith("State before the run: mode")), "")
 
     def settings(self, axis: str = "heading", *, simulated: bool = True, **changes: Any) -> TuneSettings:
@@ -143,10 +143,10 @@ class SitlHarness:
 
 
 class Ear(SilentObserver):
-    """Remembers what was said."""
+    """Remembers the announcements."""
 
-    def __init__(self, said: list[str]) -> None:
-        self._said = said
+    def __init__(self, announced: list[str]) -> None:
+        self._said = announced
 
     def say(self, text: str) -> None:
         self._said.append(text)

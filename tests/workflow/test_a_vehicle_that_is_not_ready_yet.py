@@ -1,4 +1,4 @@
-"""Just booted, at the surface, cruising fast: what the tool met on ArduPilot's own simulator."""
+"""Just booted, at the surface, cruising fast: cases met on ArduPilot's own simulator."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.workflow.sitl_harness import SitlHarness
 
 
 class StopsWhen:
-    """Presses Ctrl-C once something has been said."""
+    """Presses Ctrl-C at the first announcement that begins with *beginning*."""
 
     def __init__(self, harness, beginning):
         self.harness, self.beginning = harness, beginning
@@ -30,14 +30,14 @@ class StopsWhen:
 
 
 @pytest.mark.slow
-def test_a_boat_without_a_position_is_waited_for_before_it_is_armed(tmp_path):
+def test_a_boat_without_a_position_is_awaited_before_it_is_armed(tmp_path):
     harness = SitlHarness(tmp_path)
     harness.vehicle.autopilot.ready_ms = 42_000
     with pytest.raises(OperatorStopped):
         harness.tune(StopsWhen(harness, "step with present gains"))
-    said = harness.said
-    waiting = next(i for i, t in enumerate(said) if t.startswith("waiting for the vehicle"))
-    assert waiting < said.index("step with present gains")
+    announced = harness.said
+    waiting = next(i for i, t in enumerate(announced) if t.startswith("waiting for the vehicle"))
+    assert waiting < announced.index("step with present gains")
     assert harness.server.now > 42.0
     harness.assert_as_found()
 
@@ -53,7 +53,7 @@ def test_only_an_rov_near_the_surface_dives_and_only_for_depth():
 @pytest.mark.parametrize(
     ("depths", "flown"), [((0.3, 2.0), "dive relay-1 relay-2"), ((2.0, 0.3), "relay-1 dive relay-2")]
 )
-def test_an_rov_dives_before_every_manoeuvre_that_would_begin_at_the_surface(depths, flown):
+def test_an_rov_dives_before_every_manoeuvre_that_would_start_at_the_surface(depths, flown):
     names: list[str] = []
 
     def fly(manoeuvre, stage):
@@ -86,14 +86,14 @@ def descend(rate: float) -> Dive:
     return dive
 
 
-def test_a_dive_ends_at_its_depth_or_says_that_the_craft_does_not_sink():
+def test_a_dive_ends_at_its_depth_or_reports_that_the_craft_does_not_sink():
     assert descend(0.2).outcome.ending == "completed"
     refused = descend(0.0).outcome
     assert refused.ending == "aborted"
     assert "did not reach 1.5 m" in refused.reason
 
 
-def test_speed_and_distance_limits_grow_with_the_cruise_unless_they_are_given():
+def test_default_speed_and_distance_limits_grow_with_the_cruise_speed():
     assert (Envelope().speed_limit, Envelope().distance_limit) == (4.0, 300.0)
     assert (Envelope(cruise=5.0).speed_limit, Envelope(cruise=5.0).distance_limit) == (7.5, 500.0)
     assert Envelope(cruise=5.0, speed=3.0).speed_limit == 3.0

@@ -82,7 +82,7 @@ class Scripted(SitlHarness):
         return fly_aboard(settings, operator or Unattended(), Ear(self.said), WHEN)
 
     def when(self, begins: str, act: Callable[[], object]) -> None:
-        """Do *act* once, some seconds after the script has said that it flies part *begins*."""
+        """Do *act* once, some seconds after the script has announced part *begins*."""
         seen: list[float] = []
 
         def watch() -> None:
@@ -108,7 +108,7 @@ FIRST = "first self-oscillation"
 
 
 @pytest.mark.parametrize("rate", [0.0, SLOW])
-def test_a_boat_is_identified_from_what_its_script_logged(tmp_path, rate):
+def test_a_boat_is_identified_from_the_log_of_its_script(tmp_path, rate):
     harness = Scripted(tmp_path, rate=rate)
     fit = harness.aboard()
     for name, truth in TRUTH.items():
@@ -124,7 +124,7 @@ def test_a_boat_is_identified_from_what_its_script_logged(tmp_path, rate):
     assert (relay.ending, second.ending, step.ending) == ("completed",) * 3
 
 
-def test_the_run_and_the_log_alone_are_identified_like_any_other(tmp_path, capsys):
+def test_the_run_and_its_log_alone_can_be_identified(tmp_path, capsys):
     harness = Scripted(tmp_path, "blueboat")
     fit = harness.aboard()
     capsys.readouterr()
@@ -134,7 +134,7 @@ def test_the_run_and_the_log_alone_are_identified_like_any_other(tmp_path, capsy
         assert found["alpha_r"]["value"] == pytest.approx(fit.parameters["alpha_r"].value, rel=0.05)
 
 
-def test_an_rov_that_knows_its_position_late_is_identified_in_depth(tmp_path):
+def test_an_rov_with_a_late_position_estimate_is_identified_in_depth(tmp_path):
     harness = Scripted(tmp_path, "falcon", SCHED_LOOP_RATE=100.0)
     harness.host.has_position = False
     harness.when("second self-oscillation", lambda: setattr(harness.host, "has_position", True))
@@ -144,7 +144,7 @@ def test_an_rov_that_knows_its_position_late_is_identified_in_depth(tmp_path):
     harness.assert_restored()
 
 
-def test_a_silence_of_the_link_does_not_end_what_the_autopilot_flies(tmp_path):
+def test_a_silent_link_does_not_end_the_script(tmp_path):
     harness = Scripted(tmp_path, SIM_RC_FAIL=0)
     harness.when(FIRST, lambda: setattr(harness.card, "lost_until", harness.vehicle.seconds + 12.0))
     fit = harness.aboard(silence=0.0)
@@ -176,7 +176,7 @@ def test_a_stop_ends_the_script_and_everything_is_restored(tmp_path):
     harness.assert_restored()
 
 
-def test_another_stations_mode_ends_the_script_and_stays(tmp_path):
+def test_a_mode_set_by_another_station_ends_the_script_and_stays(tmp_path):
     harness = Scripted(tmp_path)
     harness.when(FIRST, lambda: harness.vehicle.autopilot.set_mode(HOLD))
     with pytest.raises(GuardTripped, match="HOLD"):
@@ -186,7 +186,7 @@ def test_another_stations_mode_ends_the_script_and_stays(tmp_path):
     assert harness.vehicle.autopilot.mode.number == HOLD
 
 
-def test_a_stick_ends_the_script_and_the_craft_stays_its_operators(tmp_path):
+def test_a_moved_stick_ends_the_script_and_leaves_control_to_the_pilot(tmp_path):
     harness = Scripted(tmp_path, SIM_RC_FAIL=0)
     harness.when(FIRST, lambda: harness.host.moved.update({3: 1620}))
     with pytest.raises(GuardTripped, match="a stick was moved"):
@@ -198,7 +198,7 @@ def test_a_stick_ends_the_script_and_the_craft_stays_its_operators(tmp_path):
     assert any("This order is respected" in text for text in harness.said)
 
 
-def test_a_limit_ends_the_script_and_says_what_to_do(tmp_path):
+def test_a_limit_ends_the_script_with_its_cure(tmp_path):
     harness = Scripted(tmp_path)
     harness.when(FIRST, lambda: setattr(harness.host, "charge", 5.0))
     with pytest.raises(GuardTripped, match=r"battery charge was too low.*Charge the battery"):
@@ -209,7 +209,7 @@ def test_a_limit_ends_the_script_and_says_what_to_do(tmp_path):
     assert relay.ending == "aborted"
 
 
-def test_a_script_that_fails_is_told_with_the_autopilots_words(tmp_path):
+def test_a_failing_script_is_reported_and_removed(tmp_path):
     harness = Scripted(tmp_path)
     harness.when(FIRST, lambda: setattr(harness.host, "breaches", None))
     with pytest.raises(AutotuneError):
@@ -234,7 +234,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_what_cannot_be_flown_is_refused_before_anything_is_armed(tmp_path, what):
+def test_an_impossible_script_is_refused_before_anything_is_armed(tmp_path, what):
     own, options, error, words = REFUSED[what]
     harness = Scripted(tmp_path, **own)
     with pytest.raises(error, match=words):

@@ -1,4 +1,4 @@
-"""The turn-rate step beside a heading step stays within the heading limit, and is left out where it tells nothing."""
+"""The turn-rate step that accompanies a heading step stays within the heading limit."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ SETTINGS = TuneSettings(Connection("memory"), Path("run"), axis="heading", step=
 
 
 @pytest.mark.parametrize("speed", [1.5, 0.0])
-def test_it_is_not_sized_by_the_heading_step_that_was_asked_for(speed: float) -> None:
+def test_the_size_is_independent_of_the_requested_heading_step(speed: float) -> None:
     s = proof_of_turn_rate(SETTINGS, speed, BOAT, beside=True).settings
     assert s.size > 20.0 * DEG
     assert s.duration <= 6.0
     assert s.base == pytest.approx(-0.5 * s.size)
 
 
-def test_its_turn_rates_are_reduced_so_that_the_turn_keeps_a_margin_to_the_heading_limit() -> None:
+def test_the_turn_rate_step_is_reduced_to_keep_a_margin_to_the_heading_limit() -> None:
     wide = proof_of_turn_rate(_within(math.inf), 1.5, BOAT, beside=True).settings
     assert farthest_turn(wide) == pytest.approx(0.5 * wide.size * (6.0 + STOPPING))
     s = proof_of_turn_rate(_within(50.0 * DEG), 1.5, BOAT, beside=True).settings
@@ -38,18 +38,18 @@ def test_its_turn_rates_are_reduced_so_that_the_turn_keeps_a_margin_to_the_headi
         proof_of_turn_rate(_within(1.0 * DEG), 1.5, BOAT, beside=True)
 
 
-def test_a_turn_rate_step_of_the_user_that_turns_too_far_is_rejected() -> None:
-    asked = replace(SETTINGS, axis="yaw", step=60.0 * DEG, step_duration=8.0)
+def test_a_requested_turn_rate_step_that_turns_too_far_is_rejected() -> None:
+    requested = replace(SETTINGS, axis="yaw", step=60.0 * DEG, step_duration=8.0)
     with pytest.raises(PreconditionFailed, match=r"step of 60 deg/s for 8\.0 s may turn the craft by 234 deg"):
-        proof_of_turn_rate(asked, 0.0, BOAT)
-    assert proof_of_turn_rate(replace(asked, step=20.0 * DEG), 0.0, BOAT).settings.size == 20.0 * DEG
+        proof_of_turn_rate(requested, 0.0, BOAT)
+    assert proof_of_turn_rate(replace(requested, step=20.0 * DEG), 0.0, BOAT).settings.size == 20.0 * DEG
 
 
 def test_the_turn_is_announced_with_its_limit() -> None:
     s = proof_of_turn_rate(SETTINGS, 0.0, BOAT, beside=True).settings
-    told = turn_sentence(s, 120.0 * DEG)
-    assert f"turns the craft by up to {farthest_turn(s) / DEG:.0f} deg. It ends early" in told
-    assert "before the limit of 120 deg" in told
+    reported = turn_sentence(s, 120.0 * DEG)
+    assert f"turns the craft by up to {farthest_turn(s) / DEG:.0f} deg. It ends early" in reported
+    assert "before the limit of 120 deg" in reported
 
 
 def _within(limit: float) -> TuneSettings:

@@ -29,8 +29,8 @@ class Boat:
 
     def figures(self, run: Path) -> dict[str, float]:
         """Return the figures of a flown manoeuvre."""
-        told = json.loads((run / "figures.json").read_text())
-        return {f["slug"]: f["value"] for sheet in told["sheets"] for f in sheet["figures"]}
+        reported = json.loads((run / "figures.json").read_text())
+        return {f["slug"]: f["value"] for sheet in reported["sheets"] for f in sheet["figures"]}
 
 
 @pytest.fixture(scope="module", params=["blueboat", "charlie"])
@@ -50,34 +50,34 @@ def near(predicted: float, measured: float) -> bool:
 
 
 @pytest.mark.slow
-def test_the_turning_circle_is_the_one_that_is_flown(flown: tuple[Boat, Authority]) -> None:
+def test_the_predicted_turning_circle_agrees_with_the_flown_one(flown: tuple[Boat, Authority]) -> None:
     boat, found = flown
-    told = boat.figures(boat.run("circle", "fly", "turning-circle", "--steering", "1"))
+    reported = boat.figures(boat.run("circle", "fly", "turning-circle", "--steering", "1"))
     circle = next(c for c in found.circles if c.throttle == pytest.approx(found.models.working))
-    assert near(circle.diameters["starboard"].value, told["steady-diameter"])
-    assert near(circle.rates["starboard"].value, abs(told["rate"]))
-    assert near(found.figures["turn-rate-starboard"].value, abs(told["rate"]))
+    assert near(circle.diameters["starboard"].value, reported["steady-diameter"])
+    assert near(circle.rates["starboard"].value, abs(reported["rate"]))
+    assert near(found.figures["turn-rate-starboard"].value, abs(reported["rate"]))
 
 
 @pytest.mark.slow
-def test_top_speed_and_the_stop_with_full_astern_are_those_flown(flown: tuple[Boat, Authority]) -> None:
+def test_predicted_top_speed_and_full_astern_stop_agree_with_the_flown_ones(flown: tuple[Boat, Authority]) -> None:
     boat, found = flown
-    told = boat.figures(boat.folder / "astern")
-    assert near(found.figures["top-ahead"].value, told["approach"])
-    assert near(found.figures["stop-astern-top"].value, told["track-reach"])
-    assert near(found.figures["stop-time-astern-top"].value, told["time-stop"])
+    reported = boat.figures(boat.folder / "astern")
+    assert near(found.figures["top-ahead"].value, reported["approach"])
+    assert near(found.figures["stop-astern-top"].value, reported["track-reach"])
+    assert near(found.figures["stop-time-astern-top"].value, reported["time-stop"])
 
 
 @pytest.mark.slow
-def test_the_stop_without_thrust_is_the_one_that_is_flown(flown: tuple[Boat, Authority]) -> None:
+def test_the_predicted_coasting_stop_agrees_with_the_flown_one(flown: tuple[Boat, Authority]) -> None:
     boat, found = flown
-    told = boat.figures(boat.run("coasting", "fly", "stopping", "--throttle", "1"))
+    reported = boat.figures(boat.run("coasting", "fly", "stopping", "--throttle", "1"))
     stop = found.figures["stop-coasting-top"]
-    assert near(stop.value, told["track-reach"])
+    assert near(stop.value, reported["track-reach"])
 
 
 @pytest.mark.slow
-def test_the_actuators_of_both_boats_become_parameters(flown: tuple[Boat, Authority]) -> None:
+def test_the_actuators_of_both_boats_give_parameters(flown: tuple[Boat, Authority]) -> None:
     _, found = flown
     rows = {row.name: row for row in limits_for(found)}
     if found.models.skid:

@@ -102,7 +102,7 @@ ON_SHORE = {
 
 
 @pytest.mark.parametrize(("error", "words", "options"), ON_SHORE.values(), ids=ON_SHORE)
-def test_what_is_wrong_from_the_start_is_named(tmp_path, error, words, options):
+def test_an_initial_error_is_reported(tmp_path, error, words, options):
     harness = SitlHarness(tmp_path, QUICK, **options)
     with pytest.raises(error, match=words):
         harness.tune()
@@ -120,7 +120,7 @@ UNDER_WAY = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("error", "words", "meddling"), UNDER_WAY.values(), ids=UNDER_WAY)
-def test_what_goes_wrong_under_way_is_named_and_undone(tmp_path, whole, error, words, meddling):
+def test_an_error_during_the_run_is_reported_and_undone(tmp_path, whole, error, words, meddling):
     harness = SitlHarness(tmp_path, QUICK, meddling=meddling(whole[1]))
     with pytest.raises(error, match=words):
         harness.tune()
@@ -140,14 +140,14 @@ REFUSED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("error", "words", "name", "settings"), REFUSED.values(), ids=REFUSED)
-def test_settings_that_cannot_be_met_or_that_end_it_are_named(tmp_path, error, words, name, settings):
+def test_unmet_requirements_and_tripped_limits_are_reported(tmp_path, error, words, name, settings):
     harness = SitlHarness(tmp_path, name, **(SLOW_LOOP if name == "automarine" else {}))
     with pytest.raises(error, match=words):
         harness.tune(**settings)
     harness.assert_as_found()
 
 
-def test_a_vehicle_that_is_neither_boat_nor_rov(tmp_path):
+def test_a_vehicle_that_is_neither_boat_nor_rov_is_refused(tmp_path):
     def copter(t, message):
         if message.get_type() == "HEARTBEAT":
             message.type = 2
@@ -161,7 +161,7 @@ def test_a_vehicle_that_is_neither_boat_nor_rov(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_missing_context_parameter_is_said_and_done_without(tmp_path):
+def test_a_missing_context_parameter_is_reported_and_tolerated(tmp_path):
     harness = SitlHarness(tmp_path, QUICK, meddling=parameter("ATC_TURN_MAX_G"))
     harness.tune(dry_run=True)
     assert any("ATC_TURN_MAX_G" in text for text in harness.said)
@@ -170,7 +170,7 @@ def test_a_missing_context_parameter_is_said_and_done_without(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.07, 0.2, 0.4, 0.7, 0.95])
-def test_a_link_that_falls_silent_leaves_a_neutral_vehicle_and_a_journal(tmp_path, whole, share):
+def test_a_link_that_falls_silent_leaves_a_neutral_vehicle_and_a_record(tmp_path, whole, share):
     harness = SitlHarness(tmp_path, QUICK, meddling=silent_after(share * whole[1]))
     with pytest.raises((LinkLost, NotAsFound)) as caught:
         harness.tune()
@@ -181,7 +181,7 @@ def test_a_link_that_falls_silent_leaves_a_neutral_vehicle_and_a_journal(tmp_pat
 
 
 @pytest.mark.slow
-def test_after_a_link_lost_in_mid_proof_restore_puts_the_old_gains_back_from_the_journal(tmp_path):
+def test_restore_restores_the_old_gains_after_a_link_lost_in_mid_proof(tmp_path):
     def silent_in_the_proof(t, message):
         harness.peer.deaf = "step with new gains" in harness.said
         return () if harness.peer.deaf else (message,)
@@ -205,7 +205,7 @@ def test_after_a_link_lost_in_mid_proof_restore_puts_the_old_gains_back_from_the
 
 
 @pytest.mark.slow
-def test_a_limit_cycle_that_never_settles(tmp_path):
+def test_a_limit_cycle_that_never_settles_is_reported(tmp_path):
     def gusts(t, m):
         m.yaw += 0.3 * math.sin(0.61 * t) + 0.2 * math.sin(0.37 * t + 1.0)
 
@@ -217,7 +217,7 @@ def test_a_limit_cycle_that_never_settles(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_message_from_another_system_is_not_believed(tmp_path):
+def test_a_message_from_another_system_is_ignored(tmp_path):
     forged = []
 
     def forge(t, message):
@@ -243,7 +243,7 @@ def test_a_message_from_another_system_is_not_believed(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.003, 0.01, 0.02, 0.03, 0.1, 0.25, 0.4, 0.6, 0.75, 0.85, 0.9, 0.97])
-def test_ctrl_c_at_any_point_leaves_everything_as_found(tmp_path, whole, share):
+def test_ctrl_c_at_any_point_leaves_the_vehicle_unchanged(tmp_path, whole, share):
     harness = SitlHarness(tmp_path, QUICK)
     with pytest.raises(OperatorStopped):
         harness.tune(StopsAt(1 + int(share * whole[0])))
@@ -251,7 +251,7 @@ def test_ctrl_c_at_any_point_leaves_everything_as_found(tmp_path, whole, share):
 
 
 @pytest.mark.slow
-def test_ctrl_c_while_the_new_gains_are_flown_puts_the_old_ones_back(tmp_path):
+def test_ctrl_c_during_the_proof_restores_the_old_gains(tmp_path):
     class StopsInTheProof(StopsAt):
         def stop_requested(self):
             return any(text == "new gains written and verified by reading back" for text in harness.said)

@@ -43,13 +43,13 @@ def come() -> Any:
 
 
 @pytest.mark.usefixtures("silent_craft")
-def test_a_link_lost_on_leaving_does_not_hide_that_restore_has_work_to_do() -> None:
+def test_a_link_lost_on_leaving_does_not_hide_the_restore_instruction() -> None:
     with pytest.raises(NotAsFound, match="gcs-autotune restore"), come():
         raise NotAsFound("run `gcs-autotune restore`", differences={"mode": "silent"})
 
 
 @pytest.mark.usefixtures("silent_craft")
-def test_a_link_lost_on_leaving_is_said_when_nothing_else_went_wrong() -> None:
+def test_a_link_lost_on_leaving_is_reported_without_another_error() -> None:
     with pytest.raises(LinkLost), come():
         pass
 
@@ -62,9 +62,9 @@ def test_a_link_lost_on_leaving_is_said_when_nothing_else_went_wrong() -> None:
         ("bluerov2", "the turning thrusters by 5 % to check"),
     ],
 )
-def test_a_craft_that_steers_by_thrust_is_not_promised_to_be_twitched_without(vehicle: str, twitched: str) -> None:
+def test_the_announced_twitch_matches_how_the_craft_steers(vehicle: str, twitched: str) -> None:
     with Session(MemoryLink(open_vehicle(vehicle, seed=1), quantum=0.02)) as session:
         craft = open_craft(session)
-        said = connection.arming(craft).text
-    assert said.startswith("arm the vehicle, and disarm it at the end; move ")
-    assert twitched in said
+        announced = connection.arming(craft).text
+    assert announced.startswith("arm the vehicle, and disarm it at the end; move ")
+    assert twitched in announced

@@ -33,7 +33,7 @@ def visit(craft: NominalPlant = BOAT, envelope: Envelope = NO_LIMITS) -> VisitPr
     return VisitPreview(craft, envelope, PlantState(), under_way=True)
 
 
-def test_each_stage_begins_as_the_last_one_ended_and_the_coasting_counts():
+def test_each_stage_starts_where_the_last_one_ended_and_coasting_counts():
     flown = visit()
     flown.fly(Ahead(1.0, 30.0), "first")
     flown.fly(Ahead(1.0, 30.0), "second")
@@ -45,7 +45,7 @@ def test_each_stage_begins_as_the_last_one_ended_and_the_coasting_counts():
     assert whole.speed == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_preview_goes_on_from_the_state_another_left():
+def test_a_preview_continues_from_the_state_another_left():
     def ahead(t: float) -> dict[str, float]:
         return {"X": 1.0}
 
@@ -56,7 +56,7 @@ def test_a_preview_goes_on_from_the_state_another_left():
     assert second.away > first.away + 15.0
 
 
-def test_a_boat_that_would_leave_its_space_turns_around_as_on_the_water_and_comes_back():
+def test_a_boat_that_would_leave_its_space_turns_around_in_the_preview():
     flown = visit(envelope=replace(NO_LIMITS, distance=60.0, cruise=1.0))
     flown.fly(Ahead(1.0, 40.0), "first")
     flown.turn_around(0.5, 30.0)
@@ -70,7 +70,7 @@ def test_a_boat_that_would_leave_its_space_turns_around_as_on_the_water_and_come
     assert len(stays.excursion().stages) == 1
 
 
-def test_of_several_craft_the_worst_counts_and_what_every_one_needs_is_known():
+def test_the_worst_of_several_assumed_crafts_counts():
     craft = [assumed_plant(FIRMWARE["ardurover"], {}, 0.5, 1.2, like) for like in assumed_crafts("rudder")]
     radii = [1.2 / one.yaw.steady_velocity(1.0) for one in craft]
     assert max(radii) == pytest.approx(6.7) and min(radii) == pytest.approx(3.0)
@@ -79,7 +79,7 @@ def test_of_several_craft_the_worst_counts_and_what_every_one_needs_is_known():
     assert worst.least["turn_rate"] == 0.2
 
 
-def test_a_limit_that_was_set_and_cannot_be_kept_is_refused_with_the_nearest_that_can():
+def test_a_limit_below_the_requirement_is_refused_with_a_feasible_one():
     whole = worst_of([Excursion(80.0, 50.0, time=40.0, speed=1.0, turn_rate=r) for r in (0.2, 0.4)])
     assert whole.needs == 60.0
     assert not whole.beyond(Envelope(), "zig-zag")
@@ -94,15 +94,15 @@ def test_a_limit_that_was_set_and_cannot_be_kept_is_refused_with_the_nearest_tha
     assert "--max-turn-rate 14" in whole.beyond(Envelope(turn_rate=0.1), "zig-zag")
 
 
-def test_the_nearest_feasible_distance_is_found_between_none_and_the_most():
+def test_the_smallest_feasible_distance_is_found_by_search():
     assert least_distance(lambda metres: metres < 83.0, 300.0) == pytest.approx(85.0, abs=5.0)
     assert math.isnan(least_distance(lambda metres: True, 300.0))
 
 
-def test_the_announcement_has_the_whole_of_it_with_its_stages():
+def test_the_announcement_contains_distance_time_and_stages():
     whole = Excursion(130.0, 75.0, (("sign check", 40.0), ("zig-zag", 54.0)))
-    told = whole_of(whole, Envelope(), "a test").text
-    assert told == (
+    reported = whole_of(whole, Envelope(), "a test").text
+    assert reported == (
         "need up to 90 m from the start, and up to 2 min 20 s: sign check 40 s, zig-zag 55 s; predicted from a test"
     )
     assert (
@@ -117,7 +117,7 @@ def test_the_announcement_has_the_whole_of_it_with_its_stages():
     assert [exactly(t) for t in (3.0, 31.0, 36.0, 56.0)] == ["5 s", "35 s", "40 s", "1 min"]
 
 
-def test_a_distance_is_announced_in_whole_metres_while_it_is_short():
+def test_a_short_distance_is_announced_in_whole_metres():
     assert [Excursion(60.0, d).needs for d in (3.0, 20.5, 27.0)] == [5.0, 25.0, 35.0]
     assert [Excursion(60.0, d, submerged=True).needs for d in (3.0, 20.5)] == [4.0, 23.0]
 
@@ -128,13 +128,13 @@ def pull_out(like: AssumedCraft) -> Preview:
     return preview(settings.make(0.0, keep_still=True), paper, NO_LIMITS, floats=False)
 
 
-def test_an_rov_takes_long_to_stop_turning_for_its_drag_goes_by_the_square():
+def test_an_rov_with_quadratic_drag_takes_long_to_stop_turning():
     usual, slow, quick = (pull_out(like).seconds for like in assumed_crafts("rov")[:3])
     assert quick < usual < slow
     assert slow > 1.3 * quick  # with drag by the speed alone 1.06
 
 
-def test_an_rov_that_is_fast_and_heavy_coasts_furthest():
+def test_a_fast_and_heavy_rov_coasts_furthest():
     far = []
     for like in assumed_crafts("rov")[:4]:
         craft = assumed_plant(FIRMWARE["ardusub"], {}, 0.0, 0.0, like)

@@ -14,14 +14,14 @@ from .sitl_harness import WHEN, Ear, SitlHarness
 
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", ["yaw", "speed"])
-def test_every_axis_of_a_boat_is_identified_and_left_with_a_page(axis: str, tmp_path: Path) -> None:
+def test_every_axis_of_a_boat_is_identified_and_reported(axis: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     fit = experiment(harness.settings(axis), Unattended(), Ear(harness.said), WHEN)
     assert fit.dof == axis_kind(axis).dof
     assert fit.fit_percent > 80.0
-    said = " ".join(harness.said)
-    assert said.index("will move") < said.index("State before the run: mode") < said.rindex("sign check")
-    assert f"experiments in {axis}" in said
+    announced = " ".join(harness.said)
+    assert announced.index("will move") < announced.index("State before the run: mode") < announced.rindex("sign check")
+    assert f"experiments in {axis}" in announced
     harness.assert_neutral()
     assert not harness.vehicle.autopilot.armed
     assert dict(harness.vehicle.parameters.values) == harness.parameters

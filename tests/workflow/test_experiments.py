@@ -34,12 +34,12 @@ def flown(quantum: float, standing_error: float = 0.0) -> Trial:
     )
 
 
-def test_the_quantum_of_a_coarse_compass_is_seen_and_a_fine_one_has_none() -> None:
+def test_the_resolution_of_a_coarse_compass_is_detected() -> None:
     assert resolution(flown(QUANTUM)) == pytest.approx(QUANTUM, rel=1e-6)
     assert resolution(flown(0.0)) == 0.0
 
 
-def test_a_standing_error_below_the_quantum_is_not_blamed_on_the_gains() -> None:
+def test_a_steady_error_below_the_resolution_is_not_attributed_to_the_gains() -> None:
     trial = flown(QUANTUM, standing_error=0.6 * QUANTUM)
     honest, blind = measure(trial, resolution=resolution(trial)), measure(trial)
     assert blind.itae > 10.0
@@ -48,18 +48,18 @@ def test_a_standing_error_below_the_quantum_is_not_blamed_on_the_gains() -> None
     assert honest.overshoot == 0.0
 
 
-def test_a_fine_sensor_still_shows_a_small_standing_error() -> None:
+def test_a_fine_sensor_still_shows_a_small_steady_error() -> None:
     trial = flown(0.0, standing_error=0.6 * QUANTUM)
     assert measure(trial, 0.0, resolution(trial)).itae > 10.0
 
 
-def test_a_step_that_never_began_measures_as_nothing() -> None:
+def test_a_step_that_never_started_has_no_metrics() -> None:
     trial = flown(QUANTUM)
     held = Trial(trial.name, trial.channels, trial.marks[:1], "stopped", meta=trial.meta)
     assert math.isnan(measure(held).itae)
 
 
-def test_steps_are_compared_over_what_both_recorded_and_nothing_is_made_up() -> None:
+def test_steps_are_compared_over_the_time_both_recorded() -> None:
     long, short = flown(0.0, 0.05), flown(0.0, 0.05)
     short = replace(short.between(0.0, 41.0), meta={**short.meta, "lasted": [8.0, 9.0]})
     early = [replace(m, t=11.0) if m.t == 33.0 else m for m in short.marks]
@@ -73,7 +73,7 @@ def test_steps_are_compared_over_what_both_recorded_and_nothing_is_made_up() -> 
     assert measure(long).itae > 5.0 * there[0].itae
 
 
-def test_a_step_back_that_a_limit_ended_at_once_is_left_out_of_both_steps() -> None:
+def test_a_step_back_ended_at_once_by_a_limit_is_omitted_from_both_steps() -> None:
     long, short = flown(0.0, 0.05), flown(0.0, 0.05)
     short = replace(short, meta={**short.meta, "lasted": [29.0, 0.02]})
     alike = common_windows(long, short)
@@ -87,32 +87,32 @@ def test_a_step_back_that_a_limit_ended_at_once_is_left_out_of_both_steps() -> N
     )
 
 
-def test_a_half_that_only_one_of_two_steps_has_is_read_all_the_same() -> None:
+def test_a_half_that_only_one_step_has_is_still_measured() -> None:
     ran_away = Trial("step-before", {}, flown(0.0).marks[:2], "stopped", meta={"signal": "psi", "duration": 29.0})
     assert common_windows(ran_away, flown(0.0)) == (29.0,)
     assert measure(flown(0.0), windows=(29.0,)) == measure(flown(0.0))
 
 
-def quick(phase: float, late: float = 0.0, told: float = 0.0, lag: float = 0.0) -> Trial:
+def quick(phase: float, late: float = 0.0, reported: float = 0.0, lag: float = 0.0) -> Trial:
     """A turn-rate step over in half a second, read at 10 Hz from *phase* [s] on, *late* [s] after it was sent."""
     t = np.arange(phase, 11.0, 0.1)
     rise = -0.5 + np.where(t < 4.0 + late, 0.0, 1.0 - np.exp(-np.maximum(t - 4.0 - late, 0.0) / 0.15))
     targets = [Mark(at, "target", {"value": value}) for at, value in ((0.0, -0.5), (4.0, 0.5))]
     channels = {"r": Channel("r", "rad/s", t, rise), "N": Channel("N", "1", t, np.zeros_like(t))}
-    times = {"loop": told, "command_to_servo": 0.4 * told} if told else {}
+    times = {"loop": reported, "command_to_servo": 0.4 * reported} if reported else {}
     meta = {"signal": "r", "duration": 6.0, "rate_lag": lag, "link_times": times}
     return Trial("step", channels, targets, "completed", meta=meta)
 
 
-def test_the_clock_of_a_quick_step_starts_with_it_and_not_with_the_next_sample() -> None:
+def test_the_clock_of_a_fast_step_starts_with_the_step_not_the_next_sample() -> None:
     true = 0.15**2  # of an exponential
     found = [measure(quick(phase)).itae for phase in (0.01, 0.03, 0.05, 0.07, 0.09)]
     assert np.mean(found) == pytest.approx(true, rel=0.05)
     assert found == pytest.approx([true] * 5, rel=0.25)
 
 
-def test_what_link_and_gyro_take_is_no_error_of_the_loop() -> None:
-    blind, honest = measure(quick(0.03, 0.2)).itae, measure(quick(0.03, 0.2, told=0.15, lag=0.05)).itae
+def test_link_and_gyro_delays_are_not_counted_as_loop_error() -> None:
+    blind, honest = measure(quick(0.03, 0.2)).itae, measure(quick(0.03, 0.2, reported=0.15, lag=0.05)).itae
     assert blind > 2.0 * honest
     assert honest == pytest.approx(0.15**2, rel=0.25)
 
@@ -121,7 +121,7 @@ VECTORED = {"MOT_VEC_ANGLEMAX": 30.0}
 
 
 @pytest.mark.parametrize(
-    ("driven", "present", "wanted"),
+    ("driven", "present", "expected"),
     [
         (0.75, VECTORED, 0.75),
         (0.75, {}, 0.4),
@@ -132,13 +132,13 @@ VECTORED = {"MOT_VEC_ANGLEMAX": 30.0}
     ],
     ids=["vectored", "rudder", "rudder, said", "at its stop", "at rest", "lifted over MOT_THR_MIN"],
 )
-def test_a_turned_thruster_is_identified_at_the_throttle_the_autopilot_drives_with(driven, present, wanted) -> None:
+def test_a_vectored_thruster_is_identified_at_the_throttle_of_the_autopilot(driven, present, expected) -> None:
     step = flown(0.0)
     t = step["psi"].t
     X = Channel("X", "1", t, np.where(t < 0.05, 0.0, driven))
     trial = Trial("step", {**step.channels, "X": X}, step.marks, "completed", meta=step.meta)
-    assert steering_throttle(trial, present, 0.4) == pytest.approx(wanted)
+    assert steering_throttle(trial, present, 0.4) == pytest.approx(expected)
 
 
-def test_a_step_without_its_throttle_leaves_the_cruise_pair_s() -> None:
+def test_a_step_without_recorded_throttle_uses_the_cruise_throttle() -> None:
     assert steering_throttle(flown(0.0), VECTORED, 0.4) == 0.4

@@ -22,7 +22,7 @@ ZIG_ZAG = '[[run]]\nmanoeuvre = "zig-zag"\nheading = 10\nexecutes = 3\n'
 
 @pytest.fixture(scope="module", autouse=True)
 def without_pictures() -> None:
-    """They are drawn here: a page is looked at."""
+    """Plot the figures here: the page is checked."""
 
 
 def plan(harness: SitlHarness, text: str) -> FlightPlan:
@@ -31,7 +31,7 @@ def plan(harness: SitlHarness, text: str) -> FlightPlan:
     return load_flight_plan(path, harness.common(), None, None)
 
 
-def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_that_stays(tmp_path: Path) -> None:
+def test_levels_sides_and_repeats_are_runs_with_unique_names_in_a_fixed_order(tmp_path: Path) -> None:
     text = (
         'title = "two"\n[defaults]\nfull-rudder = 30\nheading = 20\nexecutes = 3\n'
         '[[run]]\nmanoeuvre = "zig-zag"\nrudder = [10, 20]\nsides = "both"\n'
@@ -93,7 +93,7 @@ def test_levels_sides_and_repeats_are_runs_with_names_of_their_own_in_an_order_t
         ),
     ],
 )
-def test_what_is_wrong_with_a_plan_is_said_by_name_and_place(text: str, words: str, tmp_path: Path) -> None:
+def test_a_plan_error_is_reported_with_its_name_and_place(text: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(BadFile) as caught:
         plan(SitlHarness(tmp_path), text)
     assert words in str(caught.value)
@@ -109,7 +109,7 @@ THREE = ZIG_ZAG + ZIG_ZAG.replace("10", "15") + '[[run]]\nmanoeuvre = "doublets"
 
 
 @pytest.mark.slow
-def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on_a_run_not_fitted(
+def test_a_stopped_plan_is_resumed_and_its_model_is_tested_on_held_out_data(
     tmp_path: Path,
 ) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
@@ -123,15 +123,15 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     assert way_on.startswith("2 of 3 runs of the plan are flown. To fly the rest")
     assert any(text.startswith("coming back: returned to ") for text in harness.said)
 
-    said: list[str] = []
+    announced: list[str] = []
     again = harness.directory.parent / "again"
     common = replace(
         harness.common(), connection=Moored(peer=Later(harness.server)), directory=again, resume=harness.directory
     )
     result = fly_plan(
-        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(said), WHEN
+        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, Unattended(), Ear(announced), WHEN
     )
-    assert "1 run (2 already flown): doublets" in " ".join(said)
+    assert "1 run (2 already flown): doublets" in " ".join(announced)
     flown = [load_trial(path) for path in sorted((again / "trials").glob("*.csv"))]
     assert [t.name for t in flown if t.purpose == "identification"] == [*three.names]
     (model,) = result.models
@@ -153,15 +153,15 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
 
 
 @pytest.mark.slow
-def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_read_again(tmp_path: Path) -> None:
+def test_a_completed_plan_is_evaluated_again_without_asking_or_moving(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     text = "".join(
         f"[[run]]\nmanoeuvre = 'doublets'\nforce = '{force}'\nduration = 8\nsteering = 0.3\n" for force in "ZN"
     )
     fly(harness, plan(harness, text))
     checks = "will move: in heave and yaw a small pulse in each direction to check the response, then 2 runs: doublets"
-    assert any(said.startswith(checks) for said in harness.said)
-    said: list[str] = []
+    assert any(announced.startswith(checks) for announced in harness.said)
+    announced: list[str] = []
     common = replace(
         harness.common(),
         connection=Moored(peer=Later(harness.server), simulated=False),
@@ -170,15 +170,15 @@ def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_re
     )
     nobody = Answers()
     result = fly_plan(
-        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, nobody, Ear(said), WHEN
+        load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, nobody, Ear(announced), WHEN
     )
     assert nobody.questions == []
-    assert "every run is complete. Nothing is armed or moved; figures and models are computed again" in said
-    assert not any(text.startswith("State before the run: mode") for text in said)
+    assert "every run is complete. Nothing is armed or moved; figures and models are computed again" in announced
+    assert not any(text.startswith("State before the run: mode") for text in announced)
     assert {model.fit.dof for model in result.models} == {"heave", "yaw"}
 
 
-def test_the_conditions_hold_before_each_run(tmp_path: Path) -> None:
+def test_the_conditions_are_met_before_each_run(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     text = "[conditions]\ncalm = true\nmin-depth = 3.0\n[[run]]\nmanoeuvre = 'doublets'\nduration = 6\nsteering = 0.3\n"
     result = fly(harness, plan(harness, text))

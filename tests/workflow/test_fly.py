@@ -1,4 +1,4 @@
-"""A zig-zag flown over MAVLink: figures, model, preview; whatever ends it, the vehicle is left as found."""
+"""A zig-zag flown over MAVLink: figures, model, preview; the vehicle is restored after every ending."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ SHARE = {"heading": 20.0 * DEG, "steering": 0.6}
 
 
 class Stops(Ear):
-    """Watches, and wants to stop as soon as a phase is under way."""
+    """Observes, and stops as soon as a phase is under way."""
 
-    def __init__(self, said: list[str], phase: str) -> None:
-        super().__init__(said)
+    def __init__(self, announced: list[str], phase: str) -> None:
+        super().__init__(announced)
         self.phase, self.wants = phase, False
 
     def update(self, progress: Any) -> None:
@@ -65,7 +65,7 @@ def figures(run: Any) -> dict[str, float]:
 
 @pytest.fixture(scope="module", autouse=True)
 def without_pictures() -> None:
-    """They are drawn here: a page is looked at."""
+    """Plot the figures here: the page is checked."""
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def charlie(tmp_path_factory: pytest.TempPathFactory) -> tuple[SitlHarness, Any]
 
 
 @pytest.mark.slow
-def test_nomotos_gain_of_a_flown_zig_zag_is_that_of_the_vehicles_own_equations(
+def test_nomotos_gain_of_a_flown_zig_zag_agrees_with_the_vehicles_equations(
     charlie: tuple[SitlHarness, Any],
 ) -> None:
     (sheet,) = charlie[1].sheets
@@ -85,7 +85,7 @@ def test_nomotos_gain_of_a_flown_zig_zag_is_that_of_the_vehicles_own_equations(
 
 
 @pytest.mark.slow
-def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
+def test_figures_read_from_the_run_directory_agree_with_a_run_without_noise(
     charlie: tuple[SitlHarness, Any], tmp_path: Path
 ) -> None:
     harness, _ = charlie
@@ -105,7 +105,7 @@ def test_figures_read_from_the_run_directory_are_those_of_a_run_without_noise(
     assert read["heading"] == pytest.approx(20.0 * DEG, abs=1.5 * DEG)
 
 
-def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_one(
+def test_identify_recovers_the_hidden_model_from_the_run_directory(
     charlie: tuple[SitlHarness, Any],
 ) -> None:
     harness, result = charlie
@@ -118,9 +118,9 @@ def test_identify_reads_the_model_from_the_run_directory_and_it_is_the_hidden_on
     assert result.fit.model.beta == pytest.approx(fit.model.beta, rel=0.01)
 
 
-def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple[SitlHarness, Any]) -> None:
+def test_everything_is_announced_and_the_vehicle_is_restored(charlie: tuple[SitlHarness, Any]) -> None:
     harness, result = charlie
-    said = " ".join(harness.said)
+    announced = " ".join(harness.said)
     for words in (
         "m from the start",
         "Go ahead?",
@@ -128,8 +128,8 @@ def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple
         "sign check ",
         "write no parameter",
     ):
-        assert words in said
-    assert said.index("will move") < said.index("Go ahead?") < said.index("State before the run: mode")
+        assert words in announced
+    assert announced.index("will move") < announced.index("Go ahead?") < announced.index("State before the run: mode")
     harness.assert_restored()
     page = (harness.directory / "report.html").read_text()
     assert "20/20 zig-zag" in page
@@ -143,7 +143,7 @@ def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple
     assert result.remarks == []
 
 
-def test_an_rov_zigzags_by_its_yaw_moment_and_is_held_at_its_depth(tmp_path: Path) -> None:
+def test_an_rov_flies_a_zig_zag_with_its_yaw_moment_and_holds_its_depth(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2")
     result = flown(harness, SHARE, side=-1)
     first = next(m for m in result.trial.marks if m.kind == "execute")
@@ -154,7 +154,7 @@ def test_an_rov_zigzags_by_its_yaw_moment_and_is_held_at_its_depth(tmp_path: Pat
 
 
 @pytest.mark.parametrize("phase", ["pulse", "execute 2"])
-def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(phase: str, tmp_path: Path) -> None:
+def test_a_stop_in_any_phase_restores_the_vehicle_and_keeps_the_record(phase: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     observer = Stops(harness.said, phase)
     with pytest.raises(OperatorStopped):
@@ -167,7 +167,7 @@ def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(p
 
 
 @pytest.mark.slow
-def test_an_angle_that_the_craft_never_reaches_ends_in_a_sentence(tmp_path: Path) -> None:
+def test_a_heading_that_is_never_reached_is_reported_with_a_cure(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with pytest.raises(NotAchieved, match=r"deg required\. Use a smaller --heading"):
         flown(harness, {"heading": 90.0 * DEG, "steering": 0.02})
@@ -175,7 +175,7 @@ def test_an_angle_that_the_craft_never_reaches_ends_in_a_sentence(tmp_path: Path
     assert not harness.vehicle.autopilot.armed
 
 
-def test_a_preview_by_a_model_that_leaves_the_envelope_refuses_before_anything_is_armed(
+def test_a_model_preview_that_leaves_the_envelope_is_refused_before_arming(
     charlie: tuple[SitlHarness, Any], tmp_path: Path
 ) -> None:
     model: ModelFile = load_model(charlie[0].directory / "model.json")
@@ -186,7 +186,7 @@ def test_a_preview_by_a_model_that_leaves_the_envelope_refuses_before_anything_i
     assert not harness.vehicle.autopilot.armed
 
 
-def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[SitlHarness, Any], tmp_path: Path) -> None:
+def test_a_model_preview_predicts_the_flown_run(charlie: tuple[SitlHarness, Any], tmp_path: Path) -> None:
     flown_once, result = charlie
     model = load_model(flown_once.directory / "model.json")
     harness = SitlHarness(tmp_path)
@@ -198,7 +198,7 @@ def test_a_preview_by_a_model_foretells_what_was_flown(charlie: tuple[SitlHarnes
     assert "Track" in seen.page.read_text()
 
 
-def test_no_means_no_and_what_does_not_fit_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_no_arms_nothing_and_unsuitable_options_are_refused(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with pytest.raises(OperatorStopped, match="Nothing was armed"):
         flown(harness, simulated=False, operator=Answers(False))

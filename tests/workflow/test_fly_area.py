@@ -33,7 +33,7 @@ def fly(harness: SitlHarness, corners: tuple[tuple[float, float], ...] | None, n
     return fly_plan(plan, common, Unattended(), Ear(harness.said), WHEN)
 
 
-def test_a_craft_that_leaves_the_area_is_stopped_and_left_as_found_with_its_record(tmp_path: Path) -> None:
+def test_a_craft_that_leaves_the_area_is_stopped_and_restored(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with pytest.raises(GuardTripped, match="m outside the pond") as caught:
         fly(harness, square(6.0))
@@ -44,7 +44,7 @@ def test_a_craft_that_leaves_the_area_is_stopped_and_left_as_found_with_its_reco
     assert list((harness.directory / "trials").glob("*.csv"))
 
 
-def test_a_straight_run_that_leaves_the_area_by_the_vehicles_own_cruise_is_refused_before_anything_is_armed(
+def test_a_run_predicted_to_leave_the_area_at_cruise_speed_is_refused_before_arming(
     tmp_path: Path,
 ) -> None:
     harness = SitlHarness(tmp_path / "own")
@@ -68,7 +68,7 @@ def test_a_craft_outside_the_area_is_refused_before_anything_is_armed(tmp_path: 
     assert near.found == ""
 
 
-def test_the_vehicles_own_fence_is_read_and_watched(tmp_path: Path) -> None:
+def test_the_vehicles_own_fence_is_read_and_monitored(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, **FENCED)
     harness.server.fence = [(5001, 4.0, *corner) for corner in square(6.0)]
     with pytest.raises(GuardTripped, match="m outside its own fence"):
@@ -80,12 +80,12 @@ def test_the_vehicles_own_fence_is_read_and_watched(tmp_path: Path) -> None:
         fly(rock, None)
 
 
-def test_a_fence_that_the_vehicle_does_not_tell_is_mentioned(tmp_path: Path) -> None:
+def test_a_fence_that_the_vehicle_does_not_report_is_mentioned(tmp_path: Path) -> None:
     def silent(t: float, message: Any) -> list[Any]:
         return [] if message.get_type() == "MISSION_COUNT" else [message]
 
     harness = SitlHarness(tmp_path, meddling=silent, **FENCED)
     fly(harness, square(400.0), "steps")
-    said = " ".join(harness.said)
-    assert "FENCE_ENABLE is on, but the vehicle does not report its fence" in said
-    assert "inside the pond: 400 m to its edge" in said
+    announced = " ".join(harness.said)
+    assert "FENCE_ENABLE is on, but the vehicle does not report its fence" in announced
+    assert "inside the pond: 400 m to its edge" in announced

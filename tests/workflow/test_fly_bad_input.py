@@ -1,4 +1,4 @@
-"""What goes wrong at sea: a sentence that says so, everything put back, the record kept."""
+"""Errors during a flight: one sentence, everything restored, the record kept."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .test_fly import PAIR, flown
 
 
 def ended(harness: SitlHarness, error: type[AutotuneError], words: str, name: str, *args: Any, **more: Any) -> None:
-    """Fly *name*; it ends by *error* with *words*, the vehicle is as found, the record is there and says aborted."""
+    """Fly *name*; it ends by *error* with *words*, the vehicle is restored, the record exists and is marked aborted."""
     with pytest.raises(error, match=words) as caught:
         flown(harness, *args, name=name, **more)
     assert "\n" not in str(caught.value)
@@ -26,7 +26,7 @@ def ended(harness: SitlHarness, error: type[AutotuneError], words: str, name: st
     assert last.ending == "aborted"
 
 
-def test_a_spiral_without_the_space_it_needs_is_refused_before_arming_with_the_nearest_limit(tmp_path: Path) -> None:
+def test_a_spiral_without_enough_space_is_refused_before_arming_with_a_feasible_limit(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     with pytest.raises(PreconditionFailed, match=r"spiral needs (\d+) m, .* is 20 m.* --max-distance \1,"):
         flown(harness, {"steering": 0.3}, name="spiral", envelope=Envelope(distance=20.0))
@@ -34,13 +34,13 @@ def test_a_spiral_without_the_space_it_needs_is_refused_before_arming_with_the_n
     assert not harness.vehicle.autopilot.armed
 
 
-def test_a_rudder_that_stalls_never_brings_the_heading_there_and_less_of_it_is_advised(tmp_path: Path) -> None:
+def test_a_stalling_rudder_ends_the_zig_zag_with_the_advice_to_use_less(tmp_path: Path) -> None:
     stalls = make_effect("rudder-stall", "yaw", {"angle": 0.25, "drop": 1.0})
     harness = SitlHarness(tmp_path, effects=[stalls])
     ended(harness, NotAchieved, r"20 deg required.*\(.*less if it stalls\)", "zig-zag", {**PAIR, "rudder": 0.5})
 
 
-def test_a_rangefinder_that_is_lost_under_way_ends_the_relay_before_the_wall(tmp_path: Path) -> None:
+def test_a_rangefinder_lost_in_flight_ends_the_wall_relay(tmp_path: Path) -> None:
     def blind(t: float, message: Any) -> list[Any]:
         return [] if message.get_type() == "DISTANCE_SENSOR" and t > 40.0 else [message]
 

@@ -19,11 +19,11 @@ from .sitl_harness import SLOW_LOOP, SitlHarness
 from .test_fly import flown
 
 TRUTH = {"X_udot": -8.2372, "Y_vdot": -8.2372, "N_rdot": -0.0372, "X_u": -4.4283, "Y_v": -14.9571, "N_r": -0.0997}
-"""Miskovic2007, final matrix; beside these, Coriolis' forces follow from the inertia, and a small constant moment."""
+"""Miskovic2007, final matrix; Coriolis forces follow from the inertia; there is a small constant moment."""
 
 
 @pytest.mark.slow
-def test_an_s_manoeuvre_on_the_coupled_videoray_gives_her_matrices_back(tmp_path: Path) -> None:
+def test_an_s_manoeuvre_on_the_coupled_videoray_recovers_its_matrices(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray-coupled", **SLOW_LOOP)
     flown(harness, {"steering": 0.4, "duration": 60.0}, "s-manoeuvre", throttle=0.5)
     (run,) = load_runs(harness.directory)
@@ -38,7 +38,7 @@ def test_an_s_manoeuvre_on_the_coupled_videoray_gives_her_matrices_back(tmp_path
 
 
 @pytest.mark.slow
-def test_over_seeds_her_matrices_come_back_as_near_as_their_errors_say(tmp_path: Path) -> None:
+def test_over_several_seeds_the_errors_of_the_matrices_match_their_standard_errors(tmp_path: Path) -> None:
     """True errors have an rms beyond 2 over six draws once in 1900 times.
 
     Over seeds 1 to 18 the rms of N_rdot is 1.15 standard errors, its mean -0.18: no bias, whatever a few seeds say.
@@ -58,7 +58,7 @@ def test_over_seeds_her_matrices_come_back_as_near_as_their_errors_say(tmp_path:
 
 
 @pytest.mark.slow
-def test_shares_of_full_tell_forces_by_a_known_inertia_and_are_doubted_without(tmp_path: Path) -> None:
+def test_normalised_inputs_give_forces_with_a_known_inertia_and_are_doubted_without(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray-coupled", **SLOW_LOOP)
     flown(harness, {"steering": 0.4, "duration": 30.0}, "s-manoeuvre", throttle=0.5)
     (run,) = load_runs(harness.directory)
@@ -71,16 +71,16 @@ def test_shares_of_full_tell_forces_by_a_known_inertia_and_are_doubted_without(t
         assert abs(p.value - TRUTH[name] / full) < 4.0 * p.std
         assert p.value == pytest.approx(TRUTH[name] / full, rel=0.05)
         assert "N" not in p.unit
-    told = fit(run, form.knowing({n: TRUTH[n] for n in ("X_udot", "N_rdot")}))
-    assert "forces-in-shares" not in {d.slug for d in told.doubts}
+    reported = fit(run, form.knowing({n: TRUTH[n] for n in ("X_udot", "N_rdot")}))
+    assert "forces-in-shares" not in {d.slug for d in reported.doubts}
     for name, true in {"k_X": 8.0, "k_N": 0.1709, "X_u": TRUTH["X_u"], "N_r": TRUTH["N_r"]}.items():
-        p = told.parameters[name]
+        p = reported.parameters[name]
         assert abs(p.value - true) < 4.0 * p.std
         assert p.value == pytest.approx(true, rel=0.03)
 
 
 @pytest.mark.slow
-def test_a_relay_to_the_sides_tells_the_sway_of_a_vectored_rov(tmp_path: Path) -> None:
+def test_a_sway_relay_identifies_the_sway_of_a_vectored_rov(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2-sway", **SLOW_LOOP)
     result = flown(harness, {}, "relay", force="Y")
     actuators = harness.vehicle.actuators
@@ -93,7 +93,7 @@ def test_a_relay_to_the_sides_tells_the_sway_of_a_vectored_rov(tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_a_relay_before_a_wall_tells_the_surge_of_an_rov_by_its_rangefinder(tmp_path: Path) -> None:
+def test_a_relay_before_a_wall_identifies_the_surge_of_an_rov_by_its_rangefinder(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray-wall", **SLOW_LOOP)
     result = flown(harness, {"wall-hysteresis": 0.1}, "wall-relay")
     trial, authority = result.trial, harness.vehicle.actuators.full_X
@@ -111,7 +111,7 @@ def test_a_relay_before_a_wall_tells_the_surge_of_an_rov_by_its_rangefinder(tmp_
     harness.assert_neutral()
 
 
-def test_before_no_wall_nothing_is_armed(tmp_path: Path) -> None:
+def test_without_a_rangefinder_nothing_is_armed(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
     with pytest.raises(PreconditionFailed, match="needs a forward rangefinder"):
         flown(harness, {}, "wall-relay")

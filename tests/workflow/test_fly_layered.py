@@ -67,8 +67,8 @@ def test_a_craft_without_a_model_is_identified_and_then_hovers(tmp_path: Path) -
     found = figures(result)
     assert found["target-rms"] < 0.1
     assert found["heading-rms"] < math.radians(3.0)
-    said = " ".join(harness.said)
-    assert "relay oscillations in yaw and surge and sway to identify the craft, then hover" in said
+    announced = " ".join(harness.said)
+    assert "relay oscillations in yaw and surge and sway to identify the craft, then hover" in announced
     assert {path.stem for path in harness.directory.glob("model*.json")} == {"model", "model-surge", "model-sway"}
     assert "distance to the path, rms" in result.page.read_text(encoding="utf-8")
     assert_as_before(harness)
@@ -101,14 +101,14 @@ heading-change = 60
     assert_as_before(harness)
 
 
-def test_a_rudder_boat_does_not_hover_and_hears_what_it_can(tmp_path: Path) -> None:
+def test_a_rudder_boat_cannot_hover_and_the_alternatives_are_listed(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "charlie")
     with pytest.raises(WrongVehicle, match=r"only above 0\.25 m/s\. It can fly: goto, orientation, trajectory$"):
         flown(harness, "hover")
     assert_as_before(harness)
 
 
-def test_an_rov_without_thrust_sideways_does_not_hover(tmp_path: Path) -> None:
+def test_an_rov_without_sway_thrust_cannot_hover(tmp_path: Path) -> None:
     with pytest.raises(WrongVehicle, match=r"drives Y on this FRAME_CONFIG.* It can fly: goto, orientation"):
         flown(SitlHarness(tmp_path, "videoray"), "hover")
 
@@ -121,7 +121,7 @@ def test_an_rov_without_thrust_sideways_does_not_hover(tmp_path: Path) -> None:
         ("goto", "", {"ahead": 1.0, "starboard": 2.0}, r"inside the turning circle of .* Use a point at least"),
     ],
 )
-def test_what_the_craft_cannot_do_is_refused_before_anything_moves(
+def test_an_impossible_path_is_refused_before_anything_moves(
     name: str, points: str, options: dict[str, float], why: str, tmp_path: Path
 ) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
@@ -138,7 +138,7 @@ def test_a_path_through_the_fence_is_refused_with_the_distance(tmp_path: Path) -
     assert not harness.vehicle.autopilot.armed
 
 
-def test_points_belong_to_a_trajectory(tmp_path: Path) -> None:
+def test_only_a_trajectory_takes_points(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     with pytest.raises(UsageError, match="trajectory needs points"):
         flown(harness, "trajectory")

@@ -1,4 +1,4 @@
-"""What nobody gave is made smaller until it stays inside the limits; what was given is foreseen whole."""
+"""Default sizes are reduced until they stay inside the limits; user-supplied sizes are previewed unchanged."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def heaved(tmp_path: Path, name: str, vehicle: str = "bluerov2", **more: Any) ->
     return harness, flown(harness, options, name, force="Z", **more)
 
 
-def test_heave_at_usual_sizes_is_made_smaller_so_that_it_stays_inside_the_depth_limit(tmp_path: Path) -> None:
+def test_heave_of_default_size_is_reduced_to_stay_within_the_depth_limit(tmp_path: Path) -> None:
     harness, result = heaved(tmp_path, "free-decay")
-    said = [text for text in harness.said if "is reduced to" in text]
-    assert len(said) == 1
-    assert said[0].startswith("free-decay is reduced to --duration 13, --push 2.1, --steering 0.36. ")
-    assert "usual size safety limit 'depth " in said[0]
+    announced = [text for text in harness.said if "is reduced to" in text]
+    assert len(announced) == 1
+    assert announced[0].startswith("free-decay is reduced to --duration 13, --push 2.1, --steering 0.36. ")
+    assert "usual size safety limit 'depth " in announced[0]
     assert result.trial.duration == pytest.approx(13.0, abs=0.5)
     assert np.ptp(result.trial["z"].values) < Envelope().depth_excursion
     assert result.fit.dof == "heave"
@@ -40,7 +40,7 @@ def test_heave_at_usual_sizes_is_made_smaller_so_that_it_stays_inside_the_depth_
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["bluerov2", "falcon", "videoray"])
 @pytest.mark.parametrize("name", BY_THE_CLOCK)
-def test_every_manoeuvre_by_the_clock_heaves_every_rov_to_its_end_at_its_usual_sizes(
+def test_every_timed_manoeuvre_in_heave_completes_at_default_size_on_every_rov(
     name: str, vehicle: str, tmp_path: Path
 ) -> None:
     harness, result = heaved(tmp_path, name, vehicle)
@@ -50,7 +50,7 @@ def test_every_manoeuvre_by_the_clock_heaves_every_rov_to_its_end_at_its_usual_s
     harness.assert_neutral()
 
 
-def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would_end(tmp_path: Path) -> None:
+def test_user_supplied_sizes_stay_and_the_preview_shows_where_the_run_would_end(tmp_path: Path) -> None:
     given = {"duration": 60.0, "steering": 0.67}
     harness, result = heaved(tmp_path, "doublets", options=given, only_preview=True)
     assert not any("is reduced to" in text for text in harness.said)
@@ -62,7 +62,7 @@ def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would
     assert any("would need " in text and "doublets 1 min" in text for text in harness.said)
 
 
-def test_only_what_was_not_given_shrinks(tmp_path: Path) -> None:
+def test_only_options_not_supplied_by_the_user_are_reduced(tmp_path: Path) -> None:
     common = SitlHarness(tmp_path).common()
     usual = FlySettings("doublets", common, {"steering": 0.5}, force="Z")
     sizes = [one.options for one in usual.smaller()]
@@ -76,14 +76,14 @@ def test_only_what_was_not_given_shrinks(tmp_path: Path) -> None:
     assert list(FlySettings("zig-zag", common, {"steering": 0.5}).smaller()) == []
 
 
-def test_an_rov_is_previewed_as_it_is_flown_ahead_and_astern(tmp_path: Path) -> None:
+def test_an_rov_is_previewed_ahead_and_astern_as_flown(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     result = flown(harness, {}, "steps", force="X", only_preview=True)
     X = result.preview.trial["X"].values
     assert (X.min(), X.max()) == (-0.67, 0.67)
 
 
-def test_an_rov_that_nobody_knows_turns_no_slower_than_the_slowest_that_is_known_and_soon(tmp_path: Path) -> None:
+def test_the_assumed_turn_rate_of_an_unknown_rov_lies_between_known_ones(tmp_path: Path) -> None:
     settings = FlySettings("zig-zag", SitlHarness(tmp_path).common())
     paper = nominal_plant(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0)
     falcon, bluerov2 = 1.28, 3.91  # Miskovic2010, table 7.1; Benzon2022, table A1
@@ -92,7 +92,7 @@ def test_an_rov_that_nobody_knows_turns_no_slower_than_the_slowest_that_is_known
     assert "an assumed turn rate of 109 deg/s" in paper.source
 
 
-def test_a_heaving_craft_that_nobody_knows_is_quick_and_sinks_or_rises_by_itself(tmp_path: Path) -> None:
+def test_an_unknown_heaving_craft_is_assumed_fast_and_buoyant_or_heavy(tmp_path: Path) -> None:
     settings = FlySettings("doublets", SitlHarness(tmp_path).common(), force="Z")
     like = (AssumedCraft(sinks=sinks) for sinks in (True, False))
     heavy, light = (nominal_plant(settings, FIRMWARE["ardusub"], {}, 0.0, 0.0, one).others["Z"] for one in like)

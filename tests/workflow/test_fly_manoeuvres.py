@@ -1,4 +1,4 @@
-"""Standard manoeuvres over MAVLink: the figures of a noisy run are those of one without noise; limits are told."""
+"""Standard manoeuvres over MAVLink: the figures of a noisy run are those of one without noise; limits are reported."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def read(run: Any) -> dict[str, float]:
         ("stopping", "charlie", {"astern": 1.0}, ("track-reach", "time-stop", "time-half")),
     ],
 )
-def test_figures_in_the_run_directory_are_those_of_a_run_without_noise(
+def test_figures_in_the_run_directory_agree_with_a_run_without_noise(
     name: str, vehicle: str, options: dict[str, float], slugs: tuple[str, ...], tmp_path: Path
 ) -> None:
     harness = SitlHarness(tmp_path / "noisy", vehicle)
@@ -50,13 +50,13 @@ def test_figures_in_the_run_directory_are_those_of_a_run_without_noise(
     assert harness.mode == harness.found
 
 
-def test_thrusters_that_stand_at_their_limit_are_told_of(tmp_path: Path) -> None:
+def test_saturated_thrusters_are_reported(tmp_path: Path) -> None:
     result = flown(SitlHarness(tmp_path, "blueboat"), {"turn": 2.0, "steering": 1.0}, "turning-circle", throttle=0.9)
     assert "N was limited: 100% commanded" in result.remarks[0]
     assert "at the output" in result.remarks[0]
 
 
-def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kept(tmp_path: Path) -> None:
+def test_a_turn_that_is_not_completed_is_reported_and_the_record_is_kept(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with pytest.raises(NotAchieved, match="Use more helm"):
         flown(harness, {"turn": TURN, "steering": 0.02}, "turning-circle")
@@ -64,7 +64,7 @@ def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kep
     assert list((harness.directory / "trials").glob("*turning-circle.csv"))
 
 
-def test_a_boat_that_stops_by_weaker_thrust_astern_is_told_what_its_one_gain_hides(tmp_path: Path) -> None:
+def test_weaker_thrust_astern_is_reported_for_a_stopping_boat(tmp_path: Path) -> None:
     """A BlueBoat pulls half as much astern (41.77 kg, 110.4 N: alpha_u 0.378 per full thrust)."""
     result = flown(SitlHarness(tmp_path, "blueboat"), {"astern": 0.6}, "stopping")
     (doubt,) = [d for d in result.fit.doubts if d.slug == "lopsided-thrust"]
@@ -76,7 +76,7 @@ def test_a_boat_that_stops_by_weaker_thrust_astern_is_told_what_its_one_gain_hid
 
 
 @pytest.mark.slow
-def test_an_s_says_what_else_it_moved_and_how_to_read_it(tmp_path: Path) -> None:
+def test_an_s_manoeuvre_reports_the_other_motions_it_caused(tmp_path: Path) -> None:
     options = {"duration": 30.0, "steering": 0.4}
     result = flown(SitlHarness(tmp_path / "a", "videoray-coupled", **SLOW_LOOP), options, "s-manoeuvre")
     (remark,) = [text for text in result.remarks if "omits" in text]
@@ -90,7 +90,7 @@ def test_an_s_says_what_else_it_moved_and_how_to_read_it(tmp_path: Path) -> None
     assert not any("omits" in text for text in boat.remarks)
 
 
-def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> None:
+def test_a_timed_force_is_flown_and_its_model_identified(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2", parameters={"SCHED_LOOP_RATE": 100.0})
     options = {"duration": 15.0, "steering": 0.4}
     result = flown(harness, options, "doublets", force="X")
@@ -101,7 +101,7 @@ def test_a_force_by_the_clock_is_flown_and_its_model_read(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_drive_no_actuator(
+def test_set_point_relays_measure_the_loop_with_and_without_noise_and_drive_no_actuator(
     tmp_path: Path,
 ) -> None:
     harness = SitlHarness(tmp_path / "noisy", "blueboat")
@@ -117,12 +117,12 @@ def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_
     (sheet,) = result.sheets
     assert sheet.doubts == ()
     for slug in ("natural-frequency", "damping"):
-        told, calm_water = sheet[slug].reading, true[slug].reading
-        assert 0.0 < told.std < told.value
-        assert abs(told.value - calm_water.value) < 2.0 * math.hypot(told.std, calm_water.std)
+        reported, calm_water = sheet[slug].reading, true[slug].reading
+        assert 0.0 < reported.std < reported.value
+        assert abs(reported.value - calm_water.value) < 2.0 * math.hypot(reported.std, calm_water.std)
     # Linear, without the limit on the turn's acceleration: poles -0.32 +- 0.51j and -1.35 1/s
-    told = sheet["natural-frequency"].reading
-    assert abs(told.value - 0.604) < 2.0 * told.std
+    reported = sheet["natural-frequency"].reading
+    assert abs(reported.value - 0.604) < 2.0 * reported.std
     assert read(load_runs(harness.directory)[0])["damping"] == pytest.approx(sheet["damping"].reading.value, rel=1e-3)
     harness.assert_neutral()
     assert harness.mode == harness.found
@@ -130,7 +130,7 @@ def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("relays", [(20.0, 5.0, 15.0, 5.0), (10.0, 5.0, 30.0, 10.0)])
-def test_charlies_closed_loop_is_read_off_the_two_relays_of_the_published_cases(
+def test_charlies_closed_loop_is_identified_from_the_two_published_relay_cases(
     relays: tuple[float, float, float, float], tmp_path: Path
 ) -> None:
     """Miskovic2010, table 7.13, both cases (C, x_a, C, x_a in degrees), under gains that spare the rudder its stops."""
@@ -145,14 +145,14 @@ def test_charlies_closed_loop_is_read_off_the_two_relays_of_the_published_cases(
     loop = TransferFunction((k_A * k_I, k_A * (k_FF + k_P)), (k_A * k_I, k_I + k_A * (k_FF + k_P), beta + k_P, alpha))
     omega_n, zeta = oscillation_of(loop)
     for slug, true in (("natural-frequency", omega_n), ("damping", zeta)):
-        told = sheet[slug].reading
-        assert 0.0 < told.std < 0.1 * true
-        assert abs(told.value - true) < 3.0 * told.std
+        reported = sheet[slug].reading
+        assert 0.0 < reported.std < 0.1 * true
+        assert abs(reported.value - true) < 3.0 * reported.std
     assert sheet["explained"].reading.value > 0.95
     assert sheet.doubts == ()
 
 
-def test_the_levels_of_a_bollard_staircase_and_the_pulls_given_are_a_thruster_map(tmp_path: Path) -> None:
+def test_a_bollard_staircase_with_measured_pulls_gives_a_thruster_map(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     options = {"duration": 26.0, "steering": 0.3, "levels": 3.0}
     result = flown(harness, options, "bollard-staircase", force="X")

@@ -32,7 +32,7 @@ def flown(harness: SitlHarness, name: str, force: str, **common: object) -> Tria
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("force", "dof"), [("K", "roll"), ("M", "pitch")])
-def test_a_decay_flown_in_roll_and_in_pitch_gives_the_restoring_moment_per_inertia(
+def test_a_free_decay_in_roll_and_pitch_gives_restoring_moment_per_inertia(
     force: str, dof: str, tmp_path: Path
 ) -> None:
     run = flown(SitlHarness(tmp_path, "bluerov2-6dof", **SLOW_LOOP), "free-decay", force)
@@ -55,7 +55,7 @@ def test_a_relay_oscillates_in_roll_and_stays_within_the_angle_limit(tmp_path: P
     assert fit_axis(run, dof="roll").model.alpha * moment == pytest.approx(INERTIA["K"], rel=0.05)
 
 
-def test_a_boat_and_a_sub_whose_frame_has_no_such_motor_are_refused_before_anything_moves(tmp_path: Path) -> None:
+def test_a_boat_and_a_sub_without_the_motor_are_refused_before_anything_moves(tmp_path: Path) -> None:
     boat = SitlHarness(tmp_path)
     with pytest.raises(WrongVehicle, match=r"needs K, which this vehicle \(.*\) does not have. Use --force N$"):
         flown(boat, "relay", "K")
@@ -115,7 +115,7 @@ def decay(model: SingleDof, angle: float, weak: float) -> Trial:
 TRUTH = SingleDof("roll", "1", 0.05, 0.01, 0.04, 0.01, 0.0, 0.2)
 
 
-def test_all_numbers_of_a_roll_model_are_found_and_survive_a_file(tmp_path: Path) -> None:
+def test_all_parameters_of_a_roll_model_are_recovered_and_survive_a_file(tmp_path: Path) -> None:
     run = synthetic(TRUTH)
     found = fit_axis(run)
     for name, truth in zip(("alpha_p", "beta_p", "beta_pp", "delta", "delay", "gamma_phi"),
@@ -130,7 +130,7 @@ def test_all_numbers_of_a_roll_model_are_found_and_survive_a_file(tmp_path: Path
     assert validate(found.model, run).fit_percent > 98.0
 
 
-def test_a_decay_held_by_weak_thrusters_leaves_the_model_of_a_relay_unbiased() -> None:
+def test_a_decay_held_by_weak_thrusters_does_not_bias_the_model_of_a_relay() -> None:
     runs = [synthetic(TRUTH), decay(TRUTH, 0.3, 0.4)]
     found = fit_axis(runs).model
     assert found.restoring / found.alpha == pytest.approx(TRUTH.restoring / TRUTH.alpha, rel=0.02)

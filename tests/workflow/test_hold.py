@@ -43,7 +43,7 @@ def held(
         ("bluerov2", "depth"),
     ],
 )
-def test_every_vehicle_follows_the_model_function_that_it_was_given(vehicle: str, axis: str, tmp_path: Path) -> None:
+def test_every_vehicle_follows_its_reference_model(vehicle: str, axis: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, vehicle)
     found = held(harness, axis)
     assert found.follows
@@ -55,9 +55,9 @@ def test_every_vehicle_follows_the_model_function_that_it_was_given(vehicle: str
     assert dict(harness.vehicle.parameters.values) == harness.parameters
     page = (harness.directory / "report.html").read_text()
     assert "follows the model function" in page
-    said = " ".join(harness.said)
-    assert said.index("with our own controller") < said.index("State before the run: mode")
-    assert "write no parameter" in said
+    announced = " ".join(harness.said)
+    assert announced.index("with our own controller") < announced.index("State before the run: mode")
+    assert "write no parameter" in announced
 
 
 def test_a_supplied_model_replaces_the_experiments(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_a_supplied_model_replaces_the_experiments(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_model_from_a_file_takes_the_place_of_the_relays(tmp_path: Path) -> None:
+def test_a_model_from_a_file_replaces_the_relays(tmp_path: Path) -> None:
     first = SitlHarness(tmp_path / "first", "blueboat")
     held(first, "heading")
     again = SitlHarness(tmp_path / "again", "blueboat")
@@ -80,7 +80,7 @@ def test_a_model_from_a_file_takes_the_place_of_the_relays(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_a_required_frequency_is_what_the_loop_gets_and_it_holds_for_the_time_required(tmp_path: Path) -> None:
+def test_a_required_bandwidth_is_used_and_held_for_the_required_time(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     found = held(harness, "heading", seconds=15.0, omega_0=0.8)
     assert found.design.wanted.omega_0 == pytest.approx(0.8)
@@ -89,7 +89,7 @@ def test_a_required_frequency_is_what_the_loop_gets_and_it_holds_for_the_time_re
 
 
 @pytest.mark.slow
-def test_a_loop_that_is_too_fast_is_refused_with_the_fastest_and_leaves_the_vehicle_neutral(tmp_path: Path) -> None:
+def test_a_loop_that_is_too_fast_is_refused_with_the_fastest_possible(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     with pytest.raises(NoGainsMeetSpec, match=r"too fast: .* The fastest that is possible is"):
         held(harness, "heading", omega_0=20.0)
@@ -97,7 +97,7 @@ def test_a_loop_that_is_too_fast_is_refused_with_the_fastest_and_leaves_the_vehi
     assert not harness.vehicle.autopilot.armed
 
 
-def test_what_cannot_be_held_is_refused_with_what_can(tmp_path: Path) -> None:
+def test_an_axis_that_cannot_be_held_is_refused_with_those_that_can(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="heading, depth, line"):
         held(SitlHarness(tmp_path, "blueboat"), "speed")
 
@@ -111,7 +111,7 @@ def line(harness: SitlHarness, **changes: Any) -> HeldLine:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("guidance", ["indirect", "direct", "integral", "adaptive"])
-def test_a_boat_approaches_a_line_and_stays_on_it_by_every_law(guidance: str, tmp_path: Path) -> None:
+def test_a_boat_follows_a_line_with_every_guidance_law(guidance: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     found = line(harness, guidance=guidance, offset=-6.0)
     assert found.follows
@@ -132,7 +132,7 @@ def test_a_rudder_boat_far_from_the_line_keeps_its_approach_angle(tmp_path: Path
     assert math.degrees(found.figures.approach) < 35.0
 
 
-def test_an_rov_is_not_sent_along_a_line(tmp_path: Path) -> None:
+def test_an_rov_cannot_follow_a_line(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray")
     with pytest.raises(WrongVehicle, match="steered at rest"):
         line(harness)
@@ -140,7 +140,7 @@ def test_an_rov_is_not_sent_along_a_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_report_states_gains_margins_and_what_limits_the_loop(tmp_path: Path) -> None:
+def test_the_report_contains_gains_margins_and_the_limit_of_the_loop(tmp_path: Path) -> None:
     found = held(SitlHarness(tmp_path, "videoray"), "depth")
     page = to_html(hold_document(found, "Hold: depth", WHEN))
     for words in ("K_P", "phase margin", "The loop cannot be faster because"):
@@ -165,7 +165,7 @@ def test_an_rov_before_a_wall_is_tuned_end_to_end_and_keeps_its_distance(vehicle
 
 
 @pytest.mark.parametrize(("vehicle", "why"), [("videoray-wall", "reports one"), ("videoray", "no distance")])
-def test_without_two_rangefinders_no_distance_is_kept(vehicle: str, why: str, tmp_path: Path) -> None:
+def test_without_two_rangefinders_distance_hold_is_refused(vehicle: str, why: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, vehicle)
     with pytest.raises(PreconditionFailed, match=why):
         hold(HoldSettings("distance", harness.settings("heading")), Unattended(), Ear(harness.said), WHEN)
@@ -200,7 +200,7 @@ def test_a_vectored_rov_holds_its_position_and_steps_away_from_it(vectored: tupl
 
 
 @pytest.mark.slow
-def test_models_of_a_run_replace_every_relay_and_it_holds_by_the_other_law_with_inverted_dead_zones(
+def test_models_of_a_run_replace_every_relay_and_the_pid_law_holds_position_too(
     vectored: tuple[SitlHarness, HeldPosition], tmp_path: Path
 ) -> None:
     models = load_models(vectored[0].directory)
@@ -212,7 +212,7 @@ def test_models_of_a_run_replace_every_relay_and_it_holds_by_the_other_law_with_
     assert loop.output(0.01) > 0.1
 
 
-def test_a_craft_that_cannot_push_sideways_does_not_hold_a_position(tmp_path: Path) -> None:
+def test_a_craft_without_sway_thrust_cannot_hold_position(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray")
     with pytest.raises(WrongVehicle, match="push sideways"):
         hold(HoldSettings("position", harness.settings("heading")), Unattended(), Ear(harness.said), WHEN)
@@ -235,7 +235,7 @@ def test_every_thruster_is_checked_before_the_relay_that_drives_it(
 
 
 @pytest.mark.slow
-def test_a_reversed_thruster_ends_the_relay_at_the_wall_away_from_it(tmp_path: Path) -> None:
+def test_a_reversed_thruster_ends_the_wall_relay(tmp_path: Path) -> None:
     astern = {f"MOT_{n}_DIRECTION": -1.0 for n in (1, 2)}
     harness = SitlHarness(tmp_path, "videoray-lasers", parameters=astern)
     with pytest.raises(AutotuneError, match=r"first surge self-oscillation|sign check"):

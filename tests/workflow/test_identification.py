@@ -1,4 +1,4 @@
-"""Which oscillations are flown: one where it tells the gains, two sizes where the actuator asks, all else in full."""
+"""Which oscillations are flown: one where it determines the gains, two sizes where the actuator needs them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STEP = flown("step-before")
 
 
 class Rule:
-    """A stop rule that knows as much after each relay as it is told here."""
+    """A stop rule with the supplied state after each relay."""
 
     question = None
 
@@ -104,7 +104,7 @@ def names(context: Any) -> list[tuple[str, bool]]:
     return [(relay.name, getattr(relay, "criterion", None) is not None) for relay in context.relays]
 
 
-def test_where_one_oscillation_tells_the_gains_no_other_is_flown_and_the_step_is_in_the_fit(context: Any) -> None:
+def test_one_sufficient_oscillation_is_enough_and_the_step_is_in_the_fit(context: Any) -> None:
     rule: Any = Rule(known=True)
     found = identify(context, STEP, rule)
     assert names(context) == [("relay-1", True)]
@@ -112,21 +112,21 @@ def test_where_one_oscillation_tells_the_gains_no_other_is_flown_and_the_step_is
     assert rule.closed and not found.short  # the rule has looked at what is left open
 
 
-def test_two_sizes_are_flown_shortly_where_the_first_asks_and_the_second_follows_at_once(context: Any) -> None:
+def test_two_short_sizes_are_flown_where_the_first_requires_the_second(context: Any) -> None:
     found = identify(context, STEP, Rule(another_size=True))  # type: ignore[arg-type]
     assert names(context) == [("relay-1", True), ("relay-2", True)]
     assert context.relays[1].noise_std == 0.004
     assert found.short
 
 
-def test_what_is_not_explained_then_is_flown_again_in_full(context: Any) -> None:
+def test_unexplained_short_relays_are_flown_again_in_full(context: Any) -> None:
     context.left = 15.0
     found = identify(context, STEP, Rule(another_size=True))  # type: ignore[arg-type]
     assert names(context) == [("relay-1", True), ("relay-2", True), ("relay-1", False), ("relay-2", False)]
     assert not found.short
 
 
-def test_a_first_oscillation_that_went_on_until_five_periods_agreed_has_a_second_like_it(context: Any) -> None:
+def test_after_a_full_first_oscillation_the_second_is_flown_in_full_too(context: Any) -> None:
     context.left = 15.0
     found = identify(context, STEP, Rule())  # type: ignore[arg-type]
     assert names(context) == [("relay-1", True), ("relay-2", False)]
@@ -139,7 +139,7 @@ def test_without_a_rule_or_a_step_five_periods_decide(context: Any) -> None:
     assert names(context) == [("relay-1", False), ("relay-2", False)] * 2
 
 
-def test_an_oscillation_of_an_earlier_run_is_weighed_before_another_is_flown(context: Any) -> None:
+def test_an_oscillation_of_an_earlier_run_is_assessed_before_another_is_flown(context: Any) -> None:
     context.resumed = ("relay-1",)
     found = identify(context, STEP, Rule())  # type: ignore[arg-type]
     assert names(context) == [("relay-1", True)]
@@ -160,9 +160,9 @@ TURNED = Trial("turn-about", {}, ending="completed")
         (0.0, float("inf"), False, True),
         (float("nan"), 30.0, False, True),
     ],
-    ids=["near", "far", "far, last", "the guard is near", "a long way ahead", "in any case", "nobody knows where"],
+    ids=["near", "far", "far, last", "the guard is near", "a long way ahead", "in any case", "unknown position"],
 )
-def test_a_boat_turns_about_only_where_the_room_asks(
+def test_a_boat_turns_around_only_where_the_space_requires_it(
     monkeypatch: pytest.MonkeyPatch, x: float, ahead: float, last: bool, turns: bool
 ) -> None:
     craft: Any = SimpleNamespace(firmware=SimpleNamespace(needs_way=True), armed=False, clock=None)
@@ -190,9 +190,7 @@ def test_a_boat_turns_about_only_where_the_room_asks(
         "homewards, too far to starboard",
     ],
 )
-def test_a_boat_turns_about_to_the_side_where_it_began(
-    monkeypatch: pytest.MonkeyPatch, psi: float, side: float
-) -> None:
+def test_a_boat_turns_around_to_the_side_of_its_start(monkeypatch: pytest.MonkeyPatch, psi: float, side: float) -> None:
     craft: Any = SimpleNamespace(firmware=SimpleNamespace(needs_way=True), armed=False, clock=None)
     craft.observe = lambda: Observation(0.0, psi, x=200.0, y=0.0)
     runner = ManoeuvreRunner(craft, Envelope(cruise=1.2), SimpleNamespace(say=print), lambda trial: None)  # type: ignore[arg-type]
@@ -208,7 +206,7 @@ def test_a_boat_turns_about_to_the_side_where_it_began(
     assert turned[0]["output"] == 0.5 * side
 
 
-def test_a_way_out_that_tells_no_model_by_itself_ends_nothing_and_the_boat_is_flown_back_as_well() -> None:
+def test_an_uninformative_first_run_is_followed_by_a_run_back() -> None:
     flown: list[str] = []
 
     def too_little(trials: Sequence[Trial], **_: object) -> AxisFit:

@@ -1,4 +1,4 @@
-"""Told before "Go ahead?": how long, how much room, how much battery; while it runs: which step, how long yet."""
+"""Announced before "Go ahead?": time, space and battery; during the run: the step and the time left."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def at(itinerary: Itinerary, t: float, stage: str) -> Progress:
         ),
     ],
 )
-def test_the_modes_are_announced_with_the_one_at_the_end(modes, brief, text):
+def test_the_modes_are_announced_with_the_final_one(modes, brief, text):
     intention = in_modes(modes, "MANUAL", "at the end")
     assert (intention.brief, intention.text) == (brief, text)
 
 
-def test_the_stages_of_a_tune_are_told_with_their_times():
+def test_the_stages_of_a_tune_are_announced_with_their_times():
     itinerary = heading(step_duration=10.0)
     assert [leg.stage for leg in itinerary.legs] == [
         "sign check",
@@ -63,13 +63,13 @@ def test_the_stages_of_a_tune_are_told_with_their_times():
     ]
     assert itinerary.legs[1].seconds == pytest.approx(30.0)
     assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
-    told = how_long(itinerary).text
-    assert told.startswith("take about 8 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
-    assert "turning around 3 times 32 s" in told
+    reported = how_long(itinerary).text
+    assert reported.startswith("take about 8 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
+    assert "turning around 3 times 32 s" in reported
 
 
-def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_time():
-    """ArduSub's stock ROV hunts in its thrusters' dead band: told 2 min, it took 5 min 30 s."""
+def test_the_longest_time_of_a_restless_craft_is_announced_with_the_usual_time():
+    """ArduSub's stock ROV hunts in its thrusters' dead band: announced 2 min, took 5 min 30 s."""
     usual, patient = (
         Itinerary(legs_of_tune(settings("depth", **how), "heave", p, moving=False, given=False, dives=True))
         for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of("rov", restless=True)))
@@ -78,13 +78,13 @@ def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_ti
     assert "up to" not in how_long(patient, patient.seconds).text
 
 
-def test_a_dry_run_a_given_model_a_dive_and_an_rov_change_the_stages():
+def test_a_dry_run_a_supplied_model_a_dive_and_an_rov_change_the_stages():
     legs = legs_of_tune(settings("depth", dry_run=True), "heave", ROV, moving=False, given=True, dives=True)
     assert [leg.stage for leg in legs] == ["sign check", "diving", "step with present gains"]
     assert all(leg.before == 0.0 for leg in legs)
 
 
-def test_a_velocity_is_stepped_after_its_experiments():
+def test_a_velocity_step_follows_its_experiments():
     legs = legs_of_tune(settings("speed"), "surge", THRUSTERS, moving=True, given=False, dives=False)
     assert [leg.stage for leg in legs] == [
         "sign check",
@@ -94,7 +94,7 @@ def test_a_velocity_is_stepped_after_its_experiments():
     ]
 
 
-def test_steps_that_end_by_themselves_and_oscillations_that_end_once_the_gains_are_known_take_less():
+def test_self_ending_steps_and_oscillations_take_less_time():
     boat, rov = (
         Itinerary(legs_of_tune(settings(), "yaw", pace, moving=False, given=False, dives=False), TURN)
         for boat, pace in ((True, RUDDER), (False, ROV))
@@ -109,7 +109,7 @@ def test_steps_that_end_by_themselves_and_oscillations_that_end_once_the_gains_a
     assert seen.left == pytest.approx(TURN + boat.legs[2].seconds + boat.legs[3].seconds)
 
 
-def test_a_turn_rate_step_is_flown_beside_each_heading_step():
+def test_a_turn_rate_step_accompanies_each_heading_step():
     legs = legs_of_tune(settings(), "yaw", RUDDER, moving=False, given=False, dives=False, beside=True)
     assert [leg.stage for leg in legs][-3:] == [
         "turn rate with present gains",
@@ -130,7 +130,7 @@ def test_time_counts_from_the_start_and_not_from_the_autopilots_boot():
     assert "52 min" not in describe_progress(seen)
 
 
-def test_turning_about_belongs_to_the_step_that_follows_it():
+def test_turning_around_belongs_to_the_following_step():
     itinerary = heading()
     at(itinerary, 0.0, "sign check")
     at(itinerary, 25.0, "step with present gains")
@@ -140,7 +140,7 @@ def test_turning_about_belongs_to_the_step_that_follows_it():
     assert at(itinerary, 240.0, "turning around").step == 4
 
 
-def test_how_long_the_first_oscillation_took_is_what_the_second_is_thought_to_take():
+def test_the_duration_of_the_first_oscillation_predicts_the_second():
     itinerary = heading()
     at(itinerary, 0.0, "sign check")
     at(itinerary, 25.0, "step with present gains")
@@ -151,7 +151,7 @@ def test_how_long_the_first_oscillation_took_is_what_the_second_is_thought_to_ta
     assert seen.left == pytest.approx(400.0 + TURN + itinerary.legs[4].total)
 
 
-def test_a_third_oscillation_that_was_not_planned_is_one_step_more():
+def test_an_unplanned_third_oscillation_adds_a_step():
     itinerary = heading()
     for t, stage in ((0.0, "sign check"), (30.0, "step with present gains"), (100.0, "first self-oscillation")):
         at(itinerary, t, stage)
@@ -165,7 +165,7 @@ def test_a_third_oscillation_that_was_not_planned_is_one_step_more():
     assert 0.0 < seen.left <= itinerary.legs[5].total
 
 
-def test_what_takes_longer_than_thought_never_has_less_than_nothing_left():
+def test_the_time_left_is_never_negative():
     itinerary = Itinerary(legs_of_experiment("yaw", ROV, dives=False))
     at(itinerary, 0.0, "sign check")
     at(itinerary, 20.0, "first self-oscillation")
@@ -173,7 +173,7 @@ def test_what_takes_longer_than_thought_never_has_less_than_nothing_left():
     assert at(itinerary, 9999.0, "second self-oscillation").left == 0.0
 
 
-def test_the_line_has_step_bar_time_since_the_start_time_left_and_the_signal_at_80_columns():
+def test_the_progress_line_contains_step_bar_times_and_signal_in_80_columns():
     line = describe_progress(
         Progress(
             "first self-oscillation",
@@ -194,7 +194,7 @@ def test_the_line_has_step_bar_time_since_the_start_time_left_and_the_signal_at_
     assert len(line) <= 79
 
 
-def test_the_room_is_that_of_the_craft():
+def test_the_announced_space_depends_on_the_craft():
     here = Observation(0.0, 0.0, z=0.2)
     whole, deep = Excursion(200.0, 182.0), Observation(0.0, 0.0, z=10.0)
     assert room("yaw", 1.2, settings(stop_rule="settled"), here, whole).text.startswith(
@@ -216,7 +216,7 @@ def test_the_room_is_that_of_the_craft():
     assert room("heave", 0.0, settings("depth"), Observation(0.0, 0.0), whole).text.endswith("and 4 m of depth")
 
 
-def test_the_battery_is_told_as_far_as_it_is_known_with_what_is_assumed():
+def test_the_battery_is_announced_as_far_as_known_with_the_assumptions():
     known = battery(Observation(0.0, 0.0, battery_remaining=0.87, battery_voltage=15.9), Envelope(), 540.0).text
     assert "87 % now, limit 10 %" in known and "15.9 V now" in known
     assert "about 15 % of a battery that lasts an hour" in known and "assumed" in known
@@ -224,7 +224,7 @@ def test_the_battery_is_told_as_far_as_it_is_known_with_what_is_assumed():
     assert "not monitored" in unknown
 
 
-def test_the_battery_covers_the_longest_run_too():
-    told = battery(Observation(0.0, 0.0, battery_remaining=0.87), Envelope(), 120.0, 540.0)
-    assert told.text.startswith("use about 5 %, up to 15 % of a battery") and "((" not in told.text
-    assert told.text.count("(") == 0
+def test_the_announced_battery_covers_the_longest_run():
+    reported = battery(Observation(0.0, 0.0, battery_remaining=0.87), Envelope(), 120.0, 540.0)
+    assert reported.text.startswith("use about 5 %, up to 15 % of a battery") and "((" not in reported.text
+    assert reported.text.count("(") == 0

@@ -26,7 +26,7 @@ class Listener(SilentObserver):
 
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="there is nothing to compile")
 @pytest.mark.parametrize("axis", ["heading", "yaw", "depth", "speed"])
-def test_what_flies_and_judges_the_laws_of_an_axis_is_compiled(axis):
+def test_the_laws_of_an_axis_are_compiled(axis):
     axes = [f.axes[axis] for f in FIRMWARE.values() if axis in f.axes]
     assert axes
     jit_warmup.warm_up(sorted({a.dof for a in axes}), sorted({a.law for a in axes}))
@@ -34,7 +34,7 @@ def test_what_flies_and_judges_the_laws_of_an_axis_is_compiled(axis):
 
 
 @pytest.mark.parametrize("connection", ["sitl:charlie", "memory"])
-def test_time_that_stands_still_needs_no_process_and_no_warming(connection):
+def test_simulated_time_needs_no_process_and_no_warm_up(connection):
     listener = Listener()
     with jit_warmup.jit_warmup(connection, ["yaw"], ["rover-heading"]) as worker:
         jit_warmup.await_warmup(None, worker, listener)
@@ -43,7 +43,7 @@ def test_time_that_stands_still_needs_no_process_and_no_warming(connection):
 
 
 @pytest.mark.slow
-def test_a_long_compilation_is_told_of_once_while_the_craft_is_watched(monkeypatch):
+def test_a_long_compilation_is_announced_once_while_the_craft_is_monitored(monkeypatch):
     monkeypatch.setattr(jit_warmup, "_PATIENCE", 0.0)
     listener, looked = Listener(), []
     craft = SimpleNamespace(clock=WallClock(), observe=lambda: looked.append(1))

@@ -1,4 +1,4 @@
-"""``--fetch-log``: the vehicle's own log of a run is fetched and identified, once all is put back."""
+"""``--fetch-log``: the vehicle's own log of a run is fetched and identified after everything is restored."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OLD, NEW = 3, 4
 
 
 class CardAboard:
-    """A vehicle that keeps logs: one from before, and one of every time it was armed, told only disarmed."""
+    """A vehicle that keeps logs: one from before, and one of every time it was armed, listed only while disarmed."""
 
     def __init__(self, harness: SitlHarness, *, writes: bool = True) -> None:
         self._peer, self._autopilot, self._writes = harness.peer, harness.vehicle.autopilot, writes
@@ -66,7 +66,7 @@ class CardAboard:
 
 
 class StopsWhenAsked(Unattended):
-    """An operator who stops once *when* says so."""
+    """An operator who stops once *when* returns true."""
 
     def __init__(self, when: Any) -> None:
         self._when = when
@@ -97,7 +97,7 @@ def assert_left(harness: SitlHarness) -> None:
 
 
 @pytest.mark.slow
-def test_the_log_of_the_run_is_fetched_and_identified_beside_the_telemetry(tmp_path: Path) -> None:
+def test_the_log_of_the_run_is_fetched_and_identified_with_the_telemetry(tmp_path: Path) -> None:
     harness, card = with_a_card(tmp_path)
     fit = experiment(harness.settings(fetch_log=True), Unattended(), Ear(harness.said), WHEN)
     assert (harness.directory / f"onboard-{NEW}.bin").read_bytes() == FLOWN
@@ -105,13 +105,13 @@ def test_the_log_of_the_run_is_fetched_and_identified_beside_the_telemetry(tmp_p
     found = json.loads((harness.directory / "fit-onboard.json").read_text())
     assert found["dof"] == fit.dof == "yaw"
     assert (harness.directory / "onboard.html").stat().st_size > 1000
-    said = "\n".join(harness.said)
-    assert "yaw, from telemetry and from the onboard log" in said
-    assert "alpha_r" in said and "standard errors apart" in said
+    announced = "\n".join(harness.said)
+    assert "yaw, from telemetry and from the onboard log" in announced
+    assert "alpha_r" in announced and "standard errors apart" in announced
     assert_left(harness)
 
 
-def test_a_vehicle_that_tells_no_logs_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
+def test_a_vehicle_that_lists_no_logs_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "charlie")
     with pytest.raises(PreconditionFailed, match=r"--fetch-log: .* did not list its logs.*Nothing was armed"):
         circle(harness)
@@ -119,14 +119,14 @@ def test_a_vehicle_that_tells_no_logs_is_refused_before_anything_is_armed(tmp_pa
     assert_left(harness)
 
 
-def test_a_card_that_took_nothing_is_said_and_the_run_stays_good(tmp_path: Path) -> None:
+def test_a_missing_log_is_reported_and_the_run_stays_valid(tmp_path: Path) -> None:
     harness, _ = with_a_card(tmp_path, writes=False)
     assert circle(harness).page.exists()
     assert any("wrote no log of this run" in text for text in harness.said)
     assert not list(harness.directory.glob("onboard*"))
 
 
-def test_a_stop_in_flight_fetches_nothing_and_says_how_it_is_fetched_later(tmp_path: Path) -> None:
+def test_a_stop_in_flight_fetches_nothing_and_shows_the_command_for_later(tmp_path: Path) -> None:
     harness, card = with_a_card(tmp_path)
     operator = StopsWhenAsked(lambda: any(text.startswith("State before the run: mode") for text in harness.said))
     with pytest.raises(OperatorStopped):
@@ -136,7 +136,7 @@ def test_a_stop_in_flight_fetches_nothing_and_says_how_it_is_fetched_later(tmp_p
     assert_left(harness)
 
 
-def test_a_stop_while_it_is_fetched_ends_the_fetching_and_nothing_else(tmp_path: Path) -> None:
+def test_a_stop_during_the_download_ends_only_the_download(tmp_path: Path) -> None:
     harness, card = with_a_card(tmp_path)
     assert circle(harness, StopsWhenAsked(lambda: card.data_asked > 2)).page.exists()
     assert card.data_asked > 2
@@ -145,7 +145,7 @@ def test_a_stop_while_it_is_fetched_ends_the_fetching_and_nothing_else(tmp_path:
     assert_left(harness)
 
 
-def test_the_log_of_a_run_that_a_limit_ended_is_fetched_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_log_of_a_run_ended_by_a_limit_is_fetched_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     harness, _ = with_a_card(tmp_path)
     monkeypatch.setattr(FlightRun, "why_not", "")  # nobody foresaw that it would take so long
     with pytest.raises(GuardTripped):

@@ -32,7 +32,7 @@ def cut_off(folder: Path, uid: str = "00000000a1b2c3d4") -> Journal:
     return journal
 
 
-def test_an_open_run_is_found_wherever_it_lies_and_forgotten_when_it_is_settled(tmp_path: Path) -> None:
+def test_an_open_run_is_found_anywhere_and_forgotten_when_settled(tmp_path: Path) -> None:
     journal = cut_off(tmp_path / "elsewhere")
     (found,) = open_runs()
     assert found.path == tmp_path / "elsewhere" and found.is_going_on
@@ -47,7 +47,7 @@ def test_an_open_run_is_found_wherever_it_lies_and_forgotten_when_it_is_settled(
     forget_run(journal.path)
 
 
-def test_doctor_looks_for_open_runs_before_anything_else(tmp_path: Path) -> None:
+def test_doctor_checks_for_open_runs_first(tmp_path: Path) -> None:
     cut_off(tmp_path / "one").leave()
     first = next(iter(examine(tmp_path, None)))
     assert (first.what, first.state) == ("run", "wrong")
@@ -55,14 +55,14 @@ def test_doctor_looks_for_open_runs_before_anything_else(tmp_path: Path) -> None
 
 
 class Real(SitlHarness):
-    """A vehicle that counts as a real one: nobody knows who else is at it."""
+    """A vehicle that counts as a real one: other stations may use it."""
 
     def settings(self, axis: str = "heading", *, simulated: bool = False, **changes: Any) -> Any:
         return super().settings(axis, simulated=simulated, **changes)
 
 
 @pytest.mark.parametrize("going_on", [True, False])
-def test_a_vehicle_on_which_a_run_is_open_is_refused_before_it_is_armed(tmp_path: Path, going_on: bool) -> None:
+def test_a_vehicle_with_an_open_run_is_refused_before_it_is_armed(tmp_path: Path, going_on: bool) -> None:
     harness = Real(tmp_path)
     uid = uid_of(harness, tmp_path)
     journal = cut_off(tmp_path / "first", uid)
@@ -76,7 +76,7 @@ def test_a_vehicle_on_which_a_run_is_open_is_refused_before_it_is_armed(tmp_path
 
 
 def uid_of(harness: SitlHarness, tmp_path: Path) -> str:
-    """The board's id that this vehicle tells."""
+    """Return the board's id that this vehicle reports."""
     from gcs_autotune.link import MemoryLink, Session
 
     from .sitl_harness import Later
@@ -85,7 +85,7 @@ def uid_of(harness: SitlHarness, tmp_path: Path) -> str:
         return str(session.discover().uid)
 
 
-def test_a_simulated_vehicle_that_ended_with_its_program_leaves_no_open_run(tmp_path: Path) -> None:
+def test_a_simulated_vehicle_that_ended_leaves_no_open_run(tmp_path: Path) -> None:
     folder = tmp_path / "gone"
     folder.mkdir()
     identity = VehicleIdentity(1, 1, 3, 11, "4.7.0-dev", uid="00000000a1b2c3d4")
@@ -96,7 +96,7 @@ def test_a_simulated_vehicle_that_ended_with_its_program_leaves_no_open_run(tmp_
 
 
 def heard_from(at_work: bool, component: int = 30) -> SimpleNamespace:
-    """A craft on whose link a station of our system was heard to have a run going on, or none; our beacon is 25."""
+    """A craft on whose link a station of our system announces a run in progress, or none; our beacon is 25."""
     session: Any = SimpleNamespace(
         vehicle=VehicleIdentity(1, 1, 3, 11),
         clock=ManualClock(),
@@ -113,7 +113,7 @@ def heard_from(at_work: bool, component: int = 30) -> SimpleNamespace:
     return SimpleNamespace(session=session, other_stations=stations, parameters=None)
 
 
-def test_a_vehicle_on_which_another_computer_has_a_run_going_on_is_refused() -> None:
+def test_a_vehicle_with_a_run_on_another_computer_is_refused() -> None:
     with pytest.raises(
         PreconditionFailed,
         match=r"another computer .*system 255, component 30\). Wait until that run "

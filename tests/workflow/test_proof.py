@@ -32,14 +32,14 @@ def stepped(seed: int) -> Trial:
 
 
 @pytest.mark.slow
-def test_a_speed_step_has_to_stand_out_from_noise_that_the_receiver_has_filtered() -> None:
+def test_the_noise_of_a_speed_step_includes_noise_filtered_by_the_receiver() -> None:
     runs = [stepped(0), stepped(1)]
     known = known_of(Identified(fit_surge(runs), runs), FIRMWARE["ardurover"].axes["speed"])
     assert known.noise_std == pytest.approx(0.05, rel=0.3)
     assert noise_in(runs[0], "u") < 0.02
 
 
-def test_the_second_step_is_held_as_long_as_the_first_was() -> None:
+def test_the_second_step_is_held_as_long_as_the_first() -> None:
     proof = Proof(StepSettings("psi", 0.5, 30.0, hold=10.0), None, {})
     marks = [Mark(t, "target") for t in (2.0, 15.5, 45.5)]
     flown = Trial("step-before", {}, marks, meta={"signal": "psi"})
@@ -49,7 +49,7 @@ def test_the_second_step_is_held_as_long_as_the_first_was() -> None:
 
 
 @pytest.mark.parametrize("held", [4.5, 13.5])
-def test_the_second_step_is_held_no_shorter_than_the_first_where_holds_may_end_early(held: float) -> None:
+def test_the_second_step_is_held_no_shorter_than_the_first_with_early_holds(held: float) -> None:
     proof = Proof(StepSettings("psi", 0.5, 30.0, hold=10.0, least_hold=3.0), None, {})
     marks = [Mark(t, "target") for t in (2.0, 2.0 + held, 45.5)]
     after = proof.after(Trial("step-before", {}, marks, meta={"signal": "psi"})).settings
@@ -60,7 +60,7 @@ def test_the_second_step_is_held_no_shorter_than_the_first_where_holds_may_end_e
 
 
 @pytest.mark.parametrize("slowness", [0.5, 1.0, 5.0])
-def test_a_turn_rate_step_at_rest_is_large_and_stays_well_within_the_heading_guard(slowness: float) -> None:
+def test_a_turn_rate_step_at_rest_is_large_and_stays_within_the_heading_limit(slowness: float) -> None:
     """A BlueROV2 and craft that answer more slowly; the bow is farthest off at the end of the hold."""
     known = Known(SingleDof("yaw", "1", 0.026 * slowness, 0.0, 0.065), Actuator(), 0.004)
     settings = TuneSettings(Connection("sitl:bluerov2"), Path("run"), axis="yaw")

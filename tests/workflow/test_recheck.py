@@ -68,7 +68,7 @@ def test_each_loop_has_its_verdict_and_colour(of: Sheet | None, tune: LoopNumber
     assert found.text.endswith(".")
 
 
-def test_the_terminal_shows_the_numbers_beside_those_of_the_tune_and_no_coefficients() -> None:
+def test_the_terminal_shows_the_numbers_with_those_of_the_tune_and_no_coefficients() -> None:
     shown = render_text(recheck_document(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
     assert "tune of" in shown and "step overshoot" in shown and "5 ± 2" in shown
     assert "flown again at half the" in shown and "Gains changed since the tune: ATC_STR_RAT_P" in shown
@@ -79,13 +79,13 @@ def noted(folder: Path, name: str, when: str, board: str, **summary: Any) -> Non
     run = folder / name
     run.mkdir()
     after = {"overshoot": 0.1, "rise": 1.0, "settling": None}
-    told = {"axis": "heading", "kept": True, "when": when, "metrics": {"after": after}, **summary}
-    (run / "summary.json").write_text(json.dumps(told))
+    reported = {"axis": "heading", "kept": True, "when": when, "metrics": {"after": after}, **summary}
+    (run / "summary.json").write_text(json.dumps(reported))
     (run / "setting_out.json").write_text(json.dumps({"vehicle": {"uid": board}, "fingerprint": {}}))
     (run / "parameters_after.json").write_text(json.dumps({"P": 0.3}))
 
 
-def test_the_last_tune_is_the_newest_that_kept_gains_on_this_vehicle_and_broken_folders_are_passed_over(
+def test_the_last_tune_is_the_newest_kept_one_of_this_vehicle(
     tmp_path: Path,
 ) -> None:
     noted(tmp_path, "a", "2026-01-01", "mine")
@@ -108,7 +108,7 @@ def checked(harness: SitlHarness, runs: Path, options: dict[str, float] | None =
 
 
 @pytest.mark.slow
-def test_a_loop_that_oscillates_for_ever_ends_in_red_with_its_amplitude(tmp_path: Path) -> None:
+def test_a_loop_in_a_limit_cycle_is_reported_in_red_with_its_amplitude(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with with_pictures():
         found = checked(harness, tmp_path)
@@ -125,7 +125,7 @@ def test_a_loop_that_oscillates_for_ever_ends_in_red_with_its_amplitude(tmp_path
 
 
 @pytest.mark.slow
-def test_sizes_that_show_nothing_are_halved_and_flown_again_and_nothing_is_called_good(tmp_path: Path) -> None:
+def test_uninformative_sizes_are_halved_and_flown_again_without_a_good_verdict(tmp_path: Path) -> None:
     """The space ends before the second relay, whatever its size."""
     harness = SitlHarness(tmp_path)
     found = checked(harness, tmp_path, envelope=Envelope(distance=160.0))

@@ -1,4 +1,4 @@
-"""``restore`` after whatever: the vehicle is asked itself, and is as it was found."""
+"""``restore`` after a crash: the vehicle itself is checked, and is in its original state."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "journal.jsonl"
 
 
-def test_restore_disarms_puts_back_reads_back_and_settles(path: Path) -> None:
+def test_restore_disarms_restores_verifies_and_settles(path: Path) -> None:
     vehicle = moored()
     found = vehicle.condition()
     borrow(vehicle, path)
@@ -78,7 +78,7 @@ def test_restore_disarms_puts_back_reads_back_and_settles(path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_killed_at_any_moment_of_borrowing_and_again_of_restoring(path: Path) -> None:
+def test_a_kill_at_any_moment_of_borrowing_and_restoring_is_recovered(path: Path) -> None:
     """The moments are counted in messages of ours, so that none between two of them is left out."""
     whole = moored()
     connection = whole.connection()
@@ -107,7 +107,7 @@ def test_killed_at_any_moment_of_borrowing_and_again_of_restoring(path: Path) ->
         assert Journal.read(path).is_settled
 
 
-def test_another_hull_under_the_same_system_id_is_refused_by_its_board(path: Path) -> None:
+def test_another_vehicle_with_the_same_system_id_is_refused_by_its_board(path: Path) -> None:
     vehicle = moored()
     borrow(vehicle, path)
     journal = path.read_text().replace('"uid": "', '"uid": "f00')
@@ -119,7 +119,7 @@ def test_another_hull_under_the_same_system_id_is_refused_by_its_board(path: Pat
     assert not Journal.read(path).is_settled
 
 
-def test_without_a_unique_id_calibration_and_setup_tell_two_hulls_apart(path: Path) -> None:
+def test_without_a_unique_id_calibration_and_setup_distinguish_two_vehicles(path: Path) -> None:
     vehicle = moored()
     borrow(
         vehicle, path, fingerprint={"CRUISE_SPEED": vehicle.condition().parameters["CRUISE_SPEED"], "RC1_TRIM": 1500.0}
@@ -138,7 +138,7 @@ def test_without_a_unique_id_calibration_and_setup_tell_two_hulls_apart(path: Pa
 @pytest.mark.parametrize(
     ("hours", "boot", "restarted"), [(1.0, 3700.0, False), (1.0, 1000.0, True), (0.0, 90.0, True), (0.0, 101.0, False)]
 )
-def test_a_restart_is_known_by_two_clocks(hours: float, boot: float, restarted: bool) -> None:
+def test_a_restart_is_detected_by_two_clocks(hours: float, boot: float, restarted: bool) -> None:
     restoring = object.__new__(_Restoring)
     restoring._session = SimpleNamespace(transport=SimpleNamespace(is_simulated=False))  # type: ignore[assignment]
     restoring._boot = None
@@ -152,7 +152,7 @@ def test_a_restart_is_known_by_two_clocks(hours: float, boot: float, restarted: 
 
 
 class Person(Unattended):
-    """Somebody at the keyboard: *overrules* what others did, or not; agrees to the rest."""
+    """An operator who *overrules* what others did, or not, and agrees to the rest."""
 
     answered_beforehand = False
 
@@ -171,7 +171,7 @@ def without_receiver(vehicle: VehicleAsFound) -> Condition:
     return vehicle.condition()
 
 
-def test_a_value_that_another_station_wrote_stays_and_what_is_ours_is_restored(path: Path) -> None:
+def test_a_value_written_by_another_station_stays_and_ours_are_restored(path: Path) -> None:
     vehicle = moored()
     found = vehicle.condition()
     borrow(vehicle, path)
@@ -184,7 +184,7 @@ def test_a_value_that_another_station_wrote_stays_and_what_is_ours_is_restored(p
 
 
 @pytest.mark.parametrize("mode", [4, 0, 3])
-def test_a_mode_that_neither_we_nor_a_failsafe_ordered_stays(path: Path, mode: int) -> None:
+def test_a_mode_that_neither_we_nor_a_failsafe_set_stays(path: Path, mode: int) -> None:
     """With an RC receiver no failsafe ends in HOLD (4), and none ever in MANUAL (0) or STEERING (3)."""
     vehicle = moored()
     found = vehicle.condition()
@@ -200,7 +200,7 @@ def test_a_mode_that_neither_we_nor_a_failsafe_ordered_stays(path: Path, mode: i
 
 
 @pytest.mark.parametrize("overrules", [True, False])
-def test_a_person_decides_about_what_another_operator_did_and_the_journal_is_settled(
+def test_the_operator_decides_about_another_operators_changes_and_the_journal_is_settled(
     path: Path, overrules: bool
 ) -> None:
     vehicle = moored()
@@ -232,7 +232,7 @@ def test_a_vehicle_in_hold_by_its_radio_failsafe_after_a_kill_is_restored(path: 
     assert Journal.read(path).is_settled
 
 
-def test_a_mode_that_the_run_saw_another_station_order_stays_though_a_failsafe_ends_in_it_too(path: Path) -> None:
+def test_a_mode_ordered_by_another_station_during_the_run_stays(path: Path) -> None:
     vehicle = moored()
     borrow(vehicle, path, mode="ACRO")
     without_receiver(vehicle)
@@ -245,7 +245,7 @@ def test_a_mode_that_the_run_saw_another_station_order_stays_though_a_failsafe_e
     assert vehicle.condition().mode == 4
 
 
-def test_the_mode_that_a_restart_ends_in_is_nobodys_order(path: Path) -> None:
+def test_the_mode_after_a_restart_is_not_an_order(path: Path) -> None:
     vehicle = moored()
     vehicle.wait(30.0)
     borrow(vehicle, path)
@@ -257,7 +257,7 @@ def test_the_mode_that_a_restart_ends_in_is_nobodys_order(path: Path) -> None:
     assert Journal.read(path).is_settled
 
 
-def test_a_run_that_is_still_going_on_is_not_restored(path: Path) -> None:
+def test_a_run_in_progress_is_not_restored(path: Path) -> None:
     vehicle = moored()
     journal = Journal(path, mode="HOLD", armed=False)
     with pytest.raises(PreconditionFailed, match="still in progress"):
@@ -266,7 +266,7 @@ def test_a_run_that_is_still_going_on_is_not_restored(path: Path) -> None:
     assert vehicle.server.now == pytest.approx(4.1)
 
 
-def test_the_radio_lost_while_restoring_is_waited_for(path: Path) -> None:
+def test_a_radio_loss_while_restoring_is_waited_out(path: Path) -> None:
     vehicle = moored()
     found = vehicle.condition()
     borrow(vehicle, path)
@@ -274,7 +274,7 @@ def test_the_radio_lost_while_restoring_is_waited_for(path: Path) -> None:
     assert vehicle.condition().differs_from(found, {}) == []
 
 
-def test_a_vehicle_that_restarts_after_its_mode_was_restored_is_put_back_once_more(
+def test_a_vehicle_that_restarts_after_its_mode_was_restored_is_restored_again(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     vehicle = moored()
@@ -296,7 +296,7 @@ def test_a_vehicle_that_restarts_after_its_mode_was_restored_is_put_back_once_mo
     assert Journal.read(path).is_settled
 
 
-def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> None:
+def test_a_value_that_cannot_be_restored_is_reported_and_the_others_are_restored(path: Path) -> None:
     vehicle = moored()
     found = vehicle.condition()
     borrow(vehicle, path)
@@ -325,7 +325,7 @@ def test_what_cannot_be_put_back_is_named_and_the_rest_is_done(path: Path) -> No
     ],
     ids=lambda fault: f"{fault.kind}-{fault.duration:g}",
 )
-def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fault) -> None:
+def test_a_fault_during_a_tune_leaves_a_permitted_state_or_is_reported(fault: Fault) -> None:
     outcome = run_case(Case.of(VIDEORAY, fault))
     assert outcome.failures == []
     assert outcome.writes > 0
@@ -333,7 +333,7 @@ def test_a_tune_in_trouble_leaves_the_vehicle_as_it_may_be_or_says_so(fault: Fau
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc for open files")
-def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
+def test_the_journal_is_closed_after_every_ending(tmp_path: Path) -> None:
     run_case(Case.of(VIDEORAY, Fault("unplugged", 5.0)), tmp_path)
     open_files = [str(entry.readlink()) for entry in Path("/proc/self/fd").iterdir() if entry.is_symlink()]
     assert str(tmp_path / "run" / "journal.jsonl") not in open_files
@@ -349,7 +349,7 @@ def test_no_ending_leaves_the_journal_open(tmp_path: Path) -> None:
         ({}, "outputs are not reported"),
     ],
 )
-def test_outputs_that_are_not_neutral_or_not_heard_are_said(
+def test_outputs_not_neutral_or_not_received_are_reported(
     monkeypatch: pytest.MonkeyPatch, outputs: dict[str, float], words: str
 ) -> None:
     monkeypatch.setattr(restore_module, "read_servo_map", lambda *args: None)
@@ -369,7 +369,7 @@ def test_outputs_that_are_not_neutral_or_not_heard_are_said(
 @pytest.mark.parametrize(
     ("lost", "returns", "done"), [(0, True, True), (1, True, True), (2, True, False), (1, False, False)]
 )
-def test_what_is_tried_is_tried_once_more_when_the_vehicle_comes_back(lost: int, returns: bool, done: bool) -> None:
+def test_an_action_is_retried_once_when_the_vehicle_returns(lost: int, returns: bool, done: bool) -> None:
     restoring = object.__new__(_Restoring)
     restoring._session = SimpleNamespace(outlast=lambda patience: returns)  # type: ignore[assignment]
     restoring._differences = {}
@@ -394,7 +394,7 @@ def journal_in(folder: Path, *, link: str = "udp:1.2.3.4:5", settled: bool = Fal
     return path
 
 
-def test_the_link_of_a_run_is_told_by_its_journal_named_whole_by_itself_or_by_a_file_beside_it(tmp_path: Path) -> None:
+def test_the_link_of_a_run_is_read_from_its_journal_by_folder_or_file(tmp_path: Path) -> None:
     path = journal_in(tmp_path / "run")
     beside = tmp_path / "run" / "parameters_before.param"
     for named in (tmp_path / "run", path, beside):
@@ -406,9 +406,7 @@ def test_the_link_of_a_run_is_told_by_its_journal_named_whole_by_itself_or_by_a_
             link_of(nowhere)
 
 
-def test_without_a_name_the_newest_run_that_is_not_settled_is_meant(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_name_the_newest_unsettled_run_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert is_settled(None), "there is none"
     for age, (name, settled) in enumerate((("new", True), ("open", False), ("old", False))):

@@ -38,29 +38,29 @@ def ended_early(tmp_path_factory: pytest.TempPathFactory) -> SitlHarness:
 
 
 class Again:
-    """The same vehicle, tuned by somebody who goes on from an earlier run, until *words* are said."""
+    """The same vehicle, tuned with an earlier run resumed, until *words* are announced."""
 
     def __init__(self, harness: SitlHarness, tmp_path: Path, words: str = "identifying", **changes: Any) -> None:
         self.said: list[str] = []
         self.operator = Enough(self, words)  # type: ignore[arg-type]
         self.directory = tmp_path / "again"
         connection = Moored(peer=Later(harness.server))
-        wanted = {"resume": harness.directory, **changes}
-        self.settings = replace(harness.settings(), connection=connection, directory=self.directory, **wanted)
+        expected = {"resume": harness.directory, **changes}
+        self.settings = replace(harness.settings(), connection=connection, directory=self.directory, **expected)
 
     def tune(self) -> None:
         tune(self.settings, self.operator, Ear(self.said), WHEN)
 
 
-def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: SitlHarness) -> None:
-    told = [text for text in ended_early.said if "--resume" in text]
-    assert told == [
+def test_the_resume_command_is_shown_with_the_reusable_records(ended_early: SitlHarness) -> None:
+    reported = [text for text in ended_early.said if "--resume" in text]
+    assert reported == [
         "these records of the run can be used again: step-before, relay-1. To continue from there, use the same "
         f"options: gcs-autotune tune heading --connect memory --resume {ended_early.directory}"
     ]
 
 
-def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early: SitlHarness, tmp_path: Path) -> None:
+def test_reusable_records_are_used_and_only_the_rest_is_flown(ended_early: SitlHarness, tmp_path: Path) -> None:
     again = Again(ended_early, tmp_path)
     with pytest.raises(OperatorStopped):
         again.tune()
@@ -78,7 +78,7 @@ def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early:
         assert np.array_equal(channel.values, new[name].values, equal_nan=True), name
 
 
-def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlHarness, tmp_path: Path) -> None:
+def test_a_vehicle_with_a_changed_parameter_is_not_resumed(ended_early: SitlHarness, tmp_path: Path) -> None:
     values, old = ended_early.vehicle.parameters.values, ended_early.vehicle.parameters.values[CHANGED]
     values[CHANGED] = old + 0.125
     again = Again(ended_early, tmp_path)
@@ -103,6 +103,6 @@ def test_other_settings_are_refused_before_the_link_is_opened(
     assert again.said == [] and not again.directory.exists()
 
 
-def test_the_way_on_after_a_limit_that_tripped_asks_for_another_limit_for_the_same_trips_again() -> None:
+def test_after_a_tripped_limit_the_advice_is_to_change_that_limit() -> None:
     assert same_options(GuardTripped("", guard="time")).startswith("change --max-time")
     assert same_options(GuardTripped("", guard="pause")) == same_options(LinkLost("")) == "use the same options"

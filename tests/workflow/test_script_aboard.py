@@ -89,8 +89,8 @@ class Pond:
     @property
     def word(self) -> str:
         """The last word of the script about itself."""
-        said = [text.removeprefix("aboard 4711 ") for text in self.texts if text.startswith("aboard 4711 ")]
-        return said[-1] if said else ""
+        announced = [text.removeprefix("aboard 4711 ") for text in self.texts if text.startswith("aboard 4711 ")]
+        return announced[-1] if announced else ""
 
     @property
     def is_driven(self) -> bool:
@@ -161,7 +161,7 @@ def test_a_radio_failsafe_ends_the_script_in_neutral():
     assert not pond.is_driven
 
 
-def test_silence_is_borne_if_so_ordered():
+def test_silence_is_tolerated_when_permitted():
     pond = Pond(silence=0.0)
     pond.until_relay()
     pond.autopilot.last_gcs_ms = -100_000
@@ -189,7 +189,7 @@ def test_a_limit_ends_the_script_in_neutral(limit):
     assert not pond.is_driven
 
 
-def test_the_permitted_area_is_that_of_the_envelope():
+def test_the_script_uses_the_area_of_the_envelope():
     star = ((-1.0, -9.0), (9.0, 0.0), (-1.0, 9.0), (2.0, 0.0))
     area = Area((Zone(star), Zone(((6.0, 0.5),), 1.0, inside=False)), "a star with a hole")
     pond = Pond(envelope=Envelope(area=area))
@@ -199,7 +199,7 @@ def test_the_permitted_area_is_that_of_the_envelope():
     assert (pond.word == "outside the area") == (area.beyond(estimate.x, estimate.y) > 0.0)
 
 
-def test_a_boat_turns_towards_its_start_when_it_is_far_out():
+def test_a_boat_far_out_turns_towards_its_start():
     pond = Pond(envelope=Envelope(distance=120.0, cruise=1.2))
     pond.go()
     farthest = 0.0

@@ -47,7 +47,7 @@ def unpacked(path: Path, into: Path) -> Path:
     return into / "20261126-heading"
 
 
-def test_a_shared_run_has_its_files_and_no_signing_key(run: Path, tmp_path: Path) -> None:
+def test_a_shared_run_contains_its_files_and_no_signing_key(run: Path, tmp_path: Path) -> None:
     shared = share_run(run, tmp_path / "out.zip")
     folder = unpacked(shared.path, tmp_path / "there")
     assert shared.files == ("area.json", "summary.json", "telemetry.tlog")
@@ -58,7 +58,7 @@ def test_a_shared_run_has_its_files_and_no_signing_key(run: Path, tmp_path: Path
     assert "SETUP_SIGNING" not in names
 
 
-def test_with_hidden_positions_distances_stay_and_the_place_is_nowhere(run: Path, tmp_path: Path) -> None:
+def test_with_hidden_positions_distances_stay_and_the_place_is_removed(run: Path, tmp_path: Path) -> None:
     shared = share_run(run, tmp_path / "out.zip", hide_position=True)
     folder = unpacked(shared.path, tmp_path / "there")
     assert dict(shared.left_out)["area.json"] == "contains the place of the run"
@@ -71,7 +71,7 @@ def test_with_hidden_positions_distances_stay_and_the_place_is_nowhere(run: Path
     assert (simulated.lat, simulated.lat_int, simulated.lon_int) == (pytest.approx(0.0, abs=1e-5), 0, 0)
 
 
-def test_a_folder_that_is_no_run_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_a_run_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("x")
     with pytest.raises(BadFile, match="not a run directory"):
         share_run(tmp_path, tmp_path / "out.zip")
@@ -85,6 +85,6 @@ def test_the_command_names_the_file_after_the_run_and_keeps_an_earlier_one(
     assert main(["share", str(run)]) == main(["share", str(run), "--hide-position"]) == 0
     assert (tmp_path / "20261126-heading.zip").exists()
     assert (tmp_path / "20261126-heading-2.zip").exists()
-    told = capsys.readouterr()
-    assert "no signing key, with positions" in told.out
-    assert "left out: signing.key" in told.err
+    reported = capsys.readouterr()
+    assert "no signing key, with positions" in reported.out
+    assert "left out: signing.key" in reported.err

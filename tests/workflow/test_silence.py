@@ -1,4 +1,4 @@
-"""A silence of some seconds pauses a tune, and it goes on where it was; a longer one ends it, all put back."""
+"""A silence of some seconds pauses a tune, which then continues; a longer one ends it, everything restored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("plainly")]
 
 
 class Hushed(SitlHarness):
-    """A vehicle that cannot be heard, and hears nothing, for ``silence`` [s], from ``after`` [s] into *stage* on."""
+    """A vehicle that neither sends nor receives for ``silence`` [s], from ``after`` [s] into *stage* on."""
 
     def __init__(self, tmp_path: Any, stage: str, after: float, silence: float, **options: Any) -> None:
         self.stage, self.after, self.silence, self.begun = stage, after, silence, float("inf")
@@ -33,7 +33,7 @@ class Hushed(SitlHarness):
 
 
 class Enough:
-    """An operator who has seen enough as soon as *words* have been said."""
+    """An operator who has seen enough as soon as *words* have been announced."""
 
     def __init__(self, harness: SitlHarness, words: str, declined: str = "nothing") -> None:
         self.harness, self.words, self.declined = harness, words, declined
@@ -47,7 +47,7 @@ class Enough:
         return self.declined not in question
 
 
-def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flown_again(tmp_path: Any) -> None:
+def test_a_silence_during_a_relay_pauses_the_tune_and_the_relay_is_flown_again(tmp_path: Any) -> None:
     harness = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
     operator = Enough(harness, "relay-1: completed")
     with pytest.raises(OperatorStopped):
@@ -61,20 +61,20 @@ def test_a_silence_in_the_midst_of_a_relay_pauses_the_tune_and_the_relay_is_flow
     harness.assert_as_found()
 
 
-def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced_after_asking(tmp_path: Any) -> None:
+def test_an_rov_that_disarmed_in_a_silence_is_armed_again_after_asking(tmp_path: Any) -> None:
     harness = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
     operator = Enough(harness, "step-before: completed")
     with pytest.raises(OperatorStopped):
         harness.tune(operator, axis="depth", simulated=False)
-    said = "\n".join(harness.said)
-    assert "continuing: step with present gains is flown again" in said
-    assert "arm the vehicle again if it was disarmed, after asking" in said
+    announced = "\n".join(harness.said)
+    assert "continuing: step with present gains is flown again" in announced
+    assert "arm the vehicle again if it was disarmed, after asking" in announced
     assert [q for q in operator.asked if "Arm the vehicle again" in q]
-    assert "arming the vehicle again, as announced" in said
+    assert "arming the vehicle again, as announced" in announced
     harness.assert_as_found()
 
 
-def test_what_was_disarmed_in_a_silence_stays_disarmed_when_the_operator_says_no(tmp_path: Any) -> None:
+def test_a_vehicle_disarmed_in_a_silence_stays_disarmed_when_the_operator_declines(tmp_path: Any) -> None:
     harness = Hushed(tmp_path, "step with present gains", 10.0, 12.0, name="videoray")
     operator = Enough(harness, "step-before: completed", declined="Arm the vehicle again")
     with pytest.raises(AutotuneError):
@@ -84,7 +84,7 @@ def test_what_was_disarmed_in_a_silence_stays_disarmed_when_the_operator_says_no
     harness.assert_as_found()
 
 
-def test_the_page_shows_the_trial_that_was_flown_again_not_the_interrupted_one(tmp_path: Any) -> None:
+def test_the_page_shows_the_repeated_trial_not_the_interrupted_one(tmp_path: Any) -> None:
     log = TuneLog(SitlHarness(tmp_path).settings(), "now", SilentObserver())
     for ending in ("aborted", "completed"):
         log.flown(Trial("step-before", {}, ending=ending))
@@ -92,7 +92,7 @@ def test_the_page_shows_the_trial_that_was_flown_again_not_the_interrupted_one(t
     assert shown is not None and shown.ending == "completed"
 
 
-def test_what_a_failsafe_did_in_a_silence_is_not_undone_where_nobody_can_be_asked(tmp_path: Any) -> None:
+def test_a_failsafe_during_a_silence_is_not_undone_without_an_operator_to_ask(tmp_path: Any) -> None:
     """``--yes`` is given beforehand, and in a silence another station may have ordered the same."""
     harness = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
     with pytest.raises(LinkLost):
@@ -115,7 +115,7 @@ class HeldInSilence(Hushed):
         return passed
 
 
-def test_an_order_given_in_a_silence_stands(tmp_path: Any) -> None:
+def test_an_order_given_during_a_silence_stays_in_force(tmp_path: Any) -> None:
     harness = HeldInSilence(tmp_path, "first self-oscillation", 25.0, 9.0)
     with pytest.raises(AutotuneError):
         harness.tune(Enough(harness, "relay-1: completed"))
@@ -126,7 +126,7 @@ def test_an_order_given_in_a_silence_stands(tmp_path: Any) -> None:
 
 
 @pytest.mark.parametrize(("patience", "silence"), [(0.0, 9.0), (12.0, 20.0)])
-def test_a_silence_longer_than_stated_ends_the_tune_with_everything_put_back(
+def test_a_silence_longer_than_permitted_ends_the_tune_and_everything_is_restored(
     tmp_path: Any, patience: float, silence: float
 ) -> None:
     harness = Hushed(tmp_path, "step with present gains", 10.0, silence)

@@ -57,7 +57,7 @@ def step(**craft: float) -> Trial:
     return recorded("step-before", 24.0, output, **craft)
 
 
-def swing(seconds: float, half: float = 2.0, **craft: float) -> Trial:
+def relay_record(seconds: float, half: float = 2.0, **craft: float) -> Trial:
     """A relay with so long a *half* period."""
     trial = recorded("relay-1", seconds, lambda t: 0.4 if int(t / half + 0.5) % 2 == 0 else -0.4, **craft)
     switches = np.arange(0.5 * half, seconds, half)
@@ -70,46 +70,46 @@ def question(**craft: float) -> DesignQuestion:
 
 
 @pytest.mark.slow
-def test_of_a_linear_craft_a_step_and_three_reversals_tell_the_gains() -> None:
-    found = assess(question(), swing(7.0))
+def test_a_step_and_three_reversals_determine_the_gains_of_a_linear_craft() -> None:
+    found = assess(question(), relay_record(7.0))
     assert found.lacks == ""
     assert found.gains is not None and found.gains.spread < stop_rule.SPREAD
     assert found.values[:2] == pytest.approx((0.4, 0.5), rel=0.05)
 
 
-def test_a_dead_zone_shows_as_an_oscillation_that_is_explained_and_a_step_that_is_not() -> None:
-    found = assess(question(dead=0.1), swing(7.0, dead=0.1))
+def test_a_dead_zone_explains_the_oscillation_but_not_the_step() -> None:
+    found = assess(question(dead=0.1), relay_record(7.0, dead=0.1))
     assert "one model explains" in found.lacks
     assert found.another_size
 
 
-def test_a_boat_whose_step_is_not_explained_is_left_to_the_five_periods() -> None:
-    asked = replace(question(dead=0.1), axis=replace(AXIS, needs_speed=True))
-    found = assess(asked, swing(7.0, dead=0.1))
+def test_a_boat_with_an_unexplained_step_needs_five_periods() -> None:
+    requested = replace(question(dead=0.1), axis=replace(AXIS, needs_speed=True))
+    found = assess(requested, relay_record(7.0, dead=0.1))
     assert found.lacks and not found.another_size
 
 
-def test_in_waves_nothing_is_known_and_no_other_size_is_asked_for() -> None:
-    found = assess(question(waves=0.15), swing(7.0, waves=0.15, seed=2))
+def test_in_waves_the_gains_are_undetermined_and_no_other_size_is_requested() -> None:
+    found = assess(question(waves=0.15), relay_record(7.0, waves=0.15, seed=2))
     assert found.lacks and not found.another_size
 
 
-def test_a_record_too_short_to_be_fitted_does_not_fall_out_of_the_fit_in_silence() -> None:
-    found = assess(question(), swing(1.8, half=0.5))
+def test_a_record_too_short_to_be_fitted_is_reported() -> None:
+    found = assess(question(), relay_record(1.8, half=0.5))
     assert found.lacks == "18 samples of psi, fewer than 40"
     assert not found.another_size
 
 
 @pytest.mark.slow
-def test_gains_that_the_region_leaves_open_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gains_that_remain_uncertain_are_not_determined(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stop_rule, "SPREAD", 1e-9)
-    assert "the predicted ITAE is uncertain by" in assess(question(), swing(7.0)).lacks
+    assert "the predicted ITAE is uncertain by" in assess(question(), relay_record(7.0)).lacks
 
 
-def test_what_no_gains_can_be_designed_for_is_not_known_and_where_it_was_wished_for_refused() -> None:
-    asked = question()
-    lost = replace(asked, spec=replace(asked.spec, gain_margin=1e9, settling_time=0.1))
-    found = assess(lost, swing(7.0))
+def test_gains_that_cannot_be_designed_are_undetermined_and_a_specification_is_refused() -> None:
+    requested = question()
+    lost = replace(requested, spec=replace(requested.spec, gain_margin=1e9, settling_time=0.1))
+    found = assess(lost, relay_record(7.0))
     assert found.lacks.startswith("no gains can be designed yet")
     assert found.refused
 
@@ -149,7 +149,7 @@ RELAY = Relay(RelaySettings("psi", "N"))
 
 
 def ruled(desk: Desk) -> KnownDesign:
-    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(7.0))
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: relay_record(7.0))
     rule = KnownDesign(craft, desk, question())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
@@ -166,7 +166,7 @@ def ended_after(rule: KnownDesign, reversals: int = 9, ticks: int = 6) -> tuple[
     return 0, ""
 
 
-def test_a_relay_ends_once_the_design_has_been_known_twice_running() -> None:
+def test_a_relay_ends_once_the_design_was_determined_twice_in_succession() -> None:
     rule = ruled(Desk(UNKNOWN, UNKNOWN, KNOWN, KNOWN, KNOWN))
     number, why = ended_after(rule)
     assert number == 5 and rule.known
@@ -175,14 +175,14 @@ def test_a_relay_ends_once_the_design_has_been_known_twice_running() -> None:
     )
 
 
-def test_what_the_gains_promise_by_then_is_told_with_its_worst() -> None:
+def test_the_predicted_cost_is_reported_with_its_worst_case() -> None:
     class Ear(SilentObserver):
         told: ClassVar[list[Fact]] = []
 
         def note(self, fact: Fact) -> None:
             self.told.append(fact)
 
-    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(7.0))
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: relay_record(7.0))
     rule = KnownDesign(craft, Desk(UNKNOWN, UNKNOWN, KNOWN, KNOWN), question(), Ear())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
@@ -190,19 +190,19 @@ def test_what_the_gains_promise_by_then_is_told_with_its_worst() -> None:
     assert [(cost.nominal, round(cost.worst, 9)) for cost in Ear.told] == [(20.0, 20.6)] * 2  # type: ignore[union-attr]
 
 
-def test_what_the_step_told_counts_and_yet_it_never_ends_before_three_reversals() -> None:
+def test_the_step_counts_but_a_relay_never_ends_before_three_reversals() -> None:
     assert ended_after(ruled(Desk(*[KNOWN] * 9)))[0] == 3
 
 
-def test_a_number_that_the_last_half_period_moved_by_two_standard_errors_is_not_known() -> None:
+def test_a_parameter_moved_by_two_standard_errors_is_not_determined() -> None:
     assert ended_after(ruled(Desk(KNOWN, MOVED, MOVED, MOVED)))[0] == 5
 
 
-def test_a_design_that_is_lost_again_begins_anew() -> None:
+def test_a_design_that_is_lost_again_starts_over() -> None:
     assert ended_after(ruled(Desk(KNOWN, UNKNOWN, KNOWN, KNOWN)))[0] == 5
 
 
-def test_a_wish_refused_twice_by_a_model_that_stays_the_same_ends_the_relay() -> None:
+def test_a_specification_refused_twice_by_an_unchanged_model_ends_the_relay() -> None:
     moved = replace(REFUSED, values=(1.0, 2.3))
     rule = ruled(Desk(UNKNOWN, REFUSED, moved, moved, moved))
     number, why = ended_after(rule)
@@ -213,7 +213,7 @@ def test_a_wish_refused_twice_by_a_model_that_stays_the_same_ends_the_relay() ->
         assert rule.known is earlier.refused, "a run flown earlier tells as much"
 
 
-def test_another_size_ends_the_relay_and_the_gains_are_not_known() -> None:
+def test_a_request_for_another_size_ends_the_relay_without_gains() -> None:
     rule = ruled(Desk(UNKNOWN, replace(UNKNOWN, another_size=True)))
     number, why = ended_after(rule)
     assert number == 3 and rule.another_size and not rule.known
@@ -223,7 +223,7 @@ def test_another_size_ends_the_relay_and_the_gains_are_not_known() -> None:
 def growing(desk: Desk) -> KnownDesign:
     """A rule whose record grows by ten seconds a snapshot: 10, 20, ... s."""
     lengths = iter(range(10, 1000, 10))
-    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: swing(next(lengths)))
+    craft: Any = SimpleNamespace(clock=None, recorded_so_far=lambda meta: relay_record(next(lengths)))
     rule = KnownDesign(craft, desk, question())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
@@ -235,32 +235,32 @@ ANSWERS = (UNKNOWN, UNKNOWN, KNOWN, KNOWN)
 
 
 @pytest.mark.parametrize(("looks", "ends"), [(0, 5), (4, 5), (9, 7), (30, 20)])
-def test_a_slow_computer_ends_a_relay_later_and_counts_the_same_half_periods(looks: int, ends: int) -> None:
+def test_a_slow_computer_ends_a_relay_later_with_the_same_half_periods(looks: int, ends: int) -> None:
     rule = growing(Desk(*ANSWERS, looks=looks))
     assert ended_after(rule, reversals=40)[0] == ends
     assert rule.known
-    assert rule.counted_to == pytest.approx(swing(30).end)
+    assert rule.counted_to == pytest.approx(relay_record(30).end)
 
 
-def test_what_is_unanswered_when_five_periods_have_ended_the_relay_is_answered_then() -> None:
+def test_an_assessment_pending_after_five_periods_is_awaited() -> None:
     desk = Desk(*ANSWERS, looks=40)
-    rule, run = growing(desk), swing(60)
+    rule, run = growing(desk), relay_record(60)
     assert ended_after(rule, reversals=7) == (0, "")
     counted = rule.conclude(run, desk.result)
     assert rule.known and counted.meta["enough"]
-    assert counted.end == pytest.approx(swing(30).end)
+    assert counted.end == pytest.approx(relay_record(30).end)
     assert counted.reason.startswith("the model is accurate enough")
 
 
-def test_a_relay_that_ended_by_itself_counts_whole_where_the_gains_are_not_known() -> None:
+def test_a_relay_that_ended_by_itself_counts_whole_without_determined_gains() -> None:
     desk = Desk(*[UNKNOWN] * 9, looks=40)
-    rule, run = growing(desk), swing(60)
+    rule, run = growing(desk), relay_record(60)
     ended_after(rule, reversals=7)
     assert rule.conclude(run, desk.result) is run
     assert not rule.known
 
 
-def test_an_answer_about_an_oscillation_that_has_begun_anew_meanwhile_counts_for_nothing() -> None:
+def test_an_assessment_of_a_restarted_oscillation_is_ignored() -> None:
     desk = Desk(KNOWN, replace(UNKNOWN, another_size=True), KNOWN, looks=3)
     rule = ruled(desk)
     assert [rule.update(RELAY, 3) for _ in range(5)] == [""] * 5
@@ -269,7 +269,7 @@ def test_an_answer_about_an_oscillation_that_has_begun_anew_meanwhile_counts_for
     assert rule.known and not desk.answers
 
 
-def test_a_desk_that_breaks_down_ends_nothing_and_one_at_work_is_told_to_stop() -> None:
+def test_a_failing_assessment_ends_nothing_and_a_running_one_is_abandoned() -> None:
     desk = Desk(AutotuneError("the computing process ended"), looks=1)
     rule = ruled(desk)
     assert ended_after(rule, reversals=3, ticks=3) == (0, "")
@@ -280,19 +280,19 @@ def test_a_desk_that_breaks_down_ends_nothing_and_one_at_work_is_told_to_stop() 
     assert deepcopy(rule) is rule
 
 
-def test_in_simulated_time_the_answer_is_there_at_once_and_goes_on_from_the_last_gains(
+def test_in_simulated_time_an_assessment_is_immediate_and_starts_from_the_last_gains(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked: list[tuple[int, ProvisionalGains | None]] = []
+    requested: list[tuple[int, ProvisionalGains | None]] = []
 
     def answer(question: DesignQuestion, run: Trial | None, last: ProvisionalGains | None) -> Assessment:
-        asked.append((0 if run is None else len(run["psi"]), last))
+        requested.append((0 if run is None else len(run["psi"]), last))
         return KNOWN
 
     monkeypatch.setattr(stop_rule, "assess", answer)
-    craft: Any = SimpleNamespace(clock=ManualClock(), recorded_so_far=lambda meta: swing(7.0))
+    craft: Any = SimpleNamespace(clock=ManualClock(), recorded_so_far=lambda meta: relay_record(7.0))
     rule = KnownDesign(craft, Desk(), question())  # type: ignore[arg-type]
     rule.start()
     rule.begin()
     assert ended_after(rule)[0] == 3
-    assert asked == [(0, None), (70, GAINS)]
+    assert requested == [(0, None), (70, GAINS)]

@@ -1,4 +1,4 @@
-"""The study behind ``identify``: what is checked on what, and what is told."""
+"""The study behind ``identify``: what is checked on what, and what is reported."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def steps(seed: int, alpha: float = ALPHA, beta: float = BETA, name: str = "") -
 
 
 @pytest.mark.slow
-def test_one_run_is_checked_on_its_own_last_third_and_the_answer_uses_it_whole() -> None:
+def test_one_run_is_checked_on_its_last_third_and_the_final_fit_uses_all_of_it() -> None:
     found = study([steps(1)], [], StudySettings(), "2026-01-01T00:00:00")
     assert "without its last 30 %" in found.how_unseen
     assert found.answer.unseen is not None
@@ -44,14 +44,14 @@ def test_one_run_is_checked_on_its_own_last_third_and_the_answer_uses_it_whole()
 
 
 @pytest.mark.slow
-def test_of_several_runs_each_is_predicted_from_the_others() -> None:
+def test_each_of_several_runs_is_predicted_from_the_others() -> None:
     found = study([steps(1), steps(2), steps(3)], [], StudySettings(), "2026-01-01T00:00:00")
     assert found.answer.unseen is not None
-    told = [(t.run, t.signal) for t in found.answer.unseen.traces]
-    assert told == [(f"steps-{k}", s) for k in (1, 2, 3) for s in ("psi", "r")]
+    reported = [(t.run, t.signal) for t in found.answer.unseen.traces]
+    assert reported == [(f"steps-{k}", s) for k in (1, 2, 3) for s in ("psi", "r")]
 
 
-def test_a_run_of_another_vehicle_is_predicted_badly_and_says_so() -> None:
+def test_a_run_of_another_vehicle_is_predicted_badly() -> None:
     other = steps(9, alpha=0.12, beta=0.02, name="other")
     found = study([steps(1), steps(2)], [other], StudySettings(), "2026-01-01T00:00:00")
     assert found.answer.unseen is not None
@@ -59,7 +59,7 @@ def test_a_run_of_another_vehicle_is_predicted_badly_and_says_so() -> None:
 
 
 @pytest.mark.slow
-def test_all_methods_are_compared_and_one_that_refuses_says_why() -> None:
+def test_all_methods_are_compared_and_a_refusing_one_reports_its_reason() -> None:
     found = study([steps(1)], [], StudySettings(structure="linear", method="all", check=False), "2026-01-01T00:00:00")
     names = [o.method for o in found.outcomes]
     assert names[0] == "output-error"
@@ -71,11 +71,11 @@ def test_all_methods_are_compared_and_one_that_refuses_says_why() -> None:
     assert data["methods"]["output-error"]["parameters"]["alpha_r"]["value"] == pytest.approx(ALPHA, rel=0.02)
 
 
-def test_one_method_that_refuses_ends_the_study_with_its_reason() -> None:
+def test_a_single_method_that_refuses_ends_the_study_with_its_reason() -> None:
     with pytest.raises(NotInformative, match="relay"):
         study([steps(1)], [], StudySettings(method="iso"), "2026-01-01T00:00:00")
 
 
-def test_an_option_no_method_has_is_refused_by_name() -> None:
+def test_an_option_that_no_method_has_is_refused_by_name() -> None:
     with pytest.raises(UsageError, match="no option 'sparkle'"):
         study([steps(1)], [], StudySettings(options={"sparkle": 1}), "2026-01-01T00:00:00")

@@ -1,4 +1,4 @@
-"""Who waits for an identification is told what it is at, and how much of it is done."""
+"""An identification reports its stage and its progress."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune.trial import Channel, Trial, save_trial
 from gcs_autotune.workflow import StudySettings, study
 
 
-def swing(name: str, half: int) -> Trial:
+def square_wave_run(name: str, half: int) -> Trial:
     """Return 40 s at 10 Hz of 0.04 r' + 0.02 r = N under a square wave of *half* ticks each way."""
     n = np.where(np.arange(400) // half % 2, -0.06, 0.06)
     psi, r = np.zeros(400), np.zeros(400)
@@ -28,42 +28,42 @@ def swing(name: str, half: int) -> Trial:
     return Trial(name, {c: Channel(c, unit, t, values) for c, (unit, values) in channels.items()})
 
 
-def told(runs, settings: StudySettings, unseen=()) -> list[tuple[str, int, int]]:
+def stages_of(runs, settings: StudySettings, unseen=()) -> list[tuple[str, int, int]]:
     stages: list[tuple[str, int, int]] = []
     study(runs, unseen, settings, "", lambda *stage: stages.append(stage))
     return stages
 
 
-RUNS = (swing("a", 40), swing("b", 25))
+RUNS = (square_wave_run("a", 40), square_wave_run("b", 25))
 
 
-def test_a_fit_and_each_check_on_data_left_out_is_a_piece():
-    assert told(RUNS, StudySettings(dof="yaw", structure="linear", delay=0.0)) == [
+def test_each_fit_and_each_held_out_check_is_a_stage():
+    assert stages_of(RUNS, StudySettings(dof="yaw", structure="linear", delay=0.0)) == [
         ("output-error: fitting", 0, 3),
         ("output-error: checking", 1, 3),
         ("output-error: checking", 2, 3),
     ]
 
 
-def test_without_a_check_there_is_one_piece_and_what_follows_is_told_too():
-    stages = told(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0, check=False, plan_next=20.0))
+def test_without_a_check_there_is_one_stage_and_planning_is_reported_too():
+    stages = stages_of(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0, check=False, plan_next=20.0))
     assert stages == [("output-error: fitting", 0, 1), ("planning the next manoeuvre", 0, 1)]
 
 
-def test_of_all_methods_one_that_refuses_takes_its_checks_along(monkeypatch):
-    room = importlib.import_module("gcs_autotune.workflow.study")
-    real = room.fit
+def test_a_refusing_method_skips_its_checks(monkeypatch):
+    study_module = importlib.import_module("gcs_autotune.workflow.study")
+    real = study_module.fit
 
     def choosy(trials, structure, method, **options):
         if method == "two":
             raise NotInformative("not for me")
         return real(trials, structure, "output-error", **options)
 
-    row = room.METHODS["output-error"]
-    monkeypatch.setattr(room, "METHODS", dict.fromkeys(("one", "two", "three"), row))
-    monkeypatch.setattr(room, "_methods", lambda settings: ["one", "two", "three"])
-    monkeypatch.setattr(room, "fit", choosy)
-    stages = told(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0), unseen=RUNS[1:])
+    row = study_module.METHODS["output-error"]
+    monkeypatch.setattr(study_module, "METHODS", dict.fromkeys(("one", "two", "three"), row))
+    monkeypatch.setattr(study_module, "_methods", lambda settings: ["one", "two", "three"])
+    monkeypatch.setattr(study_module, "fit", choosy)
+    stages = stages_of(RUNS[:1], StudySettings(dof="yaw", structure="linear", delay=0.0), unseen=RUNS[1:])
     assert stages == [
         ("one: fitting", 0, 6),
         ("one: checking", 1, 6),
@@ -74,7 +74,7 @@ def test_of_all_methods_one_that_refuses_takes_its_checks_along(monkeypatch):
 
 
 @pytest.mark.parametrize(("json", "quiet"), [((), False), (("--json",), True)])
-def test_the_command_shows_them_on_standard_error_unless_json_is_wanted(json, quiet, monkeypatch, tmp_path, capsys):
+def test_progress_is_shown_on_standard_error_unless_json_is_requested(json, quiet, monkeypatch, tmp_path, capsys):
     seen: list[str] = []
 
     class Bar:

@@ -29,7 +29,7 @@ def drifting(seed: int) -> Trial:
     return Trial("sagging", {n: Channel(n, u, table["t"], table[n]) for n, u in units.items()})
 
 
-def test_the_end_of_a_run_is_predicted_with_the_battery_as_low_as_it_is_by_then() -> None:
+def test_the_end_of_a_run_is_predicted_with_the_battery_drift_at_that_time() -> None:
     settings = StudySettings(effects=("gain-drift",))
     found = study([drifting(1)], [], settings, "now")
     assert found.answer.unseen is not None

@@ -32,7 +32,7 @@ def proposed(tmp_path_factory):
     return harness, harness.tune(dry_run=True, step=np.radians(25.0), proving=command)
 
 
-def test_a_dry_run_leaves_its_proposal_for_every_ground_station(proposed):
+def test_a_dry_run_writes_its_proposal_for_every_ground_station(proposed):
     harness, story = proposed
     assert story.ending == "dry-run"
     for name in ("proposed.param", "proposed.params"):
@@ -45,30 +45,30 @@ def test_a_dry_run_leaves_its_proposal_for_every_ground_station(proposed):
     assert [(c[0], c[1], c[2], c[4]) for c in cells] == [("1", "1", name, "9") for name in story.proposal.new]
 
 
-def test_the_page_names_the_command_that_proves_it(proposed):
+def test_the_page_contains_the_command_that_tests_the_proposal(proposed):
     harness, _ = proposed
     page = (harness.directory / "report.html").read_text()
     assert f"gcs-autotune tune heading --gains {harness.directory}/proposed.param" in page
 
 
-def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed, tmp_path):
-    dry, told = proposed
+def test_the_gains_of_a_dry_run_are_tested_by_its_own_step_and_kept(proposed, tmp_path):
+    dry, dry_story = proposed
     harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     operator = Answers(True, True)
     story = harness.tune(operator, gains=load_gains(dry.directory, "heading"), simulated=False)
     assert story.ending == "kept", story.reason
     assert "test them by the same manoeuvre" in operator.questions[1]
-    assert {n: harness.vehicle.parameters.values[n] for n in told.proposal.new} == pytest.approx(
-        dict(told.proposal.new), rel=1e-6
+    assert {n: harness.vehicle.parameters.values[n] for n in dry_story.proposal.new} == pytest.approx(
+        dict(dry_story.proposal.new), rel=1e-6
     )
     flown = [json.loads(p.read_text())["meta"] for p in sorted((harness.directory / "trials").glob("*step*.json"))]
     assert [meta["size"] for meta in flown] == pytest.approx([np.radians(25.0)] * 2)
     assert not list((harness.directory / "trials").glob("*relay*"))
     assert story.metrics_after.itae < story.metrics_before.itae
-    assert json.loads((harness.directory / "summary.json").read_text())["gains"].keys() == told.proposal.new.keys()
+    assert json.loads((harness.directory / "summary.json").read_text())["gains"].keys() == dry_story.proposal.new.keys()
 
 
-def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
+def test_worse_gains_of_a_file_are_removed_again(tmp_path):
     file = tmp_path / "mine.param"
     file.write_text("ATC_RAT_YAW_P,0.05\n")
     harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
@@ -81,7 +81,7 @@ def test_worse_gains_of_a_file_are_taken_off_again(tmp_path):
     ("line", "why"),
     [("ATC_STR_RAT_P,50", "documented range"), ("CRUISE_SPEED,3", "not a gain of the heading loop")],
 )
-def test_a_file_that_sets_what_this_loop_may_not_have_is_refused_before_anything_moves(line, why, tmp_path):
+def test_a_file_with_unsuitable_parameters_is_refused_before_anything_moves(line, why, tmp_path):
     file = tmp_path / "mine.param"
     file.write_text(f"ATC_STR_RAT_I,0.1\n{line}\n")
     harness = SitlHarness(tmp_path)
@@ -103,13 +103,13 @@ def flown_step(folder: Path, signal: str) -> Path:
     return folder
 
 
-def test_a_speed_is_stepped_about_what_the_run_found_the_craft_to_keep(tmp_path):
+def test_a_speed_step_starts_from_the_speed_found_in_the_run(tmp_path):
     given = load_gains(flown_step(tmp_path / "run", "u"), "speed")
-    asked = StepSettings("u", 99.0, 99.0, speed=1.2)
-    assert step_of(given, asked) == StepSettings("u", 0.4, 12.0, base=0.8, steady_band=0.2, speed=1.2)
+    requested = StepSettings("u", 99.0, 99.0, speed=1.2)
+    assert step_of(given, requested) == StepSettings("u", 0.4, 12.0, base=0.8, steady_band=0.2, speed=1.2)
 
 
-def test_gains_without_the_step_they_need_or_of_another_axis_are_refused_by_name(tmp_path):
+def test_gains_without_their_step_or_of_another_axis_are_refused(tmp_path):
     run = flown_step(tmp_path / "run", "u")
     with pytest.raises(UsageError, match="axis flown in that run"):
         load_gains(run, "heading")
@@ -121,18 +121,18 @@ def test_gains_without_the_step_they_need_or_of_another_axis_are_refused_by_name
         load_gains(tmp_path, "heading")
 
 
-def test_the_command_repeats_what_the_user_asked_of_link_step_and_safety(capsys, tmp_path, monkeypatch):
-    asked = {}
-    job = SimpleNamespace(run=lambda settings, *_: asked.update(s=settings) or 1 / 0)
+def test_the_command_repeats_the_users_options_of_link_step_and_safety(capsys, tmp_path, monkeypatch):
+    requested = {}
+    job = SimpleNamespace(run=lambda settings, *_: requested.update(s=settings) or 1 / 0)
     monkeypatch.setattr("gcs_autotune.workflow.job_of", lambda name: job)
     words = ["--connect", "udpin:127.0.0.1:0", "--max-distance", "40", "--step", "20", "--system-id", "7"]
     with pytest.raises(ZeroDivisionError):
         main(["tune", "heading", "--dry-run", "--yes", "--function", "butterworth", "--relays", "2", *words])
-    said = asked["s"].proving.split()
-    assert said[:3] == ["gcs-autotune", "tune", "heading"]
-    assert said[-1] == "--gains"
-    told = {said[i]: said[i + 1] for i in range(3, len(said) - 1, 2)}
-    assert {k: float(v) if v.replace(".", "").isdigit() else v for k, v in told.items()} == {
+    command_words = requested["s"].proving.split()
+    assert command_words[:3] == ["gcs-autotune", "tune", "heading"]
+    assert command_words[-1] == "--gains"
+    dry_story = {command_words[i]: command_words[i + 1] for i in range(3, len(command_words) - 1, 2)}
+    assert {k: float(v) if v.replace(".", "").isdigit() else v for k, v in dry_story.items()} == {
         "--connect": "udpin:127.0.0.1:0",
         "--max-distance": 40.0,
         "--step": 20.0,

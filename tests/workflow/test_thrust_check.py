@@ -61,7 +61,7 @@ def test_free_thrust_passes_on_the_first_half_pulse() -> None:
 
 
 @pytest.mark.slow
-def test_thrust_that_saturates_below_the_pulse_but_drives_passes_with_less_speed_gained() -> None:
+def test_thrust_that_saturates_below_the_pulse_passes_with_less_speed_gained() -> None:
     free, _ = pulse()
     check, flown = pulse(effect="saturation@throttle.limit=0.3")
     assert flown.ending == "completed"
@@ -75,7 +75,7 @@ def test_thrust_that_saturates_below_the_pulse_but_drives_passes_with_less_speed
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.02, 0.1])
-def test_thrust_that_saturates_too_low_to_drive_is_refused_after_both_pulses_with_what_the_output_did(
+def test_thrust_that_saturates_too_low_is_refused_after_both_pulses_with_the_output_shown(
     limit: float,
 ) -> None:
     check, flown = pulse(effect=f"saturation@throttle.limit={limit}")
@@ -87,7 +87,7 @@ def test_thrust_that_saturates_too_low_to_drive_is_refused_after_both_pulses_wit
 
 
 @pytest.mark.slow
-def test_throttle_that_the_autopilot_cuts_off_is_refused_with_what_cuts_it() -> None:
+def test_throttle_limited_by_the_autopilot_is_refused_with_the_limiting_parameter() -> None:
     check, flown = pulse(MOT_THR_MAX=10.0)
     assert flown.ending == "aborted"
     assert check.answer is not None
@@ -97,7 +97,7 @@ def test_throttle_that_the_autopilot_cuts_off_is_refused_with_what_cuts_it() -> 
 
 
 @pytest.mark.slow
-def test_a_throttle_that_stands_at_its_stop_unasked_is_refused_before_any_pulse() -> None:
+def test_a_throttle_saturated_without_a_command_is_refused_before_any_pulse() -> None:
     check, flown = pulse(stuck=4.0)
     assert flown.ending == "aborted"
     assert check.answer is None
@@ -106,12 +106,12 @@ def test_a_throttle_that_stands_at_its_stop_unasked_is_refused_before_any_pulse(
 
 
 @pytest.mark.slow
-def test_a_throttle_that_goes_on_standing_at_its_stop_is_said_to_be_not_neutral() -> None:
+def test_a_throttle_that_stays_saturated_is_reported_as_not_neutral() -> None:
     with pytest.raises(NotAsFound, match=r"not neutral after 5 s: X \+0\.96 of full output\. Take over by hand"):
         pulse(stuck=60.0)
 
 
-def test_a_cap_below_the_working_throttle_is_refused_before_arming_with_the_throttle_that_does(tmp_path) -> None:
+def test_a_cap_below_the_working_throttle_is_refused_before_arming_with_a_possible_throttle(tmp_path) -> None:
     harness = SitlHarness(tmp_path, parameters={"MOT_THR_MAX": 25.0})
     with pytest.raises(PreconditionFailed, match=r"MOT_THR_MAX is 25 %.* Use --throttle 0\.25"):
         harness.tune(axis="speed")
@@ -119,7 +119,7 @@ def test_a_cap_below_the_working_throttle_is_refused_before_arming_with_the_thro
     assert not list((harness.directory / "trials").glob("*.csv"))
 
 
-def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none() -> None:
+def test_a_sufficient_cap_or_one_on_another_axis_is_accepted() -> None:
     craft = open_craft(Session(MemoryLink(open_vehicle("charlie", parameters={"MOT_THR_MAX": 80.0}))))
     check_throttle_is_free(craft, "surge", WORKING)
     check_throttle_is_free(craft, "yaw", 1.0)
@@ -128,8 +128,8 @@ def test_a_cap_at_the_working_throttle_or_on_an_axis_that_needs_no_more_is_none(
 
 
 @pytest.mark.parametrize(("firmware", "throttle"), [("ardusub", 0.0), ("ardurover", 0.25)])
-def test_steering_is_checked_at_rest_where_a_craft_needs_no_way_for_it(firmware: str, throttle: float) -> None:
-    """With way on many an ROV turns by itself, and then nothing is seen of its thrusters."""
+def test_steering_is_checked_at_rest_where_a_craft_needs_no_headway(firmware: str, throttle: float) -> None:
+    """With headway many an ROV turns by itself, which hides its thrusters."""
     craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], servos=SimpleNamespace(driving=lambda force: []))
     check = sign_check_for("yaw", craft, 0.25, needs_speed=False)
     assert check.meta_fields["throttle"] == throttle

@@ -1,4 +1,4 @@
-"""Two oscillations of different size tell a thruster that is weak for small commands from a straight one."""
+"""Two oscillations of different size distinguish a thruster that is weak for small commands from a linear one."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ DEAD_BAND = 0.12
 
 def oscillation(name: str, output: float, half_period: float, share: float, dead: float = 0.0) -> Trial:
     """A square wave on an ROV's yaw, thrust ``v (1 - share + share |v|)``, *v* what exceeds the dead band."""
-    n, swing = 10_000, round(half_period / DT)
-    u = np.where((np.arange(n) + swing // 2) // swing % 2 == 0, output, -output)
+    n, half_ticks = 10_000, round(half_period / DT)
+    u = np.where((np.arange(n) + half_ticks // 2) // half_ticks % 2 == 0, output, -output)
     return flown(name, u, share, dead, {"C": output})
 
 
-def dying_swing(share: float, dead: float) -> Trial:
+def decaying_oscillation(share: float, dead: float) -> Trial:
     """What a loop does after a step: an output that runs through all sizes and ends at what holds a constant force."""
     t = DT * np.arange(10_000)
     return flown("step", 0.5 * np.exp(-t / 6.0) * np.cos(2.0 * t), share, dead, {})
@@ -65,7 +65,7 @@ def two(share: float) -> list[Trial]:
     return [oscillation("relay-1", 0.3, 0.8, share), oscillation("relay-2", 0.6, 0.6, share)]
 
 
-def test_a_thruster_weak_for_small_commands_is_found_and_said():
+def test_a_thruster_weak_for_small_commands_is_detected_and_reported():
     runs = two(0.8)
     plain = fit_axis(runs, dof="yaw")
     found = fit_thrust_curve(runs, plain)
@@ -75,7 +75,7 @@ def test_a_thruster_weak_for_small_commands_is_found_and_said():
     assert "weak for small commands" in describe_thrust_curve(found, plain)
 
 
-def test_a_straight_thruster_gets_no_curve():
+def test_a_linear_thruster_gets_no_curve():
     runs = two(0.0)
     assert fit_thrust_curve(runs, fit_axis(runs, dof="yaw")) is None
 
@@ -87,14 +87,14 @@ def dead_band() -> tuple[list[Trial], AxisFit]:
 
 
 @pytest.mark.slow
-def test_two_sizes_cannot_tell_a_dead_band_from_a_curve_and_the_step_can(dead_band: tuple[list[Trial], AxisFit]):
+def test_the_step_distinguishes_a_dead_zone_from_a_curve_where_two_sizes_cannot(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
     assert "dead-zone@N.width" not in fit_thrust_curve(runs, plain).parameters
-    found = fit_thrust_curve(runs, plain, dying_swing(0.0, DEAD_BAND))
+    found = fit_thrust_curve(runs, plain, decaying_oscillation(0.0, DEAD_BAND))
     assert found.parameters["dead-zone@N.width"].value == pytest.approx(DEAD_BAND, abs=0.01)
     assert (
         "the oscillations and the step together indicate an actuator that does nothing below 12"
-        in describe_thrust_curve(found, plain, dying_swing(0.0, DEAD_BAND))
+        in describe_thrust_curve(found, plain, decaying_oscillation(0.0, DEAD_BAND))
     )
 
 
@@ -108,19 +108,19 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize(("sizes", "step", "found"), [(3, None, True), (2, None, False), (3, "a step", False)])
-def test_three_sizes_that_a_dead_zone_explains_and_no_curve_are_told_so(sizes, step, found, monkeypatch):
-    """Of a BlueROV2's surge: 10 % left straight, 8.8 with a curve, 6.4 with a dead zone; the straight fit was told."""
+def test_a_dead_zone_that_explains_three_sizes_is_reported(sizes, step, found, monkeypatch):
+    """BlueROV2 surge: 10 % left straight, 8.8 with a curve, 6.4 with a dead zone; the linear one was reported."""
     fits = {("quadratic-actuator",): a_fit(91.2, quadratic_actuator=0.4), ("dead-zone",): a_fit(93.6, dead_zone=0.144)}
     monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
     plain = a_fit(90.0)
     curve = fit_thrust_curve([None] * sizes, plain, step)
     assert (curve is fits["dead-zone",]) is found
     if found:
-        said = describe_thrust_curve(curve, plain)
-        assert said == "the three oscillations indicate an actuator that does nothing below 14.4% of full output"
+        announced = describe_thrust_curve(curve, plain)
+        assert announced == "the three oscillations indicate an actuator that does nothing below 14.4% of full output"
 
 
-def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
+def test_a_dead_zone_found_from_three_sizes_may_saturate_as_well(monkeypatch):
     fits = {
         ("quadratic-actuator",): a_fit(91.0, quadratic_actuator=0.4),
         ("dead-zone",): a_fit(93.3, dead_zone=0.141),
@@ -129,13 +129,13 @@ def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
     monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
     found = fit_thrust_curve([None] * 3, a_fit(89.7))
     assert found is fits["saturation", "dead-zone"]
-    told = describe_thrust_curve(found, a_fit(89.7))
-    assert "does nothing below 16.7% of full" in told
-    assert "Beyond 77% the force hardly grows" in told
+    description = describe_thrust_curve(found, a_fit(89.7))
+    assert "does nothing below 16.7% of full" in description
+    assert "Beyond 77% the force hardly grows" in description
 
 
 @pytest.mark.slow
-def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dwells_at_its_edge():
+def test_a_step_at_its_edge_distinguishes_a_speed_controllers_neutral_band_from_a_dead_zone():
     band, steps = 0.0625, 100.0
     runs = [oscillation(f"relay-{n}", C, T, 0.8) for n, C, T in ((1, 0.3, 0.8), (2, 0.6, 0.6))]
     t = 20 * DT * np.arange(400)
@@ -155,28 +155,28 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
 
 
 @pytest.mark.parametrize("axis", ["yaw", "speed"])
-def test_the_step_of_a_boats_turn_rate_tune_stays_out_of_its_model(axis: str):
+def test_the_step_of_a_boats_turn_rate_tune_is_not_used_in_its_model(axis: str):
     found = Identified(SimpleNamespace(), ())
     context = SimpleNamespace(axis=FIRMWARE["ardurover"].axes[axis])
-    assert again_with_step(context, found, dying_swing(0.0, 0.0)) is found
+    assert again_with_step(context, found, decaying_oscillation(0.0, 0.0)) is found
 
 
-def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral_band_is_looked_for(dead_band):
+def test_an_rovs_turn_rate_step_is_used_in_its_model_with_a_neutral_band(dead_band):
     runs, plain = dead_band
-    asked = []
+    requested = []
 
     def run_in_background(work: Callable[..., object], *args: object, **named: object) -> None:
-        asked.append((work, args, named))
+        requested.append((work, args, named))
 
     context = SimpleNamespace(
         axis=FIRMWARE["ardusub"].axes["heading"],
         settings=SimpleNamespace(structure=None),
         run_in_background=run_in_background,
-        log=SimpleNamespace(say=asked.append),
+        log=SimpleNamespace(say=requested.append),
     )
-    step = dying_swing(0.0, DEAD_BAND)
+    step = decaying_oscillation(0.0, DEAD_BAND)
     assert again_with_step(context, Identified(plain, runs), step).extended is None
-    assert asked == [
+    assert requested == [
         "identifying from the experiments and the step",
         (fit_thrust_curve, (runs, plain, step), {"with_band": True}),
         (fit_slow_actuator, (runs, plain), {}),
@@ -185,7 +185,7 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
 
 
 @pytest.mark.slow
-def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):
+def test_a_third_size_is_requested_until_it_has_been_flown(dead_band: tuple[list[Trial], AxisFit]):
     runs, plain = dead_band
     third = extra_relay(runs, plain)
     assert third is not None
@@ -194,17 +194,17 @@ def test_a_third_size_is_asked_for_until_it_has_been_flown(dead_band: tuple[list
     assert extra_relay(three, fit_axis(three, dof="yaw")) is None
 
 
-def test_a_straight_actuator_needs_no_third_size():
+def test_a_linear_actuator_needs_no_third_size():
     runs = two(0.0)
     assert extra_relay(runs, fit_axis(runs, dof="yaw")) is None
 
 
-def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does():
-    runs, said = two(0.8), []
+def test_an_experiment_reports_the_model_with_the_curve_as_a_tune_does():
+    runs, announced = two(0.8), []
     plain = fit_axis(runs, dof="yaw")
 
-    def told_of(structure: str | None) -> AxisFit:
-        log = SimpleNamespace(say=said.append, fit=plain)
+    def fit_reported(structure: str | None) -> AxisFit:
+        log = SimpleNamespace(say=announced.append, fit=plain)
         settings = SimpleNamespace(structure=structure)
         context = SimpleNamespace(
             log=log, settings=settings, run_in_background=lambda work, *args, **named: work(*args, **named)
@@ -212,10 +212,10 @@ def test_an_experiment_tells_the_model_with_the_curve_as_a_tune_does():
         identification._extended(context, plain, runs, None)  # type: ignore[arg-type]
         return log.fit
 
-    found = told_of(None)
+    found = fit_reported(None)
     assert [e.slug for e in found.effects] == ["quadratic-actuator"]
     assert found.fit_percent > plain.fit_percent + 5.0
     assert found.covariance.shape == (len(found.parameters),) * 2 == (6, 6)
     assert found.correlation[0, 5] != 0.0
-    assert any("weak for small commands" in text for text in said)
-    assert told_of("affine") is plain
+    assert any("weak for small commands" in text for text in announced)
+    assert fit_reported("affine") is plain

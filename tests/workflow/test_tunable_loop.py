@@ -47,7 +47,7 @@ def step(itae: float) -> StepMetrics:
     ],
     ids=["better than both", "worse than both", "the same", "better than flown", "better than predicted"],
 )
-def test_gains_are_refused_unproved_only_when_they_promise_less_than_both_what_was_predicted_and_what_was_flown(
+def test_gains_are_refused_only_when_predicted_worse_than_both_prediction_and_flight(
     promised: float, predicted_now: float, flown_now: float, is_refused: bool
 ) -> None:
     offer = _offer_of(proposed(promised, [CHANGE], predicted_now), step(flown_now), 1.0)
@@ -99,7 +99,7 @@ CHANGE = Change("P", 1.0, 2.0, 0.0, 9.0, "better")
 
 @pytest.fixture
 def context(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A craft whose step after is as good as ``context.flies`` says; the operator's answer is ``context.answer``."""
+    """A craft whose step after has the cost ``context.flies``; the operator's answer is ``context.answer``."""
     done.clear()
     said: list[str] = []
     log = SimpleNamespace(
@@ -149,7 +149,7 @@ def ruler(trial: Trial, windows: Sequence[float]) -> StepMetrics:
 
 
 @pytest.mark.parametrize(("firmware", "axis", "seen"), [("ardusub", "depth", ["z Z"]), ("ardurover", "heading", [])])
-def test_a_craft_is_watched_by_its_own_axis_while_it_comes_to_rest_and_a_boat_floats_on(
+def test_a_craft_is_monitored_on_its_axis_while_it_comes_to_rest_and_a_boat_is_not(
     firmware: str, axis: str, seen: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flown: list[str] = []
@@ -194,7 +194,7 @@ def supplied(context: Any) -> list[str]:
     return tuned(context, Offer([CHANGE]))
 
 
-def test_both_steps_are_read_over_what_both_recorded(context: Any) -> None:
+def test_both_steps_are_measured_over_the_time_both_recorded(context: Any) -> None:
     supplied(context)
     assert read == [(8.0, 6.0), (8.0, 6.0)]
     assert (
@@ -203,7 +203,7 @@ def test_both_steps_are_read_over_what_both_recorded(context: Any) -> None:
     )
 
 
-def test_given_gains_are_written_only_when_wanted_and_never_in_a_dry_run(context: Any) -> None:
+def test_supplied_gains_are_written_only_on_approval_and_never_in_a_dry_run(context: Any) -> None:
     context.settings.dry_run = True
     assert supplied(context) == ["dry-run"]
     done.clear()
@@ -212,7 +212,7 @@ def test_given_gains_are_written_only_when_wanted_and_never_in_a_dry_run(context
 
 
 @pytest.mark.parametrize(("flies", "ending"), [(0.5, ["kept", "kept", "left"]), (1.2, ["given back", "restored"])])
-def test_given_gains_stay_when_their_step_is_better_and_go_back_when_it_is_not(
+def test_supplied_gains_are_kept_when_their_step_is_better_and_else_restored(
     context: Any, flies: float, ending: list[str]
 ) -> None:
     context.flies = flies
@@ -247,7 +247,7 @@ def proposed(promised: float, changes: list[Change], predicted_now: float = 1.0)
         (0.5, [CHANGE], False, False, ["Write P 1 -> 2 and test it by the same manoeuvre?", "declined"]),
     ],
 )
-def test_a_proposal_ends_without_writing_when_there_is_none_it_promises_less_or_it_is_not_wanted(
+def test_a_missing_worse_or_declined_proposal_ends_without_writing(
     context: Any, promised: float, changes: list[Change], dry: bool, answer: bool, ending: list[str]
 ) -> None:
     context.settings.dry_run, context.answer = dry, answer
@@ -261,7 +261,7 @@ def test_a_proposal_that_proves_better_is_kept(context: Any) -> None:
     assert done[-3:] == ["kept", "kept", "left"]
 
 
-def test_gains_whose_turn_rates_oscillate_go_back_though_headings_are_better(
+def test_gains_with_oscillating_turn_rates_are_restored_though_headings_are_better(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     swinging = replace(step(0.5), oscillation=0.3)
@@ -276,7 +276,7 @@ def test_gains_whose_turn_rates_oscillate_go_back_though_headings_are_better(
     assert context.log.beside == (step(1.0), swinging)
 
 
-def test_gains_that_hold_headings_as_well_as_before_are_kept_for_turn_rates_that_are_clearly_better(
+def test_gains_with_equal_headings_and_clearly_better_turn_rates_are_kept(
     context: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compared = Compared(step(1.0), step(0.1), is_followed(step(1.0), step(0.1), {}, "turn rates"))
@@ -351,7 +351,7 @@ class Borrowed:
         (2.5, False, False, 1.0, "declined"),
     ],
 )
-def test_gains_of_a_controller_of_our_own_are_tuned_like_an_autopilots(
+def test_a_controller_of_our_own_is_tuned_like_an_autopilot(
     context: Any, proposed_gain: float, dry: bool, answer: bool, left: float, ending: str
 ) -> None:
     loop = Thermostat(1.0, proposed_gain, best=3.0)
@@ -362,7 +362,7 @@ def test_gains_of_a_controller_of_our_own_are_tuned_like_an_autopilots(
 
 
 @pytest.mark.parametrize(("best", "ending", "left"), [(3.0, "kept", 2.5), (-3.0, "restored", 1.0)])
-def test_a_mission_tunes_a_controller_of_our_own_and_touches_no_parameter(
+def test_a_mission_tunes_a_controller_of_our_own_and_writes_no_parameter(
     tmp_path: Path, best: float, ending: str, left: float
 ) -> None:
     harness, loop = SitlHarness(tmp_path, QUICK), Thermostat(1.0, 2.5, best)
@@ -389,7 +389,7 @@ def test_a_mission_tunes_a_controller_of_our_own_and_touches_no_parameter(
     harness.assert_untouched()
 
 
-def test_no_module_of_the_missions_but_the_loop_of_the_autopilot_writes_parameters() -> None:
+def test_only_the_autopilot_loop_aboard_and_restore_write_parameters() -> None:
     """Restoring a run that was cut off is for what its journal lists, whoever wrote it."""
     folder = Path(autopilot_loop_module.__file__).parent
     writers = set()
@@ -402,7 +402,7 @@ def test_no_module_of_the_missions_but_the_loop_of_the_autopilot_writes_paramete
     assert writers == {"aboard", "autopilot_loop", "restore"}
 
 
-def test_gains_of_a_controller_of_our_own_go_back_when_its_proof_fails(context: Any) -> None:
+def test_gains_of_a_controller_of_our_own_are_restored_when_its_proof_fails(context: Any) -> None:
     loop = Thermostat(1.0, 2.5, best=3.0)
     loop.prove = lambda: 1 // 0  # type: ignore[assignment, return-value, method-assign]
     with pytest.raises(ZeroDivisionError):

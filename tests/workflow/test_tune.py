@@ -24,7 +24,7 @@ def tuned(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
+def test_proven_better_gains_are_on_the_vehicle(tuned):
     harness, story = tuned
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.95 * story.metrics_before.itae
@@ -35,7 +35,7 @@ def test_new_gains_are_on_the_vehicle_because_they_proved_better(tuned):
 
 
 @pytest.mark.slow
-def test_turn_rates_are_proved_beside_headings_and_both_are_in_the_report(tuned):
+def test_turn_rates_are_proved_with_headings_and_both_are_in_the_report(tuned):
     harness, story = tuned
     stages = [t for t in harness.said if t.startswith(("step with", "turn rate with"))]
     assert stages == [f"{what} with {gains} gains" for gains, what in PROOFS]
@@ -55,7 +55,7 @@ PROOFS = (("present", "step"), ("present", "turn rate"), ("new", "step"), ("new"
 
 
 @pytest.mark.slow
-def test_one_relay_ends_once_the_gains_are_known_and_nobody_is_told_that_it_had_not_settled(tuned):
+def test_one_relay_ends_once_the_gains_are_determined_without_a_settling_doubt(tuned):
     harness, story = tuned
     assert [trial.name for trial in story.relays] == ["relay-1"]
     assert story.relays[0].reason.startswith("the model is accurate enough for the design")
@@ -64,7 +64,7 @@ def test_one_relay_ends_once_the_gains_are_known_and_nobody_is_told_that_it_had_
 
 
 @pytest.mark.slow
-def test_nothing_but_the_proposed_gains_has_changed(tuned):
+def test_only_the_proposed_gains_have_changed(tuned):
     harness, story = tuned
     now = dict(harness.vehicle.parameters.values)
     changed = {name for name, value in harness.parameters.items() if now[name] != value}
@@ -87,7 +87,7 @@ def test_gains_stay_inside_their_documented_ranges(tuned):
 
 
 @pytest.mark.slow
-def test_the_identified_model_is_the_hidden_one(tuned):
+def test_the_identified_model_agrees_with_the_hidden_one(tuned):
     _, story = tuned
     assert story.fit.structure == "linear"
     # The autopilot drives the step at a throttle of its own, which rudders feel: a per cent.
@@ -96,7 +96,7 @@ def test_the_identified_model_is_the_hidden_one(tuned):
 
 
 @pytest.mark.slow
-def test_everything_is_said_before_it_is_done(tuned):
+def test_everything_is_announced_before_it_is_done(tuned):
     harness, _ = tuned
     will = [i for i, text in enumerate(harness.said) if text.startswith("will ")]
     done = harness.said.index("step with present gains")
@@ -107,7 +107,7 @@ def test_everything_is_said_before_it_is_done(tuned):
 
 
 @pytest.mark.slow
-def test_the_run_directory_holds_the_whole_record(tuned):
+def test_the_run_directory_contains_the_complete_record(tuned):
     harness, story = tuned
     names = {p.name for p in (harness.directory / "trials").glob("*.csv")}
     assert {"01-sign-check.csv", "02-step-before.csv", "03-relay-1.csv", "04-turn-rate-before.csv"} <= names
@@ -124,7 +124,7 @@ def test_the_run_directory_holds_the_whole_record(tuned):
 
 
 @pytest.mark.slow
-def test_a_boat_stays_within_the_room_that_was_announced(tuned):
+def test_a_boat_stays_within_the_announced_space(tuned):
     harness, _ = tuned
     (need,) = (text for text in harness.said if "m from the start" in text)
     trials = [load_trial(path) for path in sorted((harness.directory / "trials").glob("*.csv"))]
@@ -133,23 +133,23 @@ def test_a_boat_stays_within_the_room_that_was_announced(tuned):
     assert 100.0 < far < float(need.split(" up to ")[1].split(" m")[0])
 
 
-def told_and_flown(harness):
-    """Return how long [s] a tune said it would take, and how long what it flew was."""
-    said = " ".join(harness.said)
-    count, unit = re.search(r"take about (\d+) (s|min) of the vehicle's time", said).groups()
-    flown = sum(int(seconds) for seconds in re.findall(r"\((\d+) s recorded\)", said))
+def announced_and_flown(harness):
+    """Return the announced time and the time flown [s]."""
+    messages = " ".join(harness.said)
+    count, unit = re.search(r"take about (\d+) (s|min) of the vehicle's time", messages).groups()
+    flown = sum(int(seconds) for seconds in re.findall(r"\((\d+) s recorded\)", messages))
     return float(count) * {"s": 1.0, "min": 60.0}[unit], float(flown)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
-def test_the_time_told_beforehand_is_about_what_it_takes(tuned, tmp_path):
+def test_the_announced_time_is_within_30_percent_of_the_actual_time(tuned, tmp_path):
     large, _ = tuned
     small = SitlHarness(tmp_path, QUICK)
     small.tune(axis="speed")
     for harness in (large, small):
-        told, flown = told_and_flown(harness)
-        assert 0.7 * flown <= told <= 1.3 * flown, (told, flown)
+        announced_time, flown = announced_and_flown(harness)
+        assert 0.7 * flown <= announced_time <= 1.3 * flown, (announced_time, flown)
     assert flown < 90.0
 
 
@@ -163,7 +163,7 @@ def test_the_journal_is_settled_in_the_end(tuned):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
-def test_the_same_seed_gives_the_same_record_to_the_last_bit(tmp_path):
+def test_the_same_seed_gives_a_bit_identical_record(tmp_path):
     runs = []
     for name in ("a", "b"):
         harness = SitlHarness(tmp_path / name, "automarine", **SLOW_LOOP)
@@ -185,7 +185,7 @@ def test_a_dry_run_flies_and_designs_but_writes_nothing(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
-def test_gains_that_do_not_prove_better_are_put_back(tmp_path, monkeypatch):
+def test_gains_that_do_not_prove_better_are_restored(tmp_path, monkeypatch):
     monkeypatch.setattr("gcs_autotune.design.verdict.ITAE_RATIO", 1e-6)
     monkeypatch.setattr("gcs_autotune.design.verdict.NO_WORSE", 0.0)
     harness = SitlHarness(tmp_path, "charlie")
@@ -225,7 +225,7 @@ def test_no_to_the_second_question_writes_nothing(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
-def test_an_rov_survives_the_operators_long_thinking(tmp_path):
+def test_an_rov_tolerates_a_slow_operator(tmp_path):
     # ArduSub disarms three seconds after the last pilot input; each question takes four.
     harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     story = harness.tune(Answers(True, True), simulated=False)
@@ -242,7 +242,7 @@ def test_a_boat_has_no_depth_loop(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
-def test_present_gains_outside_their_ranges_are_no_obstacle(tmp_path):
+def test_present_gains_outside_their_ranges_are_accepted(tmp_path):
     harness = SitlHarness(tmp_path, QUICK, parameters={"ATC_STR_RAT_FF": 9.0})
     story = harness.tune(dry_run=True)
     assert any("ATC_STR_RAT_FF" in note for note in story.proposal.notes)
@@ -258,7 +258,7 @@ def test_a_run_directory_is_never_overwritten(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("plainly")
-def test_the_relay_and_the_step_can_be_given(tmp_path):
+def test_relay_and_step_sizes_can_be_supplied(tmp_path):
     harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
     story = harness.tune(
         dry_run=True, relay_output=0.4, relay_hysteresis=math.radians(15.0), step=math.radians(20.0), step_duration=15.0
@@ -269,14 +269,14 @@ def test_the_relay_and_the_step_can_be_given(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_boat_whose_step_and_relay_do_not_settle_is_tuned_with_what_it_had_recorded_where_the_room_ended(
-    tmp_path, plainly
-):
+def test_a_boat_that_runs_out_of_space_is_tuned_from_the_partial_records(tmp_path, plainly):
     waves = parse_effect("wave-disturbance@yaw.amplitude=0.1,frequency=1.5,bandwidth=0.15")
     harness = SitlHarness(tmp_path, "blueboat", effects=[waves])
     story = harness.tune(stop_rule="settled", envelope=Envelope(distance=60.0), dry_run=True)
     assert story.ending == "dry-run"
-    said = " ".join(harness.said)
-    assert re.search(r"step-before: stopped, out of space \d+ s into the step and 4 s into the step back: 4\d m", said)
-    assert re.search(r"relay-2: stopped, out of space, not settled after \d+ reversals: 4\d m", said)
+    messages = " ".join(harness.said)
+    assert re.search(
+        r"step-before: stopped, out of space \d+ s into the step and 4 s into the step back: 4\d m", messages
+    )
+    assert re.search(r"relay-2: stopped, out of space, not settled after \d+ reversals: 4\d m", messages)
     assert story.proposal.changes

@@ -39,7 +39,7 @@ def pulls(force: Any, command: Any = LEVELS, unit: str = "1") -> PullTest:
     return PullTest("pulls", np.asarray(command, dtype=float), np.asarray(force, dtype=float), unit)
 
 
-def test_a_dead_zone_and_weak_thrust_astern_are_corrected_and_proved(tmp_path: Path) -> None:
+def test_a_dead_zone_and_weak_astern_thrust_are_corrected_and_proved(tmp_path: Path) -> None:
     harness = boat(tmp_path, "blueboat", "dead-zone@X.width=0.1")
     story = actuators(harness)
     assert story.ending == "kept"
@@ -54,11 +54,11 @@ def test_a_dead_zone_and_weak_thrust_astern_are_corrected_and_proved(tmp_path: P
     summary = json.loads((harness.directory / "summary.json").read_text())
     assert summary["thrust"]["after"]["departure"] == pytest.approx(story.thrust_after.departure)
     assert "Thrust at each command" in (harness.directory / "report.html").read_text()
-    said = " ".join(harness.said)
-    assert said.index("will write some of MOT_THR_MIN") < said.index("State before the run")
+    announced = " ".join(harness.said)
+    assert announced.index("will write some of MOT_THR_MIN") < announced.index("State before the run")
 
 
-def test_a_tuned_vehicle_can_be_flown_again(tmp_path: Path) -> None:
+def test_a_tuned_vehicle_is_left_unchanged_by_another_tune(tmp_path: Path) -> None:
     parameters = {"MOT_THR_MIN": 10.0, "MOT_THST_ASYM": 2.0, "CRUISE_THROTTLE": 33.0}
     harness = boat(tmp_path, "blueboat", "dead-zone@X.width=0.1", parameters=parameters)
     story = actuators(harness)
@@ -112,7 +112,7 @@ def test_a_stop_during_the_proof_restores_everything(tmp_path: Path) -> None:
     harness.assert_restored()
 
 
-def test_a_run_that_was_cut_off_is_restored(tmp_path: Path) -> None:
+def test_an_interrupted_run_is_restored(tmp_path: Path) -> None:
     def meddling(t: float, message: Any) -> Iterable[Any]:
         if any("new gains written" in text for text in harness.said):
             harness.peer.deaf = True
@@ -129,7 +129,7 @@ def test_a_run_that_was_cut_off_is_restored(tmp_path: Path) -> None:
     assert Journal.read(harness.directory / "journal.jsonl").is_settled
 
 
-def test_a_rudder_that_is_held_over_on_both_courses_is_trimmed(tmp_path: Path) -> None:
+def test_a_rudder_offset_on_both_courses_is_trimmed(tmp_path: Path) -> None:
     harness = boat(tmp_path, "charlie", "input-bias@yaw.bias=0.1")
     story = actuators(harness, dry_run=True)
     trim = {c.parameter: c.new for c in story.changes}["SERVO1_TRIM"]
@@ -174,7 +174,7 @@ def test_an_unusable_pull_test_is_refused_before_anything_moves(
     harness.assert_untouched()
 
 
-def test_a_pull_test_in_pulses_shows_trim_and_ends(tmp_path: Path) -> None:
+def test_a_pull_test_in_pulses_gives_trim_and_end_points(tmp_path: Path) -> None:
     harness = boat(tmp_path)
     pwm = np.arange(900.0, 2101.0, 50.0)
     reach = np.clip(pwm - 1520.0, -400.0, 400.0)  # an ESC with its own middle, from 1120 to 1920
@@ -186,14 +186,14 @@ def test_a_pull_test_in_pulses_shows_trim_and_ends(tmp_path: Path) -> None:
     harness.assert_as_found()
 
 
-def test_an_experiment_takes_the_thrust_curve_of_a_pull_test(tmp_path: Path) -> None:
+def test_an_experiment_uses_the_thrust_curve_of_a_pull_test(tmp_path: Path) -> None:
     harness = boat(tmp_path)
     curve = np.sign(LEVELS) * (0.7 * np.abs(LEVELS) + 0.3 * LEVELS**2)
     fit = experiment(harness.settings("speed", pull_test=pulls(10.0 * curve)), Unattended(), Ear(harness.said), WHEN)
     assert fit.extra["thrust_curve"]["square"] == pytest.approx(0.3, abs=0.02)
 
 
-def test_an_experiment_with_an_rov_takes_no_pull_test(tmp_path: Path) -> None:
+def test_an_experiment_with_an_rov_accepts_no_pull_test(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2")
     with pytest.raises(WrongVehicle, match="--pull-test is for the throttle of a boat"):
         experiment(harness.settings("surge", pull_test=pulls(LEVELS)), Unattended(), Ear(harness.said), WHEN)

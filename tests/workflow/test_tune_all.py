@@ -45,7 +45,7 @@ class Scripted:
         self.flown.append(name)
         ending = self.endings.get(name, "kept")
         settings.directory.mkdir(parents=True)
-        told = {
+        reported = {
             "ending": ending if isinstance(ending, str) else "aborted",
             "reason": "scripted",
             "gains": {"GAIN_OF_" + name.upper(): [0.2, 0.8]},
@@ -55,7 +55,7 @@ class Scripted:
             },
             "track": None,
         }
-        (settings.directory / "summary.json").write_text(json.dumps(told))
+        (settings.directory / "summary.json").write_text(json.dumps(reported))
         (settings.directory / "parameters_after.json").write_text("{}")
         if isinstance(ending, BaseException):
             raise ending
@@ -94,26 +94,26 @@ def scripted(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Scripted]:
     return script
 
 
-def test_an_rov_is_tuned_in_the_order_of_the_table_after_one_announcement(tmp_path, scripted) -> None:
+def test_an_rov_is_tuned_in_table_order_after_one_announcement(tmp_path, scripted) -> None:
     bench, script = Bench(tmp_path, ROV), scripted(depth="restored")
     story = bench.tune()
     assert script.flown == ["heading", "depth"]
     assert bench.endings == {"heading": "kept", "depth": "restored"}
-    said = [text for text in bench.said if text.startswith("will ")]
-    assert any("in this order: heading, depth" in text for text in said)
-    assert any("take about" in text and "heading" in text and "depth" in text for text in said)
+    messages = [text for text in bench.said if text.startswith("will ")]
+    assert any("in this order: heading, depth" in text for text in messages)
+    assert any("take about" in text and "heading" in text and "depth" in text for text in messages)
     assert sum("Go ahead" in text for text in bench.said) == 1
     assert story.ending == "kept" and not story.resume
     page = (bench.job / "report.html").read_text()
     assert "2 loops: 1 kept, 1 restored." in page
-    told = "Heading: the new gains are kept, tracking error 75\u00a0% lower (measured). GAIN_OF_HEADING "
-    assert told in page.replace("&nbsp;", "\u00a0")
+    reported = "Heading: the new gains are kept, tracking error 75\u00a0% lower (measured). GAIN_OF_HEADING "
+    assert reported in page.replace("&nbsp;", "\u00a0")
     assert "GAIN_OF_HEADING" in page and "params restore" in page
     assert (bench.job / "parameters_before.param").read_text().count("PSC_") >= 4
     assert not bench.link.stays_open
 
 
-def test_roll_pitch_and_position_are_part_of_it_when_they_are_named(tmp_path, scripted) -> None:
+def test_roll_pitch_and_position_are_tuned_when_requested(tmp_path, scripted) -> None:
     bench, script = (
         Bench(tmp_path, "bluerov2-6dof", **SLOW_LOOP),
         scripted(heading="restored", depth="restored", position="restored"),
@@ -124,7 +124,7 @@ def test_roll_pitch_and_position_are_part_of_it_when_they_are_named(tmp_path, sc
     assert any("move for pitch: a small pulse in each direction" in text for text in bench.said)
 
 
-def test_position_is_left_out_in_one_sentence_without_a_position(tmp_path, scripted) -> None:
+def test_position_is_omitted_without_a_position_estimate(tmp_path, scripted) -> None:
     def lost(_: float, message: Any) -> Iterable[Any]:
         if message.get_type() == "EKF_STATUS_REPORT":
             message.flags = 0
@@ -133,8 +133,8 @@ def test_position_is_left_out_in_one_sentence_without_a_position(tmp_path, scrip
     bench, script = Bench(tmp_path, "bluerov2-6dof", meddling=lost, **SLOW_LOOP), scripted()
     bench.tune(loops=("heading", "depth", "roll", "pitch", "position"))
     assert script.flown == ["heading", "depth", "roll", "pitch"]
-    (told,) = (text for text in bench.said if text.startswith("will not tune position"))
-    assert "no position estimate for 5 s" in told
+    (reported,) = (text for text in bench.said if text.startswith("will not tune position"))
+    assert "no position estimate for 5 s" in reported
 
 
 def test_nothing_is_flown_when_the_answer_is_no(tmp_path, scripted) -> None:
@@ -146,7 +146,7 @@ def test_nothing_is_flown_when_the_answer_is_no(tmp_path, scripted) -> None:
     assert not bench.harness.vehicle.autopilot.armed
 
 
-def test_a_loop_that_fails_leaves_out_only_what_stands_on_it(tmp_path, scripted) -> None:
+def test_a_failed_loop_skips_only_the_loops_that_depend_on_it(tmp_path, scripted) -> None:
     bench, script = Bench(tmp_path, "blueboat"), scripted(speed=NotInformative("no motion"))
     story = bench.tune()
     assert script.flown == ["speed", "heading"]
@@ -162,7 +162,7 @@ def test_a_loop_that_fails_leaves_out_only_what_stands_on_it(tmp_path, scripted)
     assert "--resume" in story.resume
 
 
-def test_a_tripped_limit_ends_the_job_and_it_is_gone_on_from_at_the_next_step(tmp_path, scripted) -> None:
+def test_a_tripped_limit_ends_the_job_and_resuming_continues_at_the_next_step(tmp_path, scripted) -> None:
     bench = Bench(tmp_path, ROV)
     scripted(depth=GuardTripped("too deep", guard="depth"))
     with pytest.raises(GuardTripped):
@@ -176,7 +176,7 @@ def test_a_tripped_limit_ends_the_job_and_it_is_gone_on_from_at_the_next_step(tm
     assert [step.directory for step in story.steps] == ["02-heading", "05-depth"]
 
 
-def test_a_job_is_gone_on_from_only_as_it_was_begun(tmp_path, scripted) -> None:
+def test_a_job_can_be_resumed_only_with_its_own_settings(tmp_path, scripted) -> None:
     bench = Bench(tmp_path, ROV)
     scripted(depth=GuardTripped("too deep", guard="depth"))
     with pytest.raises(GuardTripped):
@@ -192,7 +192,7 @@ def test_a_job_is_gone_on_from_only_as_it_was_begun(tmp_path, scripted) -> None:
 
 
 @pytest.mark.slow
-def test_a_job_is_stopped_resumed_and_put_back_as_a_whole(tmp_path, plainly) -> None:
+def test_a_job_is_stopped_resumed_and_restored_as_a_whole(tmp_path, plainly) -> None:
     bench = Bench(tmp_path, ROV)
     before = dict(bench.harness.vehicle.parameters.values)
 

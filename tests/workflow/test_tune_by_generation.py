@@ -33,7 +33,7 @@ def test_a_vehicle_with_new_names_is_tuned_in_its_own_units(tuned):
         assert harness.vehicle.parameters[name] == pytest.approx(value / scale, rel=1e-6)
 
 
-def test_files_journal_and_report_speak_the_vehicle_s_language(tuned):
+def test_files_journal_and_report_use_the_vehicles_parameter_names(tuned):
     harness, story = tuned
     before = load_params(harness.directory / "parameters_before.param")
     assert before["PSC_D_ACC_P"] == pytest.approx(0.05)

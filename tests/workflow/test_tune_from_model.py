@@ -48,20 +48,20 @@ def test_gains_designed_from_a_file_prove_better_on_the_water(tuned):
         assert harness.vehicle.parameters.values[name] == pytest.approx(value, rel=1e-6)
 
 
-def test_no_experiment_is_flown_and_none_is_announced(tuned):
+def test_no_experiment_is_flown_or_announced(tuned):
     harness, story = tuned
     assert story.relays == () and story.fit is None
     assert not any("oscillations about" in text or "self-oscillation" in text for text in harness.said)
 
 
-def test_the_model_is_held_against_the_step_flown_first(tuned):
+def test_the_model_is_compared_with_the_step_flown_first(tuned):
     harness, _ = tuned
-    said = next(text for text in harness.said if "explains" in text)
-    assert float(said.split("explains ")[1].split(" %")[0]) > 85.0
-    assert "the model is of this craft" not in said
+    announced = next(text for text in harness.said if "explains" in text)
+    assert float(announced.split("explains ")[1].split(" %")[0]) > 85.0
+    assert "the model is of this craft" not in announced
 
 
-def test_what_became_of_the_effect_is_said_and_recorded(tuned):
+def test_the_handling_of_the_effect_is_reported_and_recorded(tuned):
     harness, _ = tuned
     assert any(text.startswith("dead zone (N):") and "MOT_THR_MIN" in text for text in harness.said)
     gains = json.loads((harness.directory / "gains.json").read_text())
@@ -71,21 +71,21 @@ def test_what_became_of_the_effect_is_said_and_recorded(tuned):
     assert model["effects"][0]["values"] == {"width": DEAD}
 
 
-def test_a_model_of_another_craft_is_noticed(tmp_path):
+def test_a_model_of_another_craft_is_detected(tmp_path):
     harness = SitlHarness(tmp_path)
     story = harness.tune(given=load_model(model_file(tmp_path, alpha=0.05 * ALPHA)), dry_run=True)
     assert any("the model is of this craft" in text for text in harness.said), harness.said
     assert story.ending in ("dry-run", "unchanged")
 
 
-def test_newtons_need_the_full_scale_before_anything_moves(tmp_path):
+def test_a_model_in_newton_metres_needs_the_full_scale_before_anything_moves(tmp_path):
     harness = SitlHarness(tmp_path)
     with pytest.raises(UsageError, match="--full-scale"):
         harness.tune(given=load_model(model_file(tmp_path, unit="N m")))
     assert not any("step with present gains" in text for text in harness.said)
 
 
-def test_a_stop_while_gains_are_designed_comes_before_the_question_that_answers_itself(tmp_path) -> None:
+def test_a_stop_during_the_design_prevents_the_automatic_approval(tmp_path) -> None:
     harness, given = SitlHarness(tmp_path), load_model(model_file(tmp_path))
 
     class Stops(Unattended):

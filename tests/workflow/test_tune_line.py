@@ -76,9 +76,9 @@ def test_better_parameters_are_kept_and_the_mission_is_restored(tmp_path: Path) 
     assert summary["track"]["after"]["rms"] == pytest.approx(story.track_after.rms)
     page = (harness.directory / "report.html").read_text()
     assert "Distance from the route (measured)" in page
-    said = " ".join(harness.said)
-    assert "will need" in said
-    assert said.index("replaces the vehicle's own one") < said.index("State before the run")
+    announced = " ".join(harness.said)
+    assert "will need" in announced
+    assert announced.index("replaces the vehicle's own one") < announced.index("State before the run")
 
 
 def test_a_dry_run_flies_once_and_writes_nothing(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_an_rov_is_refused(tmp_path: Path) -> None:
         line(SitlHarness(tmp_path, "bluerov2"))
 
 
-def test_too_little_space_is_refused_with_what_is_enough(tmp_path: Path) -> None:
+def test_insufficient_space_is_refused_with_the_required_distance(tmp_path: Path) -> None:
     with pytest.raises(PreconditionFailed, match=r"--max-distance is 60 m. Use .*--max-distance \d+"):
         line(tuned(tmp_path), envelope=Envelope(distance=60.0))
 
@@ -134,7 +134,7 @@ class Ordering:
 
 
 @pytest.mark.parametrize(("number", "name"), [(4, "HOLD"), (5, "LOITER")])
-def test_an_operators_mode_stands_and_the_mission_is_restored(number: int, name: str, tmp_path: Path) -> None:
+def test_an_operators_mode_stays_in_force_and_the_mission_is_restored(number: int, name: str, tmp_path: Path) -> None:
     order = Ordering(number, 20.0)
     harness = order.harness = tuned(tmp_path, order)
     with pytest.raises(GuardTripped):
@@ -144,7 +144,7 @@ def test_an_operators_mode_stands_and_the_mission_is_restored(number: int, name:
     assert dict(harness.vehicle.parameters.values) == harness.parameters
 
 
-def test_a_run_that_was_cut_off_is_restored_with_its_mission(tmp_path: Path) -> None:
+def test_an_interrupted_run_is_restored_with_its_mission(tmp_path: Path) -> None:
     class Cut(Ordering):
         def __call__(self, t: float, message: Any) -> Iterable[Any]:
             list(super().__call__(t, message))
@@ -162,7 +162,7 @@ def test_a_run_that_was_cut_off_is_restored_with_its_mission(tmp_path: Path) -> 
     assert Journal.read(journal).is_settled
 
 
-def test_an_untuned_boat_is_flown_when_that_is_ordered_and_the_report_states_it(tmp_path: Path) -> None:
+def test_an_untuned_boat_is_flown_on_request_and_the_report_states_it(tmp_path: Path) -> None:
     harness = tuned(tmp_path, ATC_SPEED_P=0.2, ATC_SPEED_I=0.2)
     assert line(harness, untuned=True, dry_run=True).ending == "dry-run"
     assert "speed not tuned" in " ".join(harness.said)
@@ -174,14 +174,14 @@ def assert_as_before(harness: SitlHarness) -> None:
     assert harness.vehicle.autopilot.mission.current == 2
 
 
-def test_a_current_nearly_as_fast_as_the_mission_is_refused_with_the_one_that_is_possible(tmp_path: Path) -> None:
+def test_a_current_nearly_as_fast_as_the_mission_is_refused_with_the_accepted_speed(tmp_path: Path) -> None:
     harness = tuned(tmp_path, effects=[parse_effect("steady-current.V_x=1.3")])
     with pytest.raises(PreconditionFailed, match=r"drifts at 1\.3 m/s .* up to 1\.2 m/s is accepted"):
         line(harness)
     assert_as_before(harness)
 
 
-def test_a_current_that_the_boat_cannot_make_way_against_ends_the_flight_with_its_speed(tmp_path: Path) -> None:
+def test_a_current_too_strong_for_the_boat_ends_the_flight_with_its_speed(tmp_path: Path) -> None:
     north = [parse_effect("steady-current.V_x=-2.6")]
     harness = tuned(tmp_path, effects=north, WP_SPEED=3.5)
     with pytest.raises(NotAchieved, match=r"made 0\.\d\d m/s towards it with \d\d % of full output. The current"):
@@ -189,7 +189,7 @@ def test_a_current_that_the_boat_cannot_make_way_against_ends_the_flight_with_it
     assert_as_before(harness)
 
 
-def test_legs_too_short_for_the_corners_are_refused_with_the_length_that_is_enough(tmp_path: Path) -> None:
+def test_legs_too_short_for_the_corners_are_refused_with_a_sufficient_length(tmp_path: Path) -> None:
     harness = tuned(tmp_path, WP_SPEED=3.0, WP_PIVOT_ANGLE=0.0)
     story = line(harness, leg=10.0)
     assert story.ending == "unchanged"
@@ -213,7 +213,7 @@ def area_around(*corners: tuple[float, float]) -> Envelope:
         (-9.0, 9.0, 9.0, 30.0, "No course fits here"),
     ],
 )
-def test_a_course_through_the_fence_is_refused_with_the_heading_or_the_leg_that_fits(
+def test_a_course_through_the_fence_is_refused_with_a_heading_or_leg_that_fits(
     south: float, north: float, east: float, leg: float, fits: str, tmp_path: Path
 ) -> None:
     harness = tuned(tmp_path)
@@ -223,7 +223,7 @@ def test_a_course_through_the_fence_is_refused_with_the_heading_or_the_leg_that_
     assert_as_before(harness)
 
 
-def test_a_mission_that_the_vehicle_would_not_take_back_is_not_replaced(tmp_path: Path) -> None:
+def test_a_mission_that_could_not_be_restored_is_not_replaced(tmp_path: Path) -> None:
     harness = tuned(tmp_path)
     odd = [*THEIRS, MissionItem(Command.WAYPOINT, 77, (0.0, 0.0, 0.0, 0.0), 451002000, 151002000)]
     harness.vehicle.autopilot.mission.store(odd)
@@ -234,7 +234,7 @@ def test_a_mission_that_the_vehicle_would_not_take_back_is_not_replaced(tmp_path
     assert flown(harness) == [(i.command, i.latitude, i.longitude) for i in odd[1:]]
 
 
-def test_a_position_that_jumps_ends_the_flight_and_the_mission_is_restored(tmp_path: Path) -> None:
+def test_a_position_jump_ends_the_flight_and_the_mission_is_restored(tmp_path: Path) -> None:
     class Jump(Ordering):
         def __call__(self, t: float, message: Any) -> Iterable[Any]:
             if self.harness.vehicle.autopilot.mode.number == 10 and self._since < 0.0:

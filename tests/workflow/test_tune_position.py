@@ -51,8 +51,8 @@ def test_better_gains_are_kept_after_a_step_and_a_push(tmp_path: Path) -> None:
     assert all(title in page for title in ("Position before and after", "Model of surge", "Model of sway"))
     sway = load_model(harness.directory / "model-sway.json").axis
     assert sway is not None and sway.axis.name == "sway"
-    said = " ".join(harness.said)
-    assert said.index("need about") < said.index("State before the run")
+    announced = " ".join(harness.said)
+    assert announced.index("need about") < announced.index("State before the run")
 
 
 def test_a_dry_run_writes_nothing_and_flies_once(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_a_dry_run_writes_nothing_and_flies_once(tmp_path: Path) -> None:
     harness.assert_as_found()
 
 
-def test_the_newer_names_are_written(tmp_path: Path) -> None:
+def test_the_newer_parameter_names_are_written(tmp_path: Path) -> None:
     harness = rov(tmp_path, names="4.7")
     story = position(harness)
     assert story.ending == "kept"
@@ -93,7 +93,7 @@ def test_a_craft_that_cannot_stay_in_one_place_is_refused(name: str, why: str, t
         position(SitlHarness(tmp_path, name))
 
 
-def test_a_boat_holds_closer_against_a_current_with_a_smaller_radius(tmp_path: Path) -> None:
+def test_in_a_current_a_boat_holds_closer_with_a_smaller_radius(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     harness.vehicle.plant.water.V_x, harness.vehicle.plant.water.V_y = 0.2, 0.2
     story = position(harness)
@@ -105,13 +105,13 @@ def test_a_boat_holds_closer_against_a_current_with_a_smaller_radius(tmp_path: P
     assert not harness.vehicle.autopilot.armed
 
 
-def test_a_boat_with_a_small_radius_is_left_as_it_is(tmp_path: Path) -> None:
+def test_a_boat_with_a_small_radius_is_left_unchanged(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat", parameters={"LOIT_RADIUS": 0.3})
     assert position(harness).ending == "unchanged"
     harness.assert_as_found()
 
 
-def test_no_position_is_refused_before_anything_moves(tmp_path: Path) -> None:
+def test_a_missing_position_is_refused_before_anything_moves(tmp_path: Path) -> None:
     harness = rov(tmp_path)
     harness.vehicle.autopilot.ready_ms = 10**9
     with pytest.raises(PreconditionFailed, match="no position estimate"):
@@ -152,7 +152,7 @@ class Jumping:
         return (message,)
 
 
-def test_a_jump_of_the_position_ends_the_run_with_its_size(tmp_path: Path) -> None:
+def test_a_position_jump_ends_the_run_with_its_size(tmp_path: Path) -> None:
     jump = Jumping(1.7)
     harness = jump.harness = rov(tmp_path, jump)
     with pytest.raises(NotAchieved, match=r"jumped by 1\.[678] m"):
@@ -160,7 +160,7 @@ def test_a_jump_of_the_position_ends_the_run_with_its_size(tmp_path: Path) -> No
     harness.assert_as_found()
 
 
-def test_an_operators_mode_stands(tmp_path: Path) -> None:
+def test_an_operators_mode_stays_in_force(tmp_path: Path) -> None:
     class Ordering:
         def __init__(self) -> None:
             self.harness: SitlHarness

@@ -20,7 +20,7 @@ from .sitl_harness import SitlHarness
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("axis", "letters", "signal"), [("roll", "RLL", "phi"), ("pitch", "PIT", "theta")])
-def test_a_tune_keeps_gains_that_a_measured_step_proves_better(
+def test_a_tune_keeps_gains_proved_better_by_a_measured_step(
     axis: str, letters: str, signal: str, tmp_path: Path
 ) -> None:
     harness = SitlHarness(tmp_path, "bluerov2-6dof")  # at 400 Hz: a loop of 100 Hz is too slow for these margins
@@ -37,7 +37,7 @@ def test_a_tune_keeps_gains_that_a_measured_step_proves_better(
     assert not harness.vehicle.autopilot.armed
 
 
-def test_a_frame_without_a_pitching_motor_is_refused_before_anything_moves(tmp_path: Path) -> None:
+def test_a_frame_without_a_pitch_motor_is_refused_before_anything_moves(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2-6dof", parameters={"FRAME_CONFIG": 1.0})
     with pytest.raises(WrongVehicle, match="drives M on this FRAME_CONFIG, so it has no pitch loop to tune"):
         harness.tune(axis="pitch")
@@ -46,5 +46,5 @@ def test_a_frame_without_a_pitching_motor_is_refused_before_anything_moves(tmp_p
 
 def test_the_angle_at_which_a_run_ends_is_announced(tmp_path: Path) -> None:
     settings = SitlHarness(tmp_path).settings("pitch", envelope=Envelope(pitch=math.radians(30.0)))
-    told = room("pitch", 0.0, settings, Observation(0.0, 0.0, z=2.0), Excursion(60.0, 2.0))
-    assert "More than 30 deg of pitch ends the run (--max-pitch)" in told.text
+    reported = room("pitch", 0.0, settings, Observation(0.0, 0.0, z=2.0), Excursion(60.0, 2.0))
+    assert "More than 30 deg of pitch ends the run (--max-pitch)" in reported.text

@@ -28,7 +28,7 @@ def swift(tmp_path_factory):
         return harness, harness.tune(axis="speed")
 
 
-def test_a_speed_loop_is_tuned_and_proved_and_the_cruise_pair_put_right(swift) -> None:
+def test_a_speed_loop_is_tuned_and_proved_and_the_cruise_pair_is_corrected(swift) -> None:
     harness, story = swift
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.5 * story.metrics_before.itae
@@ -41,7 +41,7 @@ def test_a_speed_loop_is_tuned_and_proved_and_the_cruise_pair_put_right(swift) -
     assert not harness.vehicle.autopilot.armed
 
 
-def test_the_surge_of_the_simulated_boat_is_found_with_its_straight_thrust(swift) -> None:
+def test_the_surge_of_the_simulated_boat_is_identified_with_linear_thrust(swift) -> None:
     _, story = swift
     full, std, curve = 2.0 * 55.2, story.fit.parameters["alpha_u"].std, story.fit.extra[CURVE]
     assert std < 0.02 * story.fit.model.alpha
@@ -51,7 +51,7 @@ def test_the_surge_of_the_simulated_boat_is_found_with_its_straight_thrust(swift
     assert curve["square"] == pytest.approx(0.0, abs=2.5 * curve["std"])
 
 
-def test_the_step_is_the_way_back_in_still_water_and_in_a_current_throttle_steps_are(swift, tmp_path) -> None:
+def test_one_throttle_run_suffices_in_still_water_and_two_are_flown_in_a_current(swift, tmp_path) -> None:
     _, story = swift
     assert [run.name for run in story.relays] == ["throttle-1"]
     assert {trace.run for trace in story.fit.traces} == {"throttle-1", "step-before"}
@@ -63,7 +63,7 @@ def test_the_step_is_the_way_back_in_still_water_and_in_a_current_throttle_steps
     assert harness.vehicle.parameters.values["CRUISE_SPEED"] == pytest.approx(2.0 * 55.2 * 0.4 / 29.35, rel=0.03)
 
 
-def test_the_same_speed_step_is_flown_before_and_after_and_drawn_as_speed(swift) -> None:
+def test_the_same_speed_step_is_flown_before_and_after_and_plotted_as_speed(swift) -> None:
     harness, story = swift
     assert story.step_before.meta["signal"] == story.step_after.meta["signal"] == "u"
     assert story.step_before.meta["size"] == story.step_after.meta["size"]
@@ -86,18 +86,19 @@ def test_a_turn_rate_loop_is_tuned_without_its_angle_gain(tmp_path) -> None:
     assert "ATC_STR_ANG_P" not in changed
 
 
-def test_a_dead_band_met_while_turn_rates_are_tuned_is_told_from_a_curve_by_a_third_oscillation(tmp_path) -> None:
+def test_a_third_oscillation_distinguishes_a_dead_zone_from_a_curve_in_a_turn_rate_tune(tmp_path) -> None:
     harness = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("dead-zone@N.width=0.12")])
     story = harness.tune(axis="yaw")
     assert [trial.name for trial in story.relays] == ["relay-1", "relay-2", "relay-3"]
     assert any(
-        "the three oscillations indicate an actuator that does nothing below 12" in said for said in harness.said
+        "the three oscillations indicate an actuator that does nothing below 12" in announced
+        for announced in harness.said
     )
     assert story.ending == "kept"
     assert story.metrics_after.itae < 0.1 * story.metrics_before.itae
 
 
-def test_what_a_straight_model_leaves_of_bent_thrust_is_not_taken_for_noise_of_the_turn_rate(tmp_path) -> None:
+def test_the_residual_of_nonlinear_thrust_is_not_taken_for_turn_rate_noise(tmp_path) -> None:
     harness = SitlHarness(tmp_path, "blueboat", effects=[parse_effect("quadratic-actuator@N.share=1")])
     story = harness.tune(axis="yaw")
     assert story.ending == "kept"
@@ -118,7 +119,7 @@ def _assert_all_is_told_of_the_model_with_the_curve(harness: SitlHarness, story:
     assert "quadratic fraction of the thrust" in (harness.directory / "report.html").read_text(encoding="utf-8")
 
 
-def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:
+def test_an_rov_turns_at_the_rate_of_its_stick_before_and_after(tmp_path) -> None:
     """Of 25 deg/s: the present gains are too weak to turn a Falcon at 30 deg/s, half the step without asking."""
     harness = SitlHarness(tmp_path, "falcon")
     story = harness.tune(axis="yaw", dry_run=True, step=math.radians(25.0))
@@ -130,7 +131,7 @@ def test_a_rov_turns_as_its_stick_says_before_and_after(tmp_path) -> None:
     harness.assert_as_found()
 
 
-def test_experiment_surge_on_a_boat_explains_the_motion_and_leaves_a_model_file(tmp_path) -> None:
+def test_experiment_surge_on_a_boat_explains_the_motion_and_writes_a_model_file(tmp_path) -> None:
     harness = SitlHarness(tmp_path)
     fit = experiment(harness.settings("surge"), Unattended(), Ear(harness.said))
     assert fit.fit_percent > 85.0

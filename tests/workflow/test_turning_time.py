@@ -56,14 +56,14 @@ def relay(seconds: int = 900) -> Relay:
 
 
 @pytest.mark.parametrize(("K", "T"), [(0.16, 8.0), (0.2, 3.0), (0.1, 1.0)])
-def test_the_distance_to_turn_around_follows_from_a_record_of_the_craft(K: float, T: float) -> None:
+def test_the_turning_time_is_estimated_from_a_record(K: float, T: float) -> None:
     kept: list[Any] = []
     Sequencer(Boat(K, T), ROOM, SilentObserver(), kept.append).fly(relay())
     assert turning_time(kept[0], 0.5) == pytest.approx(T + 1.0 / (0.5 * K), rel=0.15)
 
 
 @pytest.mark.parametrize(("K", "T"), [(0.14, 10.0), (0.12, 5.7), (0.2, 3.3)])
-def test_short_pulses_to_both_sides_already_show_enough_distance(K: float, T: float) -> None:
+def test_short_pulses_to_both_sides_already_give_the_turning_time(K: float, T: float) -> None:
     t = np.arange(0.0, 16.0, 0.1)
     N = np.select([(t > 4.0) & (t <= 8.0), (t > 12.0)], [0.15, -0.15], 0.0)
     r = np.zeros(len(t))
@@ -74,13 +74,13 @@ def test_short_pulses_to_both_sides_already_show_enough_distance(K: float, T: fl
     assert 0.8 < turning_time(pulses, 0.5) / (T + 1.0 / (0.5 * K)) < 1.7
 
 
-def test_a_record_with_steering_to_one_side_only_shows_no_distance() -> None:
+def test_a_record_with_steering_to_one_side_only_gives_no_turning_time() -> None:
     kept: list[Any] = []
     Sequencer(Boat(0.2, 3.0), ROOM, SilentObserver(), kept.append).fly(TurnAbout(TurnAboutSettings(0.0)))
     assert math.isnan(turning_time(kept[0], 0.5))
 
 
-def test_a_boat_that_turns_slowly_turns_around_inside_the_limit_once_it_is_known() -> None:
+def test_a_slow_boat_turns_around_inside_the_limit_once_its_turning_time_is_known() -> None:
     slow = (0.14, 10.0)
     boat = Boat(*slow)
     sequencer = Sequencer(boat, ROOM, SilentObserver(), lambda trial: None)

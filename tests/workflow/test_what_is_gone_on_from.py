@@ -24,7 +24,7 @@ OWN = {"ATC_STR_RAT_P": 0.2, "CRUISE_SPEED": 1.5}
 
 
 class Kept:
-    """Writes what a run leaves, as its run directory does."""
+    """Writes the files of a run, as its run directory does."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -40,8 +40,10 @@ def craft(vehicle: VehicleIdentity = BOARD) -> MavlinkCraft:
 
 
 def settings(folder: Path, **changes: Any) -> TuneSettings:
-    asked = TuneSettings(Connection("sitl:charlie"), folder / "again", axis="heading", step=0.5, resume=folder / "run")
-    return replace(asked, **changes)
+    requested = TuneSettings(
+        Connection("sitl:charlie"), folder / "again", axis="heading", step=0.5, resume=folder / "run"
+    )
+    return replace(requested, **changes)
 
 
 @pytest.fixture
@@ -58,7 +60,7 @@ def run(tmp_path: Path) -> Path:
     return kept.folder
 
 
-def test_what_was_flown_to_its_end_is_handed_out_once(run: Path, tmp_path: Path) -> None:
+def test_a_completed_record_is_returned_once(run: Path, tmp_path: Path) -> None:
     earlier = Earlier(settings(tmp_path))
     assert earlier.names == ["step-before", "relay-1"]
     assert earlier.has("relay-1")
@@ -69,13 +71,13 @@ def test_what_was_flown_to_its_end_is_handed_out_once(run: Path, tmp_path: Path)
     assert earlier.take("sign-check") is None
 
 
-def test_without_an_earlier_run_there_is_nothing(tmp_path: Path) -> None:
+def test_without_an_earlier_run_there_are_no_records(tmp_path: Path) -> None:
     earlier = Earlier(settings(tmp_path, resume=None))
     assert earlier.names == []
     earlier.verify_same_vehicle(craft(), {})
 
 
-def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: Path, tmp_path: Path) -> None:
+def test_changed_settings_are_refused_by_name_unless_they_may_differ(run: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"step 0.5 then, 0.25 now"):
         Earlier(settings(tmp_path, step=0.25))
     with pytest.raises(UsageError, match="axis heading then, yaw now"):
@@ -86,15 +88,15 @@ def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: P
 def test_a_flight_recorded_with_the_settings_of_a_tune_can_be_resumed(run: Path, tmp_path: Path) -> None:
     """Earlier versions recorded a flight as a tune of the heading."""
     note = run / "setting_out.json"
-    told = json.loads(note.read_text())
-    note.write_text(json.dumps({**told, "settings": {**told["settings"], "step": None, "throttle": 0.4}}))
+    reported = json.loads(note.read_text())
+    note.write_text(json.dumps({**reported, "settings": {**reported["settings"], "step": None, "throttle": 0.4}}))
     flight = CommonSettings(Connection("sitl:charlie"), tmp_path / "again", throttle=0.4, resume=run)
     assert Earlier(flight, ("relay-1",)).names == ["relay-1"]
     with pytest.raises(UsageError, match=r"throttle 0\.4 then, 0\.5 now"):
         Earlier(replace(flight, throttle=0.5), ("relay-1",))
 
 
-def test_a_folder_that_no_run_has_set_out_in_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     with pytest.raises(UsageError, match="cannot be resumed"):
         Earlier(settings(tmp_path))
@@ -109,7 +111,7 @@ def test_a_damaged_note_is_refused(run: Path, tmp_path: Path, text: str) -> None
         Earlier(settings(tmp_path))
 
 
-def test_a_run_that_owes_something_is_put_back_first(run: Path, tmp_path: Path) -> None:
+def test_a_run_with_open_debts_must_be_restored_first(run: Path, tmp_path: Path) -> None:
     events = [
         {"event": "opened", "vehicle": {}, "link": "", "mode": "", "armed": False, "fingerprint": {}},
         {"event": "lent", "name": "A", "value": 1.0},
@@ -120,7 +122,7 @@ def test_a_run_that_owes_something_is_put_back_first(run: Path, tmp_path: Path) 
         Earlier(settings(tmp_path))
 
 
-def test_the_same_board_with_the_same_parameters_is_gone_on_with(run: Path, tmp_path: Path) -> None:
+def test_the_same_board_with_the_same_parameters_can_be_resumed(run: Path, tmp_path: Path) -> None:
     Earlier(settings(tmp_path)).verify_same_vehicle(craft(), dict(OWN))
 
 
@@ -132,7 +134,7 @@ def test_the_same_board_with_the_same_parameters_is_gone_on_with(run: Path, tmp_
         (replace(BOARD, vehicle_type=10), "vehicle_type 11 there, 10 here"),
     ],
 )
-def test_another_vehicle_or_firmware_is_not_gone_on_with(
+def test_another_vehicle_or_firmware_is_not_resumed(
     run: Path, tmp_path: Path, here: VehicleIdentity, words: str
 ) -> None:
     with pytest.raises(WrongVehicle, match=words):
@@ -147,7 +149,7 @@ def test_another_vehicle_or_firmware_is_not_gone_on_with(
         ({**OWN, "ATC_STR_RAT_D": 0.0}, "ATC_STR_RAT_D absent then, 0.0 now"),
     ],
 )
-def test_a_parameter_that_differs_or_is_gone_or_new_is_told(
+def test_a_changed_missing_or_new_parameter_is_reported(
     run: Path, tmp_path: Path, own: dict[str, float], words: str
 ) -> None:
     with pytest.raises(PreconditionFailed, match=rf"parameters have changed .*\({words}\)"):
@@ -158,10 +160,10 @@ def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
     Earlier(settings(tmp_path)).verify_same_vehicle(craft(), {**OWN, "ATC_STR_RAT_P": float(np.float32(0.2))})
 
 
-def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:
-    asked = settings(tmp_path)
-    told = way_on(asked, ["sign-check", "relay-1", "step-before"], RuntimeError())
-    assert "can be used again: step-before, relay-1. " in told
-    assert f"--resume {asked.directory}" in told
-    assert way_on(asked, ["sign-check"], RuntimeError()) == ""
+def test_the_resume_advice_lists_reusable_records_and_is_empty_without_any(tmp_path: Path) -> None:
+    requested = settings(tmp_path)
+    reported = way_on(requested, ["sign-check", "relay-1", "step-before"], RuntimeError())
+    assert "can be used again: step-before, relay-1. " in reported
+    assert f"--resume {requested.directory}" in reported
+    assert way_on(requested, ["sign-check"], RuntimeError()) == ""
     assert set(USED_AGAIN) >= {"step-before", "relay-1"}

@@ -63,13 +63,13 @@ def worker() -> Any:
 
 
 @pytest.mark.slow
-def test_what_is_thought_about_is_computed_in_another_process_while_the_craft_is_kept_company(worker: Worker) -> None:
+def test_work_runs_in_another_process_while_the_craft_is_serviced(worker: Worker) -> None:
     craft: Any = Company()
     assert run_in_background(craft, worker, never, os.getpid) != os.getpid()
     assert craft.sent == 1 and craft.looked > 0
 
 
-def test_an_error_crosses_with_its_type_its_words_and_what_it_carries(worker: Worker) -> None:
+def test_an_error_crosses_with_its_type_message_and_attributes(worker: Worker) -> None:
     craft: Any = Company()
     with pytest.raises(UnknownName, match="'rover-headin'") as caught:
         run_in_background(craft, worker, never, lookup, {"rover-heading": 1}, "rover-headin", "control law")
@@ -79,7 +79,7 @@ def test_an_error_crosses_with_its_type_its_words_and_what_it_carries(worker: Wo
         run_in_background(craft, worker, never, divmod, 1, 0)
 
 
-def test_what_cannot_cross_is_an_error_and_the_desk_works_on(worker: Worker) -> None:
+def test_an_object_that_cannot_be_pickled_is_an_error_and_the_worker_continues(worker: Worker) -> None:
     craft: Any = Company()
     with pytest.raises((AttributeError, pickle.PicklingError)):
         run_in_background(craft, worker, never, lambda: 1)
@@ -89,14 +89,14 @@ def test_what_cannot_cross_is_an_error_and_the_desk_works_on(worker: Worker) -> 
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_at_work_is_told_of_and_another_takes_its_place(worker: Worker) -> None:
+def test_a_process_that_dies_is_reported_and_replaced(worker: Worker) -> None:
     craft: Any = Company()
     with pytest.raises(AutotuneError, match=r"computing process ended unexpectedly \(code 3"):
         run_in_background(craft, worker, never, os._exit, 3)
     assert run_in_background(craft, worker, never, divmod, 7, 2) == (3, 1)
 
 
-def test_a_silence_that_is_over_does_not_lose_the_work(worker: Worker) -> None:
+def test_a_temporary_silence_does_not_lose_the_work(worker: Worker) -> None:
     troubles = [LinkLost("silent for 3.0 s")]
 
     def look() -> None:
@@ -112,7 +112,7 @@ def test_a_silence_that_is_over_does_not_lose_the_work(worker: Worker) -> None:
         run_in_background(craft, worker, never, time.sleep, 0.01)
 
 
-def test_an_rov_is_put_into_hold_once_and_again_after_a_silence(worker: Worker) -> None:
+def test_an_rov_is_put_into_depth_hold_once_and_again_after_a_silence(worker: Worker) -> None:
     troubles: list[LinkLost] = []
 
     def look() -> None:
@@ -130,7 +130,7 @@ def test_an_rov_is_put_into_hold_once_and_again_after_a_silence(worker: Worker) 
     assert craft.modes == ["ALT_HOLD"] * 2
 
 
-def test_who_stops_while_it_computes_leaves_no_process_behind() -> None:
+def test_a_stop_during_a_computation_leaves_no_process_behind() -> None:
     def stop() -> None:
         raise OperatorStopped("Ctrl-C")
 
@@ -155,7 +155,7 @@ time.sleep(1000.0)
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills by signal")
-def test_a_program_that_is_killed_takes_its_process_along() -> None:
+def test_a_killed_program_takes_its_worker_process_along() -> None:
     """Standard error is open in both: it ends when the last of them does."""
     parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert parent.stdout is not None and parent.stderr is not None
@@ -172,7 +172,7 @@ def test_files_are_written_while_the_link_is_served() -> None:
     assert beside(craft, partial(served.wait, 30.0)) is True
 
 
-def test_files_are_written_to_the_end_although_the_link_is_lost_meanwhile() -> None:
+def test_files_are_completed_although_the_link_is_lost() -> None:
     begun = Event()
 
     def lost() -> None:
@@ -186,7 +186,7 @@ def test_files_are_written_to_the_end_although_the_link_is_lost_meanwhile() -> N
 
 
 @pytest.mark.slow
-def test_everything_that_a_tune_computes_is_computed_in_another_process_and_can_cross(
+def test_every_computation_of_a_tune_runs_in_another_process_and_can_be_pickled(
     tmp_path: Any, monkeypatch: Any
 ) -> None:
     crossed: list[str] = []

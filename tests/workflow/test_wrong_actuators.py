@@ -1,4 +1,4 @@
-"""Boats and ROVs whose actuators are wired wrongly: refused before anything swings, with the cure."""
+"""Boats and ROVs whose actuators are wired wrongly: refused before the first relay, with the cure."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize(("name", "axis", "options", "why"), WRONG.values(), ids=WRONG)
-def test_a_wrong_actuator_is_refused_before_anything_swings(tmp_path, name, axis, options, why):
+def test_a_wrong_actuator_is_refused_before_the_relay(tmp_path, name, axis, options, why):
     effects = [parse_effect(options["effect"])] if "effect" in options else []
     harness = SitlHarness(tmp_path, name, parameters=options.get("parameters"), effects=effects)
     with pytest.raises(PreconditionFailed, match=r"sign.check") as caught:
@@ -47,7 +47,7 @@ def test_a_wrong_actuator_is_refused_before_anything_swings(tmp_path, name, axis
     assert [path.stem for path in (harness.directory / "trials").glob("*.csv")] == ["01-sign-check"]
 
 
-def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path):
+def test_unusual_settings_are_reported_by_the_vehicles_own_names(tmp_path):
     settings = {"ARMING_SKIPCHK": -1.0, "MANUAL_OPTIONS": 1.0, "SERVO1_REVERSED": 1.0}
     harness = SitlHarness(tmp_path, names="4.7", parameters=settings)
     with pytest.raises(PreconditionFailed):
@@ -58,31 +58,31 @@ def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path)
     assert any("MANUAL_OPTIONS" in text for text in harness.said)
 
 
-def test_a_pressure_that_nobody_has_asked_for_yet_is_asked_for():
+def test_a_missing_pressure_is_requested():
     """ArduSub on a link of its own streams none; at 584 m above the sea its simulated depth stays 0 for ever."""
-    told, asked = {}, []
+    reported, requested = {}, []
 
     def send(number):
-        asked.append(number)
-        told["pressure"] = -58000.0
+        requested.append(number)
+        reported["pressure"] = -58000.0
 
     session = SimpleNamespace(request_message=send, wait_for=lambda condition, patience: condition())
-    craft = SimpleNamespace(telemetry=SimpleNamespace(latest=told), session=session)
+    craft = SimpleNamespace(telemetry=SimpleNamespace(latest=reported), session=session)
     check_depth_is_reported(craft, "yaw")
-    assert not asked, "a heading needs no depth"
+    assert not requested, "a heading needs no depth"
     with pytest.raises(PreconditionFailed, match=r"-580 hPa .* altitude of 0\. Nothing was armed"):
         check_depth_is_reported(craft, "heave")
-    assert len(asked) == 1
+    assert len(requested) == 1
 
 
-def test_a_vehicle_that_tells_no_pressure_at_all_is_believed():
-    asked = []
-    session = SimpleNamespace(request_message=asked.append, wait_for=lambda condition, patience: condition())
+def test_a_vehicle_that_reports_no_pressure_is_accepted():
+    requested = []
+    session = SimpleNamespace(request_message=requested.append, wait_for=lambda condition, patience: condition())
     check_depth_is_reported(SimpleNamespace(telemetry=SimpleNamespace(latest={}), session=session), "heave")
-    assert len(asked) == 1
+    assert len(requested) == 1
 
 
-def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_path):
+def test_an_implausible_pressure_is_refused_before_anything_is_armed(tmp_path):
     def high_above_the_sea(t, message):
         if message.get_type() == "SCALED_PRESSURE2":
             message.press_abs = -580.0

@@ -49,15 +49,15 @@ def turning(by_steering: float, by_throttle: float, steering: float, throttle: f
 
 
 @pytest.mark.parametrize(("side", "steered"), [(1.0, "port"), (-1.0, "starboard")])
-def test_a_craft_that_turns_away_from_where_it_is_steered_is_told_what_to_swap(side: float, steered: str) -> None:
+def test_a_craft_that_turns_the_wrong_way_is_reported_with_the_functions_to_swap(side: float, steered: str) -> None:
     why = why_tripped(turning(-1.0, 0.0, side * -0.5), TRIPPED, BOAT, servos_of(SKID))
     assert why is not None
     assert f"while the steering was to {steered}" in str(why)
     assert "swap SERVO1_FUNCTION and SERVO3_FUNCTION" in str(why) and "another limit" not in str(why)
 
 
-def test_a_ship_unstable_on_her_course_is_not_taken_for_one_with_swapped_steering() -> None:
-    """She turns away from where she is steered, for she is steered against the turn; the steering does slow it."""
+def test_a_directionally_unstable_ship_is_not_mistaken_for_swapped_steering() -> None:
+    """It turns against the steering because it is steered against the turn; the steering does slow the turn."""
     t = np.arange(0.0, 10.0, 0.1)
     N, r, psi = np.zeros(len(t)), np.zeros(len(t)), np.zeros(len(t))
     for i in range(1, len(t)):
@@ -66,18 +66,18 @@ def test_a_ship_unstable_on_her_course_is_not_taken_for_one_with_swapped_steerin
         psi[i] = psi[i - 1] + 0.1 * r[i]
     columns = {"N": N, "X": np.full(len(t), 0.4), "psi": psi}
     ship = Trial("own", {n: Channel(n, "1", t, v) for n, v in columns.items()})
-    told = why_tripped(ship, TRIPPED, BOAT, servos_of(RUDDER))
-    assert told is None or "while the steering was to" not in str(told)
+    reported = why_tripped(ship, TRIPPED, BOAT, servos_of(RUDDER))
+    assert reported is None or "while the steering was to" not in str(reported)
 
 
-def test_a_reversed_rudder_is_told_by_its_servo() -> None:
+def test_a_reversed_rudder_is_reported_with_its_servo() -> None:
     why = why_tripped(turning(-1.0, 0.0, 0.5), TRIPPED, BOAT, servos_of(RUDDER, SERVO1_REVERSED=1.0))
     assert why is not None and "Set SERVO1_REVERSED to 0 (it is 1)" in str(why)
 
 
 @pytest.mark.parametrize(("turn", "servo"), [(-1.0, "SERVO1"), (1.0, "SERVO3")])
 @pytest.mark.parametrize("steering", [0.0, 0.5])
-def test_a_thruster_that_runs_the_wrong_way_is_named(turn: float, servo: str, steering: float) -> None:
+def test_a_thruster_that_runs_the_wrong_way_is_identified(turn: float, servo: str, steering: float) -> None:
     why = why_tripped(turning(0.0, turn, -turn * steering), TRIPPED, BOAT, servos_of(SKID))
     assert why is not None
     assert f"Set {servo}_REVERSED to 1 (it is 0)" in str(why) and "40% throttle" in str(why)
@@ -99,32 +99,32 @@ def unstable(start: float, pulse: float) -> Trial:
     ("start", "pulse", "why"),
     [(0.4, 0.0, "was already turning at 22 deg/s"), (-0.4, 0.0, "was already turning at"), (0.0, 0.4, "ran straight")],
 )
-def test_a_hull_that_does_not_keep_its_course_is_named_first(start: float, pulse: float, why: str) -> None:
+def test_a_directionally_unstable_hull_is_reported_as_the_likely_cause(start: float, pulse: float, why: str) -> None:
     message = str(why_tripped(unstable(start, pulse), TRIPPED, BOAT, servos_of(SKID)))
     assert f"Most likely the hull does not keep its course by itself: it {why}" in message
     assert "Otherwise one of the two thrusters is reversed or dead" in message
 
 
 @pytest.mark.parametrize(("straight", "blames"), [(0.4, False), (0.1, True)])
-def test_no_thruster_is_blamed_if_the_craft_ran_straight_before_with_this_throttle(
+def test_no_thruster_is_reported_if_the_craft_ran_straight_before_at_this_throttle(
     straight: float, blames: bool
 ) -> None:
     assert straight_throttle(unstable(0.0, 0.4)) == pytest.approx(0.4)
     assert straight_throttle(turning(0.0, 1.0, 0.0)) == straight_throttle(unstable(0.4, 0.0)) == 0.0
-    told = str(why_tripped(unstable(0.4, 0.0), TRIPPED, BOAT, servos_of(SKID), straight))
-    assert ("reversed or dead" in told) == blames
-    assert ("Earlier in this run the craft ran straight" in told) != blames
-    assert "does not keep its course by itself" in told
-    assert ("SERVO" in told) == blames
+    reported = str(why_tripped(unstable(0.4, 0.0), TRIPPED, BOAT, servos_of(SKID), straight))
+    assert ("reversed or dead" in reported) == blames
+    assert ("Earlier in this run the craft ran straight" in reported) != blames
+    assert "does not keep its course by itself" in reported
+    assert ("SERVO" in reported) == blames
 
 
 @pytest.mark.parametrize("steering", [0.0, 0.5])
-def test_a_dead_thruster_is_not_taken_for_an_unstable_hull(steering: float) -> None:
-    told = str(why_tripped(turning(0.0, 1.0, -steering), TRIPPED, BOAT, servos_of(SKID)))
-    assert "reversed or dead" in told and "keep its course" not in told
+def test_a_dead_thruster_is_not_mistaken_for_an_unstable_hull(steering: float) -> None:
+    reported = str(why_tripped(turning(0.0, 1.0, -steering), TRIPPED, BOAT, servos_of(SKID)))
+    assert "reversed or dead" in reported and "keep its course" not in reported
 
 
-def test_a_craft_that_turns_where_it_is_steered_or_trips_another_limit_is_told_nothing() -> None:
+def test_correct_steering_or_another_limit_gives_no_cause() -> None:
     right = turning(1.0, 0.0, 0.5)
     assert why_tripped(right, TRIPPED, BOAT, servos_of(SKID)) is None
     wrong = turning(-1.0, 0.0, 0.5)
@@ -134,23 +134,23 @@ def test_a_craft_that_turns_where_it_is_steered_or_trips_another_limit_is_told_n
     assert why_tripped(still, TRIPPED, BOAT, servos_of(SKID)) is None
 
 
-def test_what_steers_meanwhile_is_checked_as_well() -> None:
+def test_steering_is_checked_during_a_surge_check() -> None:
     boat = servos_of(SKID)
     assert steered_meanwhile("surge", BOAT, boat) and not steered_meanwhile("yaw", BOAT, boat)
 
 
-def test_a_throttle_that_was_given_is_not_eased() -> None:
+def test_a_user_supplied_throttle_is_not_reduced() -> None:
     assert most_speed_of(0.4, 1.5, 4.0) == math.inf
     assert most_speed_of(None, 1.5, 4.0) == pytest.approx(2.4)
     assert most_speed_of(None, 3.0, 4.0) == pytest.approx(3.2), "never near the safety limit"
     assert most_speed_of(None, 0.0, 4.0) == math.inf
 
 
-def test_a_clean_record_contradicts_nothing() -> None:
+def test_a_consistent_record_has_no_contradiction() -> None:
     assert contradiction_in(turning(1.0, 0.0, 0.5)) == ""
 
 
-def test_a_late_heading_is_blamed_on_stamps_filters_or_motor_currents_and_no_column_is_to_be_omitted() -> None:
+def test_a_late_heading_is_attributed_to_stamps_filters_or_motor_currents() -> None:
     t = np.arange(0.0, 60.0, 0.1)
     r = 0.4 * np.sin(0.9 * t)
     psi = np.interp(t - 1.0, t, np.cumsum(0.1 * r))
@@ -179,7 +179,7 @@ SIMULATED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("axis", "parameters", "effect", "why"), SIMULATED.values(), ids=SIMULATED)
-def test_no_gains_are_offered_for_what_works_the_wrong_way(
+def test_no_gains_are_proposed_for_a_craft_that_acts_the_wrong_way(
     tmp_path: Any, axis: str, parameters: dict[str, float], effect: str, why: str
 ) -> None:
     effects = [parse_effect(effect)] if effect else []
@@ -193,7 +193,7 @@ def test_no_gains_are_offered_for_what_works_the_wrong_way(
 
 
 @pytest.mark.slow
-def test_a_recheck_names_the_servo_functions_and_no_larger_limit(tmp_path: Any) -> None:
+def test_a_recheck_reports_the_servo_functions_and_no_larger_limit(tmp_path: Any) -> None:
     harness = SitlHarness(tmp_path, "blueboat", parameters=SWAPPED)
     settings = FlySettings("set-point-relay", harness.common(), {})
     with pytest.raises(PreconditionFailed, match=r"while the steering was to port\. .*_FUNCTION") as caught:
@@ -202,7 +202,7 @@ def test_a_recheck_names_the_servo_functions_and_no_larger_limit(tmp_path: Any) 
 
 
 @pytest.mark.slow
-def test_a_flight_ahead_checks_what_it_steers_by(tmp_path: Any) -> None:
+def test_a_flight_ahead_checks_its_steering(tmp_path: Any) -> None:
     harness = SitlHarness(tmp_path, "blueboat", parameters=SWAPPED)
     settings = FlySettings("steps", harness.common(), {}, force="X")
     with pytest.raises(PreconditionFailed, match=r"the wrong way\. Left and right are swapped"):
@@ -214,7 +214,7 @@ def test_a_flight_ahead_checks_what_it_steers_by(tmp_path: Any) -> None:
 
 
 @pytest.mark.slow
-def test_a_cruise_pair_that_is_wrong_by_five_is_learnt(tmp_path: Any) -> None:
+def test_a_cruise_pair_wrong_by_a_factor_of_five_is_corrected(tmp_path: Any) -> None:
     file = tmp_path / "five.toml"
     thrust = '{ value = 276.0, unit = "N", source = "five times that of the boat it is like" }'
     file.write_text(f'like = "blueboat"\n[thruster]\nfull_thrust = {thrust}\n', encoding="utf-8")
