@@ -1,4 +1,4 @@
-"""Diagnoses to render: small simulated records, residuals taken from them, verdicts filled in around them."""
+"""Diagnoses to render: small simulated records, their residuals, and verdicts filled in by hand."""
 
 from __future__ import annotations
 

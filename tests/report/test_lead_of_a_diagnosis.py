@@ -1,4 +1,4 @@
-"""The sentence a diagnosis begins with, in words of whoever owns the boat, and its hints."""
+"""The first sentence of a diagnosis, in plain words for the owner, and its hints."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_every_effect_has_a_sentence_for_the_owner_of_the_boat(slug: str) -> Non
     assert said[0].isupper() and "{" not in said and len(said.split()) <= 25
 
 
-def test_the_lead_says_what_differs_and_how_far_the_prediction_errs_with_and_without_it() -> None:
+def test_the_lead_states_the_difference_and_the_prediction_error_with_and_without_it() -> None:
     told = with_gain(ahead(math.radians(35.2), math.radians(8.1), 0.18, 0.3))
     assert lead_sentence(told) == (
         "Your craft's turning resistance grows with speed; a plain simulation's does not. "
@@ -68,7 +68,7 @@ def test_the_lead_says_what_differs_and_how_far_the_prediction_errs_with_and_wit
     )
 
 
-def test_a_difference_nobody_notices_is_called_slight() -> None:
+def test_a_negligible_difference_is_called_slight() -> None:
     told = with_gain(ahead(0.1421, 0.1419, 0.98, 1.01))
     assert lead_sentence(told).endswith("is wrong by 8.13 degrees instead of 8.14. The difference is slight.")
     assert told.causes[0].is_slight and told.to_dict()["found"][0]["slight"]
@@ -77,18 +77,18 @@ def test_a_difference_nobody_notices_is_called_slight() -> None:
 
 
 @pytest.mark.parametrize(("high", "felt"), [(0.94, True), (0.96, False)])
-def test_a_gain_is_felt_where_its_interval_ends_below_95_percent(high: float, felt: bool) -> None:
+def test_an_improvement_is_noticeable_if_its_interval_ends_below_95_percent(high: float, felt: bool) -> None:
     assert ahead(1.0, 0.8, 0.7, high).is_felt is felt
     assert ahead(1.0, 0.8, math.nan, math.nan).is_felt
 
 
-def test_without_a_gain_the_lead_says_so() -> None:
+def test_the_lead_reports_that_no_improvement_was_measured() -> None:
     assert lead_sentence(with_gain(None)).endswith("The improvement on runs not used for the fit was not measured.")
     worse = with_gain(ahead(0.1, 0.11, 0.9, 1.2))
     assert lead_sentence(worse).endswith("the predicted heading 5 s ahead is no better on runs not used for the fit.")
 
 
-def test_a_wrong_number_of_a_given_model_comes_first() -> None:
+def test_a_wrong_parameter_of_a_supplied_model_comes_first() -> None:
     row = Number("alpha", "1", "inertia", 18.0, 0.0, 16.4, 0.1, (16.2, 16.6), True)
     numbers = Numbers("model", (row,), (ahead(0.2, 0.1, 0.4, 0.6),))
     told = replace(dead_zone(), verdict="wrong-numbers", numbers=numbers)
@@ -106,12 +106,12 @@ def test_terminal_and_page_begin_with_the_lead(name: str) -> None:
     assert page.index(lead[:40]) < page.index("Basis of this result")
 
 
-def test_the_first_picture_stands_before_the_verdict() -> None:
+def test_the_first_figure_comes_before_the_verdict() -> None:
     page = page_of(dead_zone(), "boat", WHEN)
     assert page.index('class="lead') < page.index("<svg") < page.index('class="verdict')
 
 
-def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_and_in_json() -> None:
+def test_a_hint_is_shown_with_its_evidence_and_the_deciding_test_in_all_outputs() -> None:
     told = replace(unexplained(), hints=(HINT,))
     words = {note.label: note.text for note in hint_notes(told, HINT)}
     assert words["What it would mean"].startswith("A constant push acts on your craft in turning")

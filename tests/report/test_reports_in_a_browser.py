@@ -1,4 +1,4 @@
-"""Every kind of report as people have it: on a telephone by day and by night, and on paper."""
+"""Every kind of report on a phone in light and dark mode, and in print."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_nothing_is_cut_off_and_all_can_be_read_on_a_telephone(
+def test_every_report_is_readable_on_a_phone(
     browser: Any, barriers: Any, reports: dict[str, Path], kind: str, scheme: str
 ) -> None:
     page = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme=scheme)
@@ -98,7 +98,7 @@ def test_nothing_is_cut_off_and_all_can_be_read_on_a_telephone(
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "compare"])  # of two logs: tables only
-def test_on_paper_pictures_stand_two_abreast_and_can_be_read(browser: Any, reports: dict[str, Path], kind: str) -> None:
+def test_printed_figures_are_small_and_readable(browser: Any, reports: dict[str, Path], kind: str) -> None:
     page = browser.new_page(viewport=PAPER, color_scheme="dark")
     page.emulate_media(media="print")
     page.goto(reports[kind].as_uri())
