@@ -178,8 +178,8 @@ def barriers() -> Callable[[Any], list[tuple[str, str]]]:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: pip install '.[test]'")
 
     def found(page: Any) -> list[tuple[str, str]]:
-        told = axe.Axe().run(page, options=WCAG_AA).response
-        assert len(told["passes"]) > 10
-        return [(rule["id"], str(node["target"])) for rule in told["violations"] for node in rule["nodes"]]
+        reported = axe.Axe().run(page, options=WCAG_AA).response
+        assert len(reported["passes"]) > 10
+        return [(rule["id"], str(node["target"])) for rule in reported["violations"] for node in rule["nodes"]]
 
     return found

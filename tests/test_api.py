@@ -177,10 +177,10 @@ def test_a_data_frame_is_fitted_and_diagnosed_directly(found):
 
 def test_errors_in_python_name_arguments_instead_of_options():
     both = {"t[s]": RUN["psi"].t, **{n: c.values for n, c in RUN.channels.items()}}
-    with pytest.raises(UsageError) as told:
+    with pytest.raises(UsageError) as reported:
         api.fit({**both, "X": both["N"], "u": both["r"]})
-    assert "Choose one with dof=" in str(told.value)
-    assert "--" not in str(told.value)
+    assert "Choose one with dof=" in str(reported.value)
+    assert "--" not in str(reported.value)
 
 
 def test_tables_for_pandas_have_the_numbers_of_the_fit(found):
@@ -235,11 +235,11 @@ def test_a_diagnosis_shows_its_cause_and_takes_a_fit_for_the_model_in_question(f
         "bitten",
         {**swing.channels, "r": Channel("r", "rad/s", swing["r"].t, swing["r"].values + noise)},
     )
-    told = api.diagnose(bitten, dof="yaw", model=found, effects=["quadratic-drag"])
-    shown = told._repr_html_()
-    assert shown.startswith(f"<div><b>{told.verdict}: bitten")
+    reported = api.diagnose(bitten, dof="yaw", model=found, effects=["quadratic-drag"])
+    shown = reported._repr_html_()
+    assert shown.startswith(f"<div><b>{reported.verdict}: bitten")
     ax = Figure().subplots()
-    assert api.plot(told, ax) is ax
+    assert api.plot(reported, ax) is ax
     assert "measured minus simulated" in ax.get_ylabel()
     with pytest.raises(UsageError, match="no residual of w"):
-        api.plot(told, ax, signal="w")
+        api.plot(reported, ax, signal="w")

@@ -25,9 +25,9 @@ def test_the_picture_is_current():
 
 
 def test_every_package_is_listed():
-    told = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("| package |") : PAGE.index("## From")]))
+    reported = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("| package |") : PAGE.index("## From")]))
     rooms = {p.name for p in (ROOT / "gcs_autotune").iterdir() if (p / "__init__.py").exists()}
-    assert rooms - told == set()
+    assert rooms - reported == set()
 
 
 @pytest.mark.parametrize("name", re.findall(r"`([\w.]+\.\w+)`", PAGE[PAGE.index("## From") :]))

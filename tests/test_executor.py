@@ -85,9 +85,9 @@ def test_two_at_a_time_need_processes_and_one_does_not() -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="kills by signal")
 def test_the_tasks_of_a_process_that_is_killed_are_done_by_the_others(tmp_path: Path) -> None:
-    told = tmp_path / "told"
-    assert list(ProcessExecutor(3).map(partial(die_once, told), range(6))) == list(range(6))
-    assert told.exists()
+    reported = tmp_path / "told"
+    assert list(ProcessExecutor(3).map(partial(die_once, reported), range(6))) == list(range(6))
+    assert reported.exists()
 
 
 def die_once(told: Path, task: int) -> int:
@@ -111,11 +111,11 @@ def test_processes_end_although_whoever_asked_for_them_catches_signals() -> None
 def test_a_process_told_to_end_before_it_forgot_its_parents_handlers_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told, lived, begin = tmp_path / "told", tmp_path / "lived", executor_module._begin
+    reported, lived, begin = tmp_path / "told", tmp_path / "lived", executor_module._begin
 
     def begin_as_one_is_told_to_end() -> None:
         try:
-            told.touch(exist_ok=False)
+            reported.touch(exist_ok=False)
         except FileExistsError:
             begin()
             return
@@ -129,7 +129,7 @@ def test_a_process_told_to_end_before_it_forgot_its_parents_handlers_ends(
         assert list(ProcessExecutor(2).map(abs, range(3))) == [0, 1, 2]
     finally:
         signal.signal(signal.SIGTERM, before)
-    assert told.exists() and not lived.exists()
+    assert reported.exists() and not lived.exists()
 
 
 def test_a_search_that_is_stopped_amid_long_answers_ends() -> None:

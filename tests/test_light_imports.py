@@ -42,8 +42,10 @@ def test_a_command_computes_in_one_thread_unless_the_user_says_otherwise(theirs:
 
 def imported(code: str, *arguments: str) -> set[str]:
     """Run *code* in a fresh interpreter and return the modules it had imported at its end."""
-    told = f"import sys\n{code}\nimport json\nprint('\\n' + json.dumps(sorted(sys.modules)))"
-    run = subprocess.run([sys.executable, "-c", told, *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    document = f"import sys\n{code}\nimport json\nprint('\\n' + json.dumps(sorted(sys.modules)))"
+    run = subprocess.run(
+        [sys.executable, "-c", document, *arguments], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     return set(json.loads(run.stdout.splitlines()[-1]))
 
 

@@ -344,11 +344,11 @@ def outcome(kind: Kind, path: Path) -> str:
 def holds(kind: Kind, data: bytes) -> bool:
     """Whether a file that was taken holds to its published schema; a side file of somebody else is left alone."""
     try:
-        told = parse(data)
+        reported = parse(data)
     except Refused:
         return kind.name == "side.json" or not kind.schema
-    left_alone = kind.name == "side.json" and "marks" not in told and not {"ending", "meta"} <= set(told)
-    return not kind.schema or left_alone or SCHEMAS[kind.schema].is_valid(told)
+    left_alone = kind.name == "side.json" and "marks" not in reported and not {"ending", "meta"} <= set(reported)
+    return not kind.schema or left_alone or SCHEMAS[kind.schema].is_valid(reported)
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -365,11 +365,11 @@ def test_a_damaged_file_is_refused_in_one_line_and_no_nonsense_is_taken(name: st
     taken, wordy, damaged = [], [], list(mutants(kind))
     for data, why in damaged:
         path.write_bytes(data)
-        said = outcome(kind, path)
-        if not said and (why or not holds(kind, data)):
+        reported = outcome(kind, path)
+        if not reported and (why or not holds(kind, data)):
             taken.append(why or "against the schema")
-        if len(said) >= LONGEST or "\n" in said:
-            wordy.append(said)
+        if len(reported) >= LONGEST or "\n" in reported:
+            wordy.append(reported)
     assert len(damaged) >= EACH
     assert taken == []
     assert wordy == []

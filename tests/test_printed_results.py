@@ -45,19 +45,19 @@ def test_every_result_shows_itself() -> None:
 
 
 def test_a_model_file_prints_its_numbers_with_their_errors() -> None:
-    told = str(model_file_of(fit(example_run(), "linear", dof="yaw", delay=0.0)))
-    assert told.startswith("Model file 'output-error': yaw, linear damping; inputs N [1]")
-    assert re.search(r"N_r +-0\.50\d+ ± 0\.000\d +0\.1 % +s/rad +fitted", told)
+    reported = str(model_file_of(fit(example_run(), "linear", dof="yaw", delay=0.0)))
+    assert reported.startswith("Model file 'output-error': yaw, linear damping; inputs N [1]")
+    assert re.search(r"N_r +-0\.50\d+ ± 0\.000\d +0\.1 % +s/rad +fitted", reported)
 
 
 def test_a_nomoto_fit_prints_gain_and_time_constant_with_their_errors() -> None:
     import numpy as np
 
     found = NomotoFit(Nomoto1(0.2, 4.0), {"K": 0.01, "T": 0.3, "delay": 0.0}, np.ones(3), np.eye(3), 0.02, 1.0)
-    told = str(found)
-    assert told.startswith("Nomoto model of first order; 2.0% of the motion is not explained")
-    assert "K          0.200 ± 0.010           velocity per input" in told
-    assert "NomotoFit(" not in told
+    reported = str(found)
+    assert reported.startswith("Nomoto model of first order; 2.0% of the motion is not explained")
+    assert "K          0.200 ± 0.010           velocity per input" in reported
+    assert "NomotoFit(" not in reported
 
 
 def test_fields_are_shown_with_the_units_and_meanings_of_the_docstring() -> None:
@@ -67,9 +67,9 @@ def test_fields_are_shown_with_the_units_and_meanings_of_the_docstring() -> None
         {"ATC_STR_ANG_P": 2.0, **{f"ATC_STR_RAT_{term}": 0.1 for term in ("FF", "P", "I", "D")}},
         speed=1.5,
     )
-    told = str(proposal.after.metrics)
-    assert told.startswith("StepMetrics: Metrics of a step.")
-    assert re.search(r"itae +[\d.]+ +\[s\^2\] integral of time times absolute error", told)
+    reported = str(proposal.after.metrics)
+    assert reported.startswith("StepMetrics: Metrics of a step.")
+    assert re.search(r"itae +[\d.]+ +\[s\^2\] integral of time times absolute error", reported)
     for result in (proposal.margins, proposal.changes[0], proposal.after, proposal.actuator):
         lines = str(result).splitlines()
         assert not lines[0].startswith(f"{type(result).__name__}(")

@@ -99,8 +99,8 @@ def troubles_in(folder: Path) -> dict[str, list[str]]:
     for path in folder.rglob("*.json"):
         within = path.relative_to(folder).with_suffix("")
         kinds = [kind for pattern, kind in KINDS if within.match(pattern)]
-        told = strictly(path)
-        found[str(within)] = ["no schema"] if not kinds else troubles(f"{kinds[0]}-file", told) if kinds[0] else []
+        reported = strictly(path)
+        found[str(within)] = ["no schema"] if not kinds else troubles(f"{kinds[0]}-file", reported) if kinds[0] else []
     return {name: each for name, each in found.items() if each}
 
 
@@ -127,9 +127,9 @@ def test_however_a_tune_ends_its_files_hold_to_their_schemas(name: str, tmp_path
 
 @pytest.mark.parametrize("name", diagnosis_stories.STORIES)
 def test_whatever_a_diagnosis_says_holds_to_its_schema(name: str) -> None:
-    told = json.loads(diagnosis_stories.STORIES[name]().to_json())
-    assert troubles("diagnosis-file", told) == []
-    assert troubles("diagnosis-file", {**told, "verdict": "perhaps"}) != []
+    data = json.loads(diagnosis_stories.STORIES[name]().to_json())
+    assert troubles("diagnosis-file", data) == []
+    assert troubles("diagnosis-file", {**data, "verdict": "perhaps"}) != []
 
 
 @pytest.mark.slow
@@ -235,6 +235,8 @@ def test_every_example_in_the_docs_is_taken_by_both(name: str, tmp_path: Path) -
 
 @pytest.mark.parametrize("path", sorted(VEHICLES.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_vehicle_holds_to_the_schema_and_one_in_pounds_does_not(path: Path) -> None:
-    told = tomllib.loads(path.read_text())
-    assert troubles("vehicle-file", told) == []
-    assert troubles("vehicle-file", {**told, "surge": {"alpha": {"value": 90.0, "unit": "lb", "source": "x"}}}) != []
+    reported = tomllib.loads(path.read_text())
+    assert troubles("vehicle-file", reported) == []
+    assert (
+        troubles("vehicle-file", {**reported, "surge": {"alpha": {"value": 90.0, "unit": "lb", "source": "x"}}}) != []
+    )

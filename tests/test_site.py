@@ -47,8 +47,8 @@ def pages(tmp_path_factory) -> dict[str, str]:
 
 
 def test_the_page_of_commands_has_every_verb_and_every_option(pages):
-    told = pages["commands"]
-    assert [verb for verb in COMMANDS if not re.search(rf"^## {verb}$", told, re.MULTILINE)] == []
+    reported = pages["commands"]
+    assert [verb for verb in COMMANDS if not re.search(rf"^## {verb}$", reported, re.MULTILINE)] == []
     missing = []
 
     def walk(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +57,7 @@ def test_the_page_of_commands_has_every_verb_and_every_option(pages):
                 for below in action.choices.values():
                     walk(below)
             elif action.dest not in ("help", "version") and action.help is not argparse.SUPPRESS:
-                missing.extend(o for o in action.option_strings if o not in told)
+                missing.extend(o for o in action.option_strings if o not in reported)
 
     walk(make_parser())
     assert missing == []
@@ -84,10 +84,10 @@ def test_the_bibliography_has_every_entry(pages):
 
 
 def test_every_effect_has_a_how_to_whose_commands_name_what_there_is(pages):
-    site, told = module_of_the_docs("site_reference"), pages["hide_and_find"]
+    site, reported = module_of_the_docs("site_reference"), pages["hide_and_find"]
     assert set(site.ABOARD) == set(EFFECTS)
     for slug in EFFECTS:
-        section = told.partition(f"\n## {slug}\n")[2].partition("\n## ")[0]
+        section = reported.partition(f"\n## {slug}\n")[2].partition("\n## ")[0]
         flown, found = re.findall(r"^gcs-autotune (.*)$", section, re.MULTILINE)
         args = make_parser().parse_args(shlex.split(flown))
         assert args.connect == site.link_with(slug)

@@ -128,7 +128,7 @@ def diagnosis(before, after, **differences):
     plain = ExtendedModel(CoupledModel(FORM, {"N_rdot": -INERTIA, "N_r": -DRAG}))
     found = tuple(c.effect for c in differences.get("causes", ()))
     improved = gains(before, after) if found else ()
-    told = Diagnosis(
+    reported = Diagnosis(
         verdict="no-effect",
         causes=(),
         ranking=(),
@@ -148,7 +148,7 @@ def diagnosis(before, after, **differences):
         tried=41,
         seconds=6.4,
     )
-    return replace(told, **differences)
+    return replace(reported, **differences)
 
 
 def dead_zone():
@@ -228,12 +228,12 @@ def nothing():
 
 def bare():
     """As little as there can be: no portrait, no ranking, numbers that are not known."""
-    told = nothing()
+    reported = nothing()
     unknown = ErrorReduction(
         "held-out simulation RMSE", "r", "rad/s", math.nan, math.nan, math.nan, (math.nan, math.nan)
     )
     return replace(
-        told, before=(), after=(), gain=unknown, gains=(unknown,), noise={}, left=Signature(), held_out=(), tried=0
+        reported, before=(), after=(), gain=unknown, gains=(unknown,), noise={}, left=Signature(), held_out=(), tried=0
     )
 
 

@@ -33,8 +33,8 @@ def draw():
 def chart_of(figure: Any) -> list[dict[str, Any]]:
     with pens("f"):
         to_svg(figure, "f", "a figure")
-        told = to_chart(figure)
-    return json.loads(told) if told else []
+        reported = to_chart(figure)
+    return json.loads(reported) if reported else []
 
 
 def test_a_chart_contains_every_curve_of_the_figure_with_values_colour_and_label():

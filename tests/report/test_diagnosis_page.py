@@ -235,7 +235,7 @@ def test_progress_is_shown_only_on_a_terminal(terminal):
 @pytest.mark.parametrize(("limit", "expected"), [(600.0, True), (float("inf"), False)])
 def test_the_remaining_time_is_shown_if_the_work_has_a_known_end(limit, expected):
     stream = io.StringIO()
-    with StageBar(Console(file=stream, force_terminal=True, width=120), limit=limit) as bar:
+    with StageBar(Console(file=stream, force_terminal=True, width=120), given=limit) as bar:
         bar("cause 1: screening", 3, 23)
     assert ("at most 10:00 left" in stream.getvalue()) is expected
 

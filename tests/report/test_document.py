@@ -83,9 +83,9 @@ def test_doubts_are_sorted_by_severity_and_only_the_most_severe_is_red() -> None
     graves = Remark("The fit did not converge.", "distrust")
     document = shown(Note("plain"), doubts=(Remark("One wide bar.", "note"), Remark("Short."), graves))
     page = to_html(document)
-    for told in (render_text(document), Page(page).text):
-        said = " ".join(told.split())
-        places = [said.index(f"{w}: ") for w in ("Do not trust", "Caution", "Note")]
+    for reported in (render_text(document), Page(page).text):
+        output = " ".join(reported.split())
+        places = [output.index(f"{w}: ") for w in ("Do not trust", "Caution", "Note")]
         assert places == sorted(places)
     assert page.count('class="doubt distrust"') == 1
     assert page.count('class="doubt note"') == 1

@@ -51,10 +51,10 @@ def zig_zag() -> Trial:
 def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("reports")
     read, written = {"ATC_STR_RAT_FF": 0.03005, "MOT_VEC_ANGLEMAX": 30.0}, {"ATC_STR_RAT_FF": 0.86242}
-    told = replace(report_stories.kept(), parameters_before=read, parameters_after={**read, **written})
-    (folder / "tune.html").write_text(report_stories.page_of(told))
-    told = diagnosis_stories.dead_zone()
-    (folder / "diagnosis.html").write_text(diagnosis_stories.page_of(told, "Lake", diagnosis_stories.WHEN, "out"))
+    reported = replace(report_stories.kept(), parameters_before=read, parameters_after={**read, **written})
+    (folder / "tune.html").write_text(report_stories.page_of(reported))
+    reported = diagnosis_stories.dead_zone()
+    (folder / "diagnosis.html").write_text(diagnosis_stories.page_of(reported, "Lake", diagnosis_stories.WHEN, "out"))
     run = example_run()
     save_model(fit(run, "linear", dof="yaw"), folder / "model.json")
     run.to_pandas().to_csv(folder / "run.csv")

@@ -56,9 +56,9 @@ def test_a_correlated_remainder_is_unexplained_beyond_the_sensor_noise() -> None
     left = remainder_of([slow + noise(0.004)])
     assert left.noise == pytest.approx(0.004, rel=0.05)
     assert left.unexplained == pytest.approx(0.05 / np.sqrt(2.0), rel=0.05)
-    said = remainder_sentence(left, "rad")
-    assert said == "The residual is 2° rms: 0.23° white (noise), 2° correlated and unexplained."
-    assert "measurement noise" not in said
+    reported = remainder_sentence(left, "rad")
+    assert reported == "The residual is 2° rms: 0.23° white (noise), 2° correlated and unexplained."
+    assert "measurement noise" not in reported
 
 
 def test_rounding_by_a_coarse_sensor_counts_as_noise() -> None:
@@ -137,7 +137,7 @@ def test_a_model_with_a_thrust_curve_is_named_so_and_its_numbers_are_in_the_tabl
         covariance=np.diag([*np.diag(plain.covariance), share.std**2]),
     )
     assert model_words(bent) == "quadratic damping, with quadratic thrust curve"
-    assert any("q = 0.82 ± 0.03" in said for said in model_sentences(bent))
+    assert any("q = 0.82 ± 0.03" in reported for reported in model_sentences(bent))
     assert ("share", "0.82 ± 0.03", "1", "quadratic fraction of the thrust at the largest command", "") in model_table(
         bent
     ).rows
@@ -152,8 +152,8 @@ def test_the_steady_speed_at_full_output_includes_the_actuator_effects() -> None
     bent = EffectInstance("quadratic-actuator", "N", {"share": 0.8}, {"u_ref": 0.5})
 
     def top(*effects: EffectInstance) -> float:
-        said = " ".join(model_sentences(replace(plain, effects=effects)))
-        return float(said.partition("Full output sustains ")[2].partition("°/s")[0])
+        output = " ".join(model_sentences(replace(plain, effects=effects)))
+        return float(output.partition("Full output sustains ")[2].partition("°/s")[0])
 
     assert top(dead) == pytest.approx((1.0 - 0.144) * top(), rel=0.01)
     assert top(bent) == pytest.approx((0.2 + 0.8 / 0.5) * top(), rel=0.01)
@@ -166,11 +166,13 @@ def test_a_thrust_curve_is_not_extrapolated_beyond_the_largest_output_flown() ->
     model = replace(fitted.model, beta=0.0, delta=0.0)
     square = EffectInstance("quadratic-actuator", "N", {"share": 1.0}, {"u_ref": 1.0})
     flown = replace(fitted, model=model, effects=(square,), extra={**fitted.extra, "largest": {"N": 0.6}})
-    said = " ".join(model_sentences(flown)).partition("An output of 60 %, the largest of the fitted runs, sustains ")[2]
+    output = " ".join(model_sentences(flown)).partition("An output of 60 %, the largest of the fitted runs, sustains ")[
+        2
+    ]
     drag = fitted.parameters["beta_rr"]
     speed = math.degrees(0.6 / math.sqrt(model.beta_quadratic))
-    assert float(said.split()[0]) == pytest.approx(speed, rel=0.01)
-    assert float(said.split()[2].partition("°")[0]) == pytest.approx(speed * 0.5 * drag.std / drag.value, rel=0.1)
+    assert float(output.split()[0]) == pytest.approx(speed, rel=0.01)
+    assert float(output.split()[2].partition("°")[0]) == pytest.approx(speed * 0.5 * drag.std / drag.value, rel=0.1)
     assert "Full output sustains" not in " ".join(model_sentences(flown))
 
 
@@ -178,8 +180,10 @@ def test_without_a_curve_the_steady_speed_also_refers_to_the_largest_output_flow
     fitted = stories.fit("linear")
     model = replace(fitted.model, beta_quadratic=0.0)
     flown = replace(fitted, model=model, extra={"largest": {"N": 0.63}})
-    said = " ".join(model_sentences(flown)).partition("An output of 63 %, the largest of the fitted runs, sustains ")[2]
-    assert float(said.split()[0]) == pytest.approx(math.degrees(0.63 / model.beta), rel=0.01)
+    output = " ".join(model_sentences(flown)).partition("An output of 63 %, the largest of the fitted runs, sustains ")[
+        2
+    ]
+    assert float(output.split()[0]) == pytest.approx(math.degrees(0.63 / model.beta), rel=0.01)
     by_rudder = replace(flown, extra={"largest": {"delta": 0.63}})
     assert "An output of 63 %, the largest of the fitted runs, sustains" in " ".join(model_sentences(by_rudder))
 
@@ -205,11 +209,11 @@ def test_the_inertia_at_full_output_includes_the_error_of_the_dead_zone() -> Non
         parameters={**plain.parameters, name: Parameter(name, width, "1", own)},
         covariance=covariance,
     )
-    said = " ".join(model_sentences(fitted))
-    words = said.partition("Relative to this force the inertia is ")[2].split()
+    output = " ".join(model_sentences(fitted))
+    words = output.partition("Relative to this force the inertia is ")[2].split()
     relative = np.array([0.01, own / (1.0 - width)])
     error = inertia / (1.0 - width) * np.sqrt(np.sum(relative**2) + 2.0 * common * np.prod(relative))
-    assert "Full output gives 0.7 in the table's unit of force" in said
+    assert "Full output gives 0.7 in the table's unit of force" in output
     assert float(words[0]) == pytest.approx(inertia / (1.0 - width), rel=0.02)
     assert float(words[2]) == pytest.approx(error, rel=0.1)
 
@@ -273,9 +277,9 @@ def test_depth_is_drawn_downwards() -> None:
 @pytest.mark.parametrize(("p", "word"), [(0.4, "within measurement noise"), (1e-6, "unexplained")])
 def test_a_diagnosis_calls_a_correlated_remainder_unexplained(p: float, word: str) -> None:
     judged = replace(diagnosed.dead_zone(), left=Signature((), p))
-    said = " ".join((diagnosis_verdict_of(judged).text, *diagnosis_verdict_of(judged).sentences))
-    assert word in said
-    assert ("measurement noise" in said) == (p > 0.01)
+    output = " ".join((diagnosis_verdict_of(judged).text, *diagnosis_verdict_of(judged).sentences))
+    assert word in output
+    assert ("measurement noise" in output) == (p > 0.01)
 
 
 def test_a_heading_error_beyond_half_a_turn_is_shown_as_over_180() -> None:
@@ -307,8 +311,8 @@ def test_a_limit_cycle_whose_extremes_scatter_is_not_called_valid(scatter: float
 
 
 def test_doubts_about_figures_do_not_contradict_a_fit_without_doubts() -> None:
-    said = render_text(Document("", (), doubts=(Remark("The approach was not steady."),), doubted="figures"))
-    assert said.strip().splitlines()[0] == "Doubts about the figures"
+    reported = render_text(Document("", (), doubts=(Remark("The approach was not steady."),), doubted="figures"))
+    assert reported.strip().splitlines()[0] == "Doubts about the figures"
 
 
 def test_a_signal_name_at_the_start_of_a_sentence_is_unchanged() -> None:
@@ -340,8 +344,8 @@ def test_a_thrust_curve_is_stated_for_the_largest_output_and_beyond_the_dead_zon
         EffectInstance("dead-zone", "N", {"width": 0.06}),
         EffectInstance("quadratic-actuator", "N", {"share": 0.3}, {"u_ref": 0.3}),
     )
-    said = " ".join(model_sentences(replace(stories.fit(), effects=effects)))
-    assert "The force at output x beyond the dead zone is (1 - q) x + q x²/0.3 with q = 0.3" in said
+    output = " ".join(model_sentences(replace(stories.fit(), effects=effects)))
+    assert "The force at output x beyond the dead zone is (1 - q) x + q x²/0.3 with q = 0.3" in output
 
 
 def test_an_actuator_of_a_model_that_lacks_a_term_has_no_standard_error() -> None:

@@ -48,11 +48,11 @@ def pulses(**given: int) -> list[int]:
 
 
 def fly(physics: Physics, pwm: list[int], seconds: float, rate: int = 200) -> list[State]:
-    told = []
+    reported = []
     for _ in range(round(seconds * rate)):
         state = physics.step(1.0 / rate, pwm)
-        told.append(State(state.t, state.gyro, state.force, state.attitude, state.position, state.velocity))
-    return told
+        reported.append(State(state.t, state.gyro, state.force, state.attitude, state.position, state.velocity))
+    return reported
 
 
 def request(count: int, pwm: list[int], rate: int = 200) -> bytes:
@@ -82,12 +82,12 @@ def test_the_answer_is_one_line_of_json_without_white_space_inside():
     assert sent.startswith(b"\n{")
     assert sent.endswith(b"}\n")
     assert not set(sent[1:-1]) & set(b" \t\n")
-    told = json.loads(sent)
-    assert told["timestamp"] == 1.25
-    assert told["imu"] == {"gyro": [0.1, 0.2, 0.3], "accel_body": [1.0, 2.0, -9.8]}
-    assert told["attitude"] == [0.0, 0.0, 3.1]
-    assert told["position"] == [1.0, 2.0, 3.0]
-    assert told["velocity"] == [4.0, 5.0, 6.0]
+    document = json.loads(sent)
+    assert document["timestamp"] == 1.25
+    assert document["imu"] == {"gyro": [0.1, 0.2, 0.3], "accel_body": [1.0, 2.0, -9.8]}
+    assert document["attitude"] == [0.0, 0.0, 3.1]
+    assert document["position"] == [1.0, 2.0, 3.0]
+    assert document["velocity"] == [4.0, 5.0, 6.0]
 
 
 # -- the hull
@@ -136,23 +136,23 @@ def test_a_rov_dives_comes_up_and_stays_in_the_water(name, vertical):
 
 
 def test_the_accelerometer_agrees_with_the_velocity_it_goes_with():
-    told = fly(Physics(load_vehicle("charlie")), pulses(s1=1800, s3=1900), 20.0)
+    reported = fly(Physics(load_vehicle("charlie")), pulses(s1=1800, s3=1900), 20.0)
     vN = vE = 0.0
-    for state in told:
+    for state in reported:
         psi = state.attitude[2]
         ax, ay, az = state.force
         vN += (ax * math.cos(psi) - ay * math.sin(psi)) / 200
         vE += (ax * math.sin(psi) + ay * math.cos(psi)) / 200
         assert az == -9.80665
-    assert (vN, vE) == pytest.approx(told[-1].velocity[:2], abs=2e-3)
+    assert (vN, vE) == pytest.approx(reported[-1].velocity[:2], abs=2e-3)
 
 
 def test_the_gyro_agrees_with_the_heading_it_goes_with():
     physics = Physics(load_vehicle("bluerov2"))
     start = physics.state.attitude[2]
-    told = fly(physics, pulses(s1=1600, s2=1400, s3=1400, s4=1600), 5.0)
-    turned = sum(state.gyro[2] for state in told) / 200
-    assert math.remainder(start + turned - told[-1].attitude[2], math.tau) == pytest.approx(0.0, abs=5e-3)
+    reported = fly(physics, pulses(s1=1600, s2=1400, s3=1400, s4=1600), 5.0)
+    turned = sum(state.gyro[2] for state in reported) / 200
+    assert math.remainder(start + turned - reported[-1].attitude[2], math.tau) == pytest.approx(0.0, abs=5e-3)
 
 
 def test_the_frame_rate_makes_no_difference_to_the_hull():
@@ -185,8 +185,8 @@ def test_every_effect_of_the_book_reaches_ardupilot_or_is_refused_in_words(slug)
         return
     states = fly(Physics(load_vehicle("bluerov2"), effects=[effect]), pulses(s1=1600, s4=1600), 0.5)
     assert len(states) == 100
-    told = [x for s in states for x in (*s.gyro, *s.force, *s.attitude, *s.position, *s.velocity)]
-    assert all(map(math.isfinite, told))
+    reported = [x for s in states for x in (*s.gyro, *s.force, *s.attitude, *s.position, *s.velocity)]
+    assert all(map(math.isfinite, reported))
 
 
 def test_a_compass_deviation_turns_the_heading_and_nothing_else():
@@ -219,10 +219,10 @@ def test_what_ardupilot_cannot_be_shown_is_refused(text):
 @pytest.fixture
 def served():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
-        said: list[str] = []
+        reported: list[str] = []
         autopilot.bind(("127.0.0.1", 0))
         autopilot.settimeout(0.2)
-        server = JsonServer(Physics(load_vehicle("charlie")), port=0, say=said.append)
+        server = JsonServer(Physics(load_vehicle("charlie")), port=0, say=reported.append)
 
         def ask(datagram: bytes, ear: socket.socket = autopilot) -> dict | None:
             ear.sendto(datagram, ("127.0.0.1", server.port))
@@ -232,7 +232,7 @@ def served():
             except TimeoutError:
                 return None
 
-        yield server, ask, said
+        yield server, ask, reported
         server.close()
 
 
@@ -247,14 +247,14 @@ def test_every_frame_is_answered_a_repetition_with_the_same(served):
 
 
 def test_a_restarted_autopilot_finds_a_hull_at_home(served):
-    server, ask, said = served
+    server, ask, reported = served
     for count in range(400):
         ask(request(count, pulses(s3=2000)))
     assert server.physics.state.velocity[0] > 0.1
     again = ask(request(0, NEUTRAL))
     assert again["timestamp"] == pytest.approx(1 / 200)
     assert again["position"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4)
-    assert len(said) == 2
+    assert len(reported) == 2
 
 
 def test_a_second_autopilot_in_mid_run_is_not_answered_but_a_new_one_is(served):
@@ -274,12 +274,12 @@ def test_physics_started_in_mid_run_go_on_with_the_autopilots_clock(served):
 
 
 def test_a_stranger_is_mentioned_once_and_not_answered(served):
-    server, ask, said = served
+    server, ask, reported = served
     assert ask(b"\xfe\x09 not this interface") is None
     assert ask(b"\xfe\x09 not this interface") is None
     assert server.frames == 0
-    assert len(said) == 1
-    assert "not from ArduPilot's JSON interface" in said[0]
+    assert len(reported) == 1
+    assert "not from ArduPilot's JSON interface" in reported[0]
 
 
 # -- what ArduPilot needs
@@ -346,10 +346,10 @@ def test_a_body_that_tilts_sends_its_attitude_and_gravity_along_its_axes():
     physics = Physics(load_vehicle("bluerov2-6dof"))
     at = physics.craft.plant.state
     at.z, at.theta = 5.0, 0.4
-    told = physics.step(0.0025, [1500] * 16)
-    assert told.attitude[1] == pytest.approx(0.4, abs=1e-3)
-    assert told.gyro[1] == pytest.approx(at.q)
-    assert told.force[0] == pytest.approx(9.80665 * math.sin(0.4), abs=0.6)
+    reported = physics.step(0.0025, [1500] * 16)
+    assert reported.attitude[1] == pytest.approx(0.4, abs=1e-3)
+    assert reported.gyro[1] == pytest.approx(at.q)
+    assert reported.force[0] == pytest.approx(9.80665 * math.sin(0.4), abs=0.6)
     assert load_vehicle("bluerov2").make_plant().state.tilts is False
 
 
@@ -357,8 +357,8 @@ def test_the_distances_of_rangefinders_are_sent_and_their_drivers_selected() -> 
     data = load_vehicle("videoray-lasers")
     physics = Physics(data)
     state = physics.step(0.01, NEUTRAL)
-    told = json.loads(write_state(state))
-    assert (told["rng_1"], told["rng_2"]) == pytest.approx((2.0, 2.0), abs=0.05)
+    document = json.loads(write_state(state))
+    assert (document["rng_1"], document["rng_2"]) == pytest.approx((2.0, 2.0), abs=0.05)
     assert {name: value for name, value in needed_parameters(data).items() if name.startswith("RNGFND")} == {
         "RNGFND1_TYPE": 100,
         "RNGFND1_ORIENT": 0,

@@ -84,8 +84,8 @@ def test_added_drag_slows_the_turn_of_a_boat_whose_drag_goes_with_its_propeller(
 def test_a_current_moves_the_craft_and_shows_in_velocity_over_ground():
     ground = boat(armed=False, effects=hidden("steady-current.V_x=0.4,V_y=-0.2"))
     turning(ground, 10.0)
-    told = ground.last("LOCAL_POSITION_NED")
-    assert (told.vx, told.vy) == pytest.approx((0.4, -0.2), abs=0.1)
+    reported = ground.last("LOCAL_POSITION_NED")
+    assert (reported.vx, reported.vy) == pytest.approx((0.4, -0.2), abs=0.1)
     body = ground.vehicle.state
     assert (body.x, body.y) == pytest.approx((0.4 * ground.t, -0.2 * ground.t), rel=0.02)
 
@@ -117,10 +117,10 @@ def test_the_compass_deviates_and_the_craft_does_not():
 def test_a_receiver_ahead_of_the_middle_swings_round_it():
     ground = boat(effects=hidden("sensor-position@x+y.x_P=5"))
     turning(ground, 8.0, throttle=1600)
-    body, told = ground.vehicle.state, ground.last("LOCAL_POSITION_NED")
+    body, reported = ground.vehicle.state, ground.last("LOCAL_POSITION_NED")
     assert abs(body.psi) > 0.3
-    assert told.x - body.x == pytest.approx(5.0 * math.cos(body.psi), abs=0.5)
-    assert told.y - body.y == pytest.approx(5.0 * math.sin(body.psi), abs=0.5)
+    assert reported.x - body.x == pytest.approx(5.0 * math.cos(body.psi), abs=0.5)
+    assert reported.y - body.y == pytest.approx(5.0 * math.sin(body.psi), abs=0.5)
 
 
 def test_a_late_heading_is_that_of_a_while_ago():
@@ -155,9 +155,9 @@ def test_steering_told_with_the_wrong_sign_is_mirrored_in_the_report_alone(craft
     for ground in (wrong, right):
         turning(ground, 5.0, throttle=1600)
     assert wrong.vehicle.state.r == right.vehicle.state.r
-    told, meant = wrong.last("SERVO_OUTPUT_RAW"), right.last("SERVO_OUTPUT_RAW")
+    reported, meant = wrong.last("SERVO_OUTPUT_RAW"), right.last("SERVO_OUTPUT_RAW")
     read = right.vehicle.actuators.read
-    pulses = [[getattr(m, f"servo{n}_raw") for n in range(1, 9)] for m in (told, meant)]
+    pulses = [[getattr(m, f"servo{n}_raw") for n in range(1, 9)] for m in (reported, meant)]
     assert read(pulses[0])["N"] == pytest.approx(-read(pulses[1])["N"], abs=2e-3)
     assert read(pulses[1])["N"] > 0.1
     assert read(pulses[0])["X"] == pytest.approx(read(pulses[1])["X"], abs=2e-3)
@@ -175,11 +175,11 @@ def test_told_columns_can_have_the_wrong_unit_sign_or_label():
     assert degrees.last("ATTITUDE").yawspeed == pytest.approx(57.2958 * attitude.yawspeed, rel=1e-6)
     assert degrees.last("ATTITUDE").yaw == attitude.yaw
     assert turned.last("ATTITUDE").yaw == pytest.approx(-attitude.yaw)
-    told = swapped.last("LOCAL_POSITION_NED")
-    assert (told.x, told.y) == pytest.approx((place.y, place.x))
-    told, meant = swapped.last("GLOBAL_POSITION_INT"), right.last("GLOBAL_POSITION_INT")
+    reported = swapped.last("LOCAL_POSITION_NED")
+    assert (reported.x, reported.y) == pytest.approx((place.y, place.x))
+    reported, meant = swapped.last("GLOBAL_POSITION_INT"), right.last("GLOBAL_POSITION_INT")
     east = (meant.lon * 1e-7 - 8.7640) * math.cos(math.radians(44.4250))
-    assert told.lat * 1e-7 - 44.4250 == pytest.approx(east, abs=1e-7)
+    assert reported.lat * 1e-7 - 44.4250 == pytest.approx(east, abs=1e-7)
     fast = knots.last("LOCAL_POSITION_NED")
     # the noise of the speed sideways is not multiplied
     assert math.hypot(fast.vx, fast.vy) == pytest.approx(1.94384 * math.hypot(place.vx, place.vy), rel=1e-3)

@@ -31,14 +31,14 @@ def _script(name: str, seconds: float = 12.0) -> bytes:
         sticks = [side, 65535, 1800, 65535] if boat else [65535, 65535, 1500, side]
         if k < 45:
             sticks = [1500] * 4
-        said = mavlink.MAVLink_rc_channels_override_message(1, 1, *sticks, *[65535] * 4).pack(mav)
+        reported = mavlink.MAVLink_rc_channels_override_message(1, 1, *sticks, *[65535] * 4).pack(mav)
         if k % 10 == 0:
-            said += mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mav)
+            reported += mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mav)
         if k == 42:
             for number, parameters in ((511, (30, 1e5)), (176, (1, 0 if boat else 19)), (400, (1,))):
                 seven = [*parameters, *[0.0] * (7 - len(parameters))]
-                said += mavlink.MAVLink_command_long_message(1, 1, number, 0, *seven).pack(mav)
-        requests += HEAD.pack(round(0.1 * (k + 1), 9), len(said)) + said
+                reported += mavlink.MAVLink_command_long_message(1, 1, number, 0, *seven).pack(mav)
+        requests += HEAD.pack(round(0.1 * (k + 1), 9), len(reported)) + reported
     return bytes(requests)
 
 

@@ -238,8 +238,8 @@ def test_a_wait_at_a_waypoint_is_waited_for():
     ground = sailing([waypoint(12 + 0j, 5.0), waypoint(0j)])
     reached = run_until_reached(ground, 1)
     assert "Reached waypoint #1. Loiter for 5 seconds" in ground.texts()
-    said = next(k for k, m in enumerate(ground.heard) if "Loiter for 5" in getattr(m, "text", ""))
-    arrived = next(m.time_boot_ms for m in reversed(ground.heard[:said]) if m.get_type() == "ATTITUDE")
+    reported = next(k for k, m in enumerate(ground.heard) if "Loiter for 5" in getattr(m, "text", ""))
+    arrived = next(m.time_boot_ms for m in reversed(ground.heard[:reported]) if m.get_type() == "ATTITUDE")
     assert reached - arrived / 1000.0 == pytest.approx(5.0, abs=1.0)
 
 

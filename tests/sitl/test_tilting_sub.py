@@ -25,10 +25,10 @@ def test_attitude_tells_the_true_roll_and_pitch():
     ground.stream(mavlink.MAVLINK_MSG_ID_ATTITUDE, 20)
     ground.sticks = {**NEUTRAL, 2: 1540}
     ground.run(1.5)
-    at, told = ground.vehicle.state, ground.last("ATTITUDE")
-    assert at.phi > 0.1 and told.rollspeed > 0.0
-    assert told.roll == pytest.approx(at.phi, abs=0.1)
-    assert told.pitch == pytest.approx(at.theta, abs=0.02)
+    at, reported = ground.vehicle.state, ground.last("ATTITUDE")
+    assert at.phi > 0.1 and reported.rollspeed > 0.0
+    assert reported.roll == pytest.approx(at.phi, abs=0.1)
+    assert reported.pitch == pytest.approx(at.theta, abs=0.02)
 
 
 def test_the_gyro_filter_delays_roll_and_pitch_rates_like_the_yaw_rate():

@@ -54,16 +54,16 @@ def _first_to_ask(started: Started) -> str:
 
 
 def test_a_worker_that_does_not_fit_is_reported_and_the_others_do_its_cases(client: Any, tmp_path: Path) -> None:
-    told: list[str] = []
+    reported: list[str] = []
 
     def executor(started: Started) -> Executor:
-        return on(client, unsuited=partial(_first_to_ask, started), reports=told.append)(started)
+        return on(client, unsuited=partial(_first_to_ask, started), reports=reported.append)(started)
 
     client.wait_for_workers(2)  # before the tests that kill workers: Dask may not start one again that dies at once
     ran(study_file(tmp_path, "add", TEN), tmp_path / "out", executor)
     assert len(open_study(tmp_path / "out")) == 10
-    assert len(told) == 1
-    assert "is not used: wrong version 1, but the study needs 2" in told[0]
+    assert len(reported) == 1
+    assert "is not used: wrong version 1, but the study needs 2" in reported[0]
 
 
 def test_a_case_that_kills_its_worker_is_given_up_after_three_tries(client: Any, tmp_path: Path) -> None:
@@ -101,10 +101,10 @@ def _square(x: int) -> int:
 
 
 def test_results_are_in_the_order_of_the_tasks(client: Any) -> None:
-    told: list[tuple[int, int]] = []
-    found = list(DaskExecutor(client).map(_square, range(20), lambda done, total: told.append((done, total))))
+    reported: list[tuple[int, int]] = []
+    found = list(DaskExecutor(client).map(_square, range(20), lambda done, total: reported.append((done, total))))
     assert found == [x * x for x in range(20)]
-    assert told == [(k, 20) for k in range(1, 21)]
+    assert reported == [(k, 20) for k in range(1, 21)]
 
 
 def _wrong(started: Started) -> str:

@@ -194,8 +194,8 @@ def test_studies_without_a_common_case_are_not_compared(folder: Path, tmp_path: 
 
 def test_the_page_and_the_json_show_the_same_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["study", "report", str(folder), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["success"]["hits"] == 32
+    document = json.loads(capsys.readouterr().out)
+    assert document["success"]["hits"] == 32
     page = to_html(case_study_document(case_study_of(folder)))
     assert "Success map" in page
     assert "32 of 80" in page

@@ -86,10 +86,10 @@ def test_a_part_cut_short_is_named_and_its_cases_are_repeated(tmp_path: Path) ->
     part.write_bytes(part.read_bytes()[:200])
     with pytest.raises(BadFile, match=f"{part.name} cannot be read: it is cut short"):
         open_study(tmp_path / "out")
-    told: list[str] = []
-    run_study(load_plan(path), tmp_path / "out", serial, reports=told.append)
-    assert len(told) == 1
-    assert str(part) in told[0]
+    reported: list[str] = []
+    run_study(load_plan(path), tmp_path / "out", serial, reports=reported.append)
+    assert len(reported) == 1
+    assert str(part) in reported[0]
     assert len(open_study(tmp_path / "out")) == 10
     assert len(tried(tmp_path)) == 20
 

@@ -59,8 +59,8 @@ STOPPED = "stopped by the operator"
 
 
 def vitals(mode: str, *, armed: bool) -> tuple[str, object]:
-    told = {"battery_voltage": 12.46, "battery_remaining": 0.98, "round_trip": 0.1, "attitude_rate": 10.0}
-    return "vitals", {"mode": mode, "armed": armed, **told}
+    values = {"battery_voltage": 12.46, "battery_remaining": 0.98, "round_trip": 0.1, "attitude_rate": 10.0}
+    return "vitals", {"mode": mode, "armed": armed, **values}
 
 
 def oscillating() -> Tale:

@@ -477,10 +477,15 @@ def test_what_was_chosen_for_a_run_is_kept_with_it_to_start_it_again(client: Tes
 
 
 def test_an_undo_asks_first_and_its_end_lists_what_was_restored() -> None:
-    said = ["connected", "answered yes: Write P 2 -> 1?", "P: 2 -> 1", "1 parameter changed, verified by reading back"]
-    end = how_the_undo_ended(0, "", said)
-    assert end["fine"] and end["put_back"] == said[2:]
-    declined = how_the_undo_ended(130, "gcs-autotune: nothing was written: the answer was no\n", said[:1])
+    reported = [
+        "connected",
+        "answered yes: Write P 2 -> 1?",
+        "P: 2 -> 1",
+        "1 parameter changed, verified by reading back",
+    ]
+    end = how_the_undo_ended(0, "", reported)
+    assert end["fine"] and end["put_back"] == reported[2:]
+    declined = how_the_undo_ended(130, "gcs-autotune: nothing was written: the answer was no\n", reported[:1])
     assert (declined["fine"], declined["put_back"]) == (False, [])
     assert declined["reason"] == "nothing was written: the answer was no"
 

@@ -36,8 +36,8 @@ def runs(tmp_path: Path) -> Path:
     (tmp_path / "secret.txt").write_text("not yours")
     (trials / "01-step.csv").write_bytes(TABLE)
     marks = [{"t": 0.1, "kind": "target", "detail": {"value": 0.5}}, {"t": 0.2, "kind": "switch", "detail": {}}]
-    told = {"name": "step", "ending": "completed", "reason": "flown", "meta": {"signal": "psi"}, "marks": marks}
-    (trials / "01-step.json").write_text(json.dumps(told))
+    values = {"name": "step", "ending": "completed", "reason": "flown", "meta": {"signal": "psi"}, "marks": marks}
+    (trials / "01-step.json").write_text(json.dumps(values))
     (folder / "20260101-run" / "report.html").write_text("<script>alert(1)</script>")
     (folder / "20260101-run" / "summary.json").write_text(json.dumps({"title": "tune heading", "ending": "kept"}))
     (folder / "20260101-run" / "telemetry.tlog").write_bytes(b"\xfe")
@@ -61,10 +61,10 @@ def test_runs_are_listed_with_what_can_be_replayed(client: TestClient) -> None:
         "report.html",
         "",
     )
-    told = client.get("/runs/20260101-run").json()
-    assert [t["name"] for t in told["trials"]] == ["step"]
-    assert told["trials"][0]["targets"] == [[0.1, 0.5]]
-    assert "trials/01-step.csv" in told["files"]
+    document = client.get("/runs/20260101-run").json()
+    assert [t["name"] for t in document["trials"]] == ["step"]
+    assert document["trials"][0]["targets"] == [[0.1, 0.5]]
+    assert "trials/01-step.csv" in document["files"]
     assert client.get("/files/20260101-run/trials/01-step.csv").content == TABLE
 
 
@@ -81,8 +81,8 @@ def test_a_report_that_is_served_links_to_the_zip_of_its_run(client: TestClient,
     for page in (file, runs / "20260101-run" / "trials" / "more.html"):
         page.write_text("<main>a<footer>b</footer></main>")
         where = f"/files/{page.relative_to(runs).as_posix()}"
-        told = client.get(where).text
-        (link,) = re.findall(r'<main>a<p><a href="([^"]*)">Download the whole run \(zip\)</a></p><footer>', told)
+        output = client.get(where).text
+        (link,) = re.findall(r'<main>a<p><a href="([^"]*)">Download the whole run \(zip\)</a></p><footer>', output)
         assert client.get(urljoin(where, link)).headers["content-type"] == "application/zip"
     assert "zip" not in file.read_text()
 
@@ -164,8 +164,8 @@ def test_a_full_disk_is_said_and_nothing_is_left(runs: Path, monkeypatch: pytest
 def until_done(client: TestClient) -> dict[str, Any]:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         while True:
-            told = json.loads(socket.receive_text())
-            desk = told.get("whole", told).get("desk")
+            document = json.loads(socket.receive_text())
+            desk = document.get("whole", document).get("desk")
             if desk and not desk["running"]:
                 return dict(desk)
 

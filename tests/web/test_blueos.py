@@ -142,11 +142,11 @@ def test_the_link_that_the_image_names_is_one_and_the_page_begins_with_it(monkey
 
 
 def test_blueos_and_cockpit_are_answered_without_a_token_and_find_what_they_are_told_of(behind_a_prefix):
-    told: dict[str, Any] = behind_a_prefix.get(f"{PREFIX}/register_service").json()
+    document: dict[str, Any] = behind_a_prefix.get(f"{PREFIX}/register_service").json()
     needed = ("name", "description", "icon", "company", "version", "webpage", "api")
-    assert all(isinstance(told[key], str) and told[key] for key in needed)
-    assert told["works_in_relative_paths"] is True
-    extras = behind_a_prefix.get(PREFIX + told["extras"]["cockpit"])
+    assert all(isinstance(document[key], str) and document[key] for key in needed)
+    assert document["works_in_relative_paths"] is True
+    extras = behind_a_prefix.get(PREFIX + document["extras"]["cockpit"])
     assert extras.status_code == 200
     assert {"targetSystem", "targetCockpitApiVersion", "widgets", "actions"} == set(extras.json())
     (widget,) = extras.json()["widgets"]
@@ -159,8 +159,8 @@ def test_what_cockpit_reads_is_as_its_schema_wants_it(behind_a_prefix, tmp_path)
     where = behind_a_prefix.get(f"{PREFIX}/register_service").json()["extras"]["cockpit"]
     without = behind_a_prefix.get(PREFIX + where).json()
     with_stop = with_a_key(tmp_path).get(PREFIX + where).json()
-    for told in (without, with_stop):
-        jsonschema.validate(told, COCKPIT)
+    for reported in (without, with_stop):
+        jsonschema.validate(reported, COCKPIT)
     assert without["actions"] == []
     assert [action["id"] for action in with_stop["actions"]] == ["gcs-autotune-stop"]
 

@@ -286,8 +286,8 @@ def test_the_question_shows_what_will_happen_and_the_gains_and_no_ends_it(asking
 
 def test_the_announcement_is_a_table_and_the_steps_of_the_job_are_listed_with_their_state(asking: Page) -> None:
     assert "yes, and disarms at the end" in asking.page.inner_text("#intentions-table")
-    told = [row.inner_text().split("\t")[:2] for row in asking.page.locator("#steps-list tr").all()]
-    assert told == [["speed", "new gains kept"], ["heading", "in progress"], ["line", "to do"]]
+    output = [row.inner_text().split("\t")[:2] for row in asking.page.locator("#steps-list tr").all()]
+    assert output == [["speed", "new gains kept"], ["heading", "in progress"], ["line", "to do"]]
     assert asking.page.inner_text("[aria-current=step] th") == "heading"
 
 
@@ -539,8 +539,8 @@ def test_behind_a_proxy_under_a_prefix_the_page_lives_starts_and_stops(
         page.shows("#runs", "-heading")
         page.context.close()
     assert all(path.startswith(f"{prefix}/") for path in paths)
-    told = {path.removeprefix(f"{prefix}/") for path in paths}
-    assert {"", "about", "start", "stop", "runs", "live" if has_sockets else "events"} <= told
+    values = {path.removeprefix(f"{prefix}/") for path in paths}
+    assert {"", "about", "start", "stop", "runs", "live" if has_sockets else "events"} <= values
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -142,8 +142,8 @@ def test_the_token_gives_a_key_to_a_seat_beside_40_viewers_without_it(tmp_path: 
         for _ in range(40):
             socket = stack.enter_context(client.websocket_connect("ws://127.0.0.1:8090/live"))
             socket.receive()
-        told = client.post("/token", headers={TOKEN_HEADER: "right"}).json()
-        owner = stack.enter_context(client.websocket_connect(f"ws://127.0.0.1:8090/live?seat={told['seat']}"))
+        document = client.post("/token", headers={TOKEN_HEADER: "right"}).json()
+        owner = stack.enter_context(client.websocket_connect(f"ws://127.0.0.1:8090/live?seat={document['seat']}"))
         assert "whole" in owner.receive_text()
     assert not access.may_sit("")
     assert not Access().may_sit("")

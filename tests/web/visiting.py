@@ -44,8 +44,10 @@ class Page:
         try:
             reduce(lambda one, other: one.or_(other), others, first).first.wait_for(timeout=timeout)
         except Exception as error:  # Playwright's own TimeoutError, which is none of Python's
-            told = {name: self.page.text_content(f"#{name}") for name in ("stage", "end-title", "end-reason", "words")}
-            raise AssertionError(f"none of {wanted} is ever shown; the page says {told}") from error
+            values = {
+                name: self.page.text_content(f"#{name}") for name in ("stage", "end-title", "end-reason", "words")
+            }
+            raise AssertionError(f"none of {wanted} is ever shown; the page says {values}") from error
 
     def start(self, *, dry: bool = False, **fields: str) -> None:
         self.page.click("#tab-start")
