@@ -29,7 +29,7 @@ from gcs_autotune.report.tune import document
 
 
 def added(folder: Path, name: str) -> ModuleType:
-    """Write a file as the page tells it and import it."""
+    """Write a file as shown on the page and import it."""
     page = (Path(__file__).parents[1] / "docs" / "how-to-add.md").read_text(encoding="utf-8")
     (text,) = re.findall(rf"```python\n# {name}\.py\n(.*?)```", page, re.DOTALL)
     path = folder / f"{name}.py"

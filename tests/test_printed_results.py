@@ -38,7 +38,7 @@ def results():
                     yield found
 
 
-def test_every_result_shows_itself() -> None:
+def test_every_result_has_a_display() -> None:
     found = list(results())
     assert len(found) > 50
     assert [c.__name__ for c in found if not issubclass(c, Displayed) and c.__str__ is object.__str__] == []
@@ -77,7 +77,7 @@ def test_fields_are_shown_with_the_units_and_meanings_of_the_docstring() -> None
 
 
 @pytest.mark.parametrize(("value", "shown"), [(None, "none"), (True, "yes"), (0.25, "0.25"), ((1.0, 2.0), "1, 2")])
-def test_a_value_is_shown_as_people_write_it(value: object, shown: str) -> None:
+def test_a_value_is_shown_in_plain_notation(value: object, shown: str) -> None:
     @dataclasses.dataclass(frozen=True)
     class Thing:
         """A thing."""
@@ -88,7 +88,7 @@ def test_a_value_is_shown_as_people_write_it(value: object, shown: str) -> None:
     assert table.rows == (("value", shown),)
 
 
-def test_parts_of_one_kind_are_the_rows_of_a_table() -> None:
+def test_parts_of_one_type_are_the_rows_of_a_table() -> None:
     @dataclasses.dataclass(frozen=True)
     class Part:
         """A part."""

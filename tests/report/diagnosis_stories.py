@@ -182,7 +182,7 @@ def dead_zone():
 
 
 def deviation():
-    """A compass that errs with the heading, beside a little constant moment: partly explained, swell remains."""
+    """A compass error that depends on the heading, with a small constant moment: partly explained, swell remains."""
 
     def sense(psi):
         return psi + 0.12 * np.sin(psi) - 0.07 * np.cos(psi)

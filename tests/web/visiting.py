@@ -1,4 +1,4 @@
-"""The page as a browser shows it, for tests that look at it and touch it."""
+"""The page in a browser, for tests that view and operate it."""
 
 from __future__ import annotations
 
@@ -60,6 +60,6 @@ class Page:
         self.page.click("#start")
 
     def stopped(self) -> str:
-        """Wait for the end that STOP brings and return what was put back."""
+        """Wait for the end after STOP and return the restored values."""
         self.shows("#end-title", "stopped by the operator")
         return str(self.page.inner_text("#put-back"))
