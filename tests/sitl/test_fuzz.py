@@ -1,4 +1,4 @@
-"""Nothing that arrives may harm it."""
+"""No input may crash the simulator."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _all_of(message: Any) -> dict[str, str]:
     }
 
 
-def test_every_message_is_packed_and_read_as_pymavlink_does_it():
+def test_every_message_is_packed_and_read_as_by_pymavlink():
     assert len(mavlink.mavlink_map) > 200
     rng, theirs, ours = random.Random(3), mavlink.MAVLink(None, 7, 9), Packer(7, 9)
     for cls in mavlink.mavlink_map.values():
@@ -125,7 +125,7 @@ def test_every_message_is_packed_and_read_as_pymavlink_does_it():
             theirs.seq = (theirs.seq + 1) % 256
 
 
-def test_the_simulator_reads_a_damaged_stream_as_pymavlink_does():
+def test_the_simulator_reads_a_damaged_stream_like_pymavlink():
     mav, rng, read = mavlink.MAVLink(None, 255, 190), random.Random(5), []
     for _ in range(40):
         sent = [mavlink.MAVLink_timesync_message(0, n) for n in range(6)]

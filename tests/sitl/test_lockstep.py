@@ -1,4 +1,4 @@
-"""Decision record 1, held from the vehicle's side, over a real pipe."""
+"""Decision record 1 from the side of the vehicle, over a real pipe."""
 
 from __future__ import annotations
 
@@ -72,27 +72,27 @@ def test_same_seed_and_same_requests_give_the_same_replies_to_the_last_bit(name)
     assert abs(server.vehicle.state.r) > 0.01
 
 
-def test_every_request_is_answered_with_the_time_reached():
+def test_every_reply_contains_the_time_reached():
     replies = _replies(_run_process("charlie", _script("charlie", 2.0)))
     assert [reached for reached, _ in replies] == [pytest.approx(0.1 * (k + 1)) for k in range(20)]
 
 
-def test_a_grant_of_no_time_is_answered_with_nothing():
+def test_a_grant_of_zero_time_gets_an_empty_reply():
     assert _replies(_run_process("charlie", HEAD.pack(0.0, 0))) == [(0.0, b"")]
 
 
 @pytest.mark.parametrize("grant", [-1.0, math.nan, math.inf])
-def test_a_grant_that_is_no_time_ahead_moves_nothing(grant):
+def test_a_grant_that_is_not_in_the_future_has_no_effect(grant):
     requests = HEAD.pack(0.5, 0) + HEAD.pack(grant, 0)
     assert _replies(_run_process("charlie", requests))[1] == (0.5, b"")
 
 
 @pytest.mark.parametrize("ending", [b"", b"\0\0\0", HEAD.pack(1.0, 50) + b"short"])
-def test_the_end_of_its_input_ends_it(ending):
+def test_the_end_of_input_ends_the_process(ending):
     assert len(_replies(_run_process("charlie", HEAD.pack(0.1, 0) + ending))) == 1
 
 
-def test_an_interrupt_is_left_to_the_other_end_and_a_termination_obeyed():
+def test_an_interrupt_is_ignored_and_a_termination_is_obeyed():
     command = [sys.executable, "-m", "sitl", "charlie", "--lockstep"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT) as process:
         assert process.stdin and process.stdout
@@ -107,7 +107,7 @@ def test_an_interrupt_is_left_to_the_other_end_and_a_termination_obeyed():
         assert process.wait(10) == 0
 
 
-def test_how_the_time_is_cut_into_grants_does_not_matter():
+def test_the_result_does_not_depend_on_the_size_of_grants():
     coarse, fine = sitl.open_vehicle("falcon", seed=3), sitl.open_vehicle("falcon", seed=3)
     whole = coarse.advance_to(3.0)
     pieces = b"".join(fine.advance_to(0.013 * k) for k in range(1, 230)) + fine.advance_to(3.0)

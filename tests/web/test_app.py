@@ -235,7 +235,7 @@ def test_every_response_forbids_foreign_scripts(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize(
-    ("chosen", "said"),
+    ("chosen", "text"),
     [
         ({**HEADING, "axis": "sideways"}, "sideways"),
         ({**HEADING, "job": "restore"}, "restore"),
