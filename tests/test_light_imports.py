@@ -77,7 +77,7 @@ def test_help_imports_no_numerics(command: str) -> None:
     assert imported(asking, *command.split()).isdisjoint(NUMERICS)
 
 
-def test_nothing_imports_opencv_before_a_picture_is_read() -> None:
+def test_nothing_imports_opencv_before_an_image_is_read() -> None:
     asking = "import gcs_autotune.vision\nfrom gcs_autotune.cli import main\nassert main(['laser', 'no.mp4']) == 6"
     assert imported(asking).isdisjoint(("cv2",))
 

@@ -141,7 +141,7 @@ def test_a_signal_during_output_is_handled_and_does_not_raise(
     os.close(into)
 
 
-def test_silent_work_shows_a_spinner_on_a_terminal_and_nothing_beside_json(monkeypatch, capsys):
+def test_silent_work_shows_a_spinner_on_a_terminal_but_not_with_json(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")  # rich takes any stream for a terminal
     for asked, shown in (({}, True), ({"json": True}, False), ({"quiet": True}, False)):
         with waiting(argparse.Namespace(**asked), "reading the runs"):

@@ -135,7 +135,7 @@ def test_a_diagnosis_json_next_to_a_run_is_not_a_side_file(capsys, tmp_path, run
         mine.with_suffix(".json").write_text(out)
 
 
-def test_json_is_printed_alone_and_nothing_is_written(capsys, tmp_path, monkeypatch, runs):
+def test_json_is_the_only_output_and_nothing_is_written(capsys, tmp_path, monkeypatch, runs):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, "diagnose", runs[0], *FAST, "--json")
     assert code == 0

@@ -75,7 +75,7 @@ def test_a_file_without_a_polygon_is_rejected_by_name(text: str, tmp_path: Path)
         read_area(str(path))
 
 
-def test_a_lost_position_trips_the_area_guard() -> None:
+def test_leaving_the_area_or_losing_the_position_trips_the_guard() -> None:
     watch = Watch(Envelope(area=Area((SQUARE,), "the lake")), at_rest(x=50.0, y=50.0))
     watch.check(at_rest(x=99.0, y=50.0))
     with pytest.raises(GuardTripped, match=r"2\.0 m outside the lake"):

@@ -88,7 +88,7 @@ def swings(own: HeadingHold, *peaks: float) -> float:
         ((20, -19, 18, -18, 17), CALMING**3),
         ((20, -20) * 8, LEAST_SHARE),
     ],
-    ids=["swinging", "dying away", "small", "goes on", "forever"],
+    ids=["oscillating", "decaying", "small", "continuing", "endless"],
 )
 def test_the_gain_falls_with_every_oscillation_that_does_not_decay(peaks, share: float) -> None:
     own = HeadingHold()

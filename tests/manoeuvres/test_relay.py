@@ -60,7 +60,7 @@ def test_a_stop_rule_ends_the_relay_before_five_periods_agree():
     switches = [m for m in flown.marks if m.kind == "switch" and m.detail["x"] != 0.0]
     assert len(switches) == 3
     assert rule.begun == 1
-    assert flown.meta["enough"], "so that whoever reads the record does not ask for more periods"
+    assert flown.meta["enough"], "so that readers of the record do not require more periods"
 
 
 def test_the_relay_begins_at_once_if_the_noise_is_known():
@@ -276,7 +276,7 @@ def test_an_unsettled_relay_on_a_boat_ends_with_its_record_before_the_distance_l
     assert flown.ending == "stopped"
     assert re.search(r"not settled after \d+ reversals.*limit 150 m \(--max-distance\)", flown.reason)
     assert 2.0 * record.end == pytest.approx(126.0, abs=1.0), "12 s at 2 m/s are left to turn around"
-    assert not flown.meta["enough"], "whoever reads the record is to know that it did not settle"
+    assert not flown.meta["enough"], "the record must show that it did not settle"
     assert find_cycles(flown, "yaw")
 
 

@@ -28,7 +28,7 @@ def check(craft: PondCraft, signal: str = "psi", **changes: Any) -> tuple[SignCh
     return manoeuvre, flown
 
 
-def test_outputs_that_the_vehicle_does_not_report_are_not_checked() -> None:
+def test_unreported_outputs_count_as_not_followed() -> None:
     rest, forward, back = ([(0.1 * k, 0.001 * (k % 2), math.nan) for k in range(n, n + 20)] for n in (0, 19, 38))
     found = pulse_response(0.3, rest, forward, back, 0.05)
     assert found.unheeded is found.forward

@@ -80,7 +80,7 @@ def test_the_time_constant_is_read_from_the_turn_and_has_a_lower_limit() -> None
 
 
 @pytest.mark.parametrize(("gain", "ending"), [(0.02, "completed"), (0.016, "aborted"), (-0.016, "aborted")])
-def test_a_craft_that_turns_slower_than_half_a_degree_a_second_is_given_up(gain: float, ending: str) -> None:
+def test_a_craft_that_turns_slower_than_half_a_degree_per_second_is_aborted(gain: float, ending: str) -> None:
     spiral = BechSpiral(1, Steering(0.5))
     rows = answered(spiral, Lagged(gain, 1.0), tick=0.1)
     assert spiral.outcome is not None

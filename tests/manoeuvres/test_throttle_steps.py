@@ -174,7 +174,7 @@ def test_a_change_within_the_speed_noise_is_ignored(slope: float, seconds: float
 
 
 @pytest.mark.parametrize(("share", "seconds"), [(0.351, 4.0), (0.35, 0.5)])
-def test_coasting_ends_at_a_third_of_the_working_speed_and_is_no_steady_speed(share: float, seconds: float) -> None:
+def test_coasting_ends_at_a_third_of_the_working_speed_and_is_not_a_steady_speed(share: float, seconds: float) -> None:
     _, _, marks = scripted(lambda t, X: 2.0 * (share if X == 0.0 else 1.0), levels=(0.0, 1.0))
     first, second = [m.t for m in marks if m.kind == "level"]
     assert second - first == seconds

@@ -63,7 +63,7 @@ def step() -> Step:
     return Step(StepSettings("psi", 0.5, 30.0, speed=CRUISE, enough=5.0, settle=20.0))
 
 
-def test_a_step_half_is_cut_short_and_the_other_lasts_as_long() -> None:
+def test_a_step_is_cut_short_to_leave_space_for_a_short_return_step() -> None:
     found = flown(step(), 100.0)
     assert found.ending == "stopped"
     there, back = found.meta["lasted"]

@@ -108,7 +108,7 @@ def test_causes_of_a_partly_explained_diagnosis_are_called_hypotheses():
         assert "The third run is short" in text
 
 
-def test_a_deviation_card_is_drawn_on_a_compass_rose():
+def test_a_deviation_card_is_plotted_on_a_compass_rose():
     text = text_of("deviation")
     assert "In the polar plot the dark circle marks zero" in text
     assert "NW" in text

@@ -75,7 +75,7 @@ def test_no_plot_has_its_own_background(pages):
         assert "fill: none" in patch
 
 
-def test_a_table_wider_than_a_phone_is_stacked_with_the_head_beside_each_cell(pages):
+def test_a_table_wider_than_a_phone_is_stacked_with_the_head_at_each_cell(pages):
     tables = re.findall(r"<table class=.*?</table>", pages["kept"], flags=re.DOTALL)
     gains = next(t for t in tables if "ATC_RAT_YAW_P" in t and ">why<" in t)
     measured = next(t for t in tables if ">lower is better<" in t)

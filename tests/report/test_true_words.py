@@ -120,7 +120,7 @@ def test_a_prediction_worse_than_none_explains_nothing(found: AxisFit) -> None:
     assert verdict.tone == "bad"
 
 
-def test_damping_is_called_as_the_field_calls_it_and_explained_at_first_use(found: AxisFit) -> None:
+def test_damping_structures_have_standard_names_explained_at_first_use(found: AxisFit) -> None:
     assert model_words(found) == "linear damping"
     assert model_sentences(found)[0] == "Linear damping: drag is proportional to speed."
     assert "linear damping" in {row[3] for row in model_table(found).rows}
@@ -265,7 +265,7 @@ def test_a_heading_axis_begins_within_a_turn_and_rises_from_label_to_label() -> 
     assert all(degrees % 45.0 == 0.0 or degrees % 30.0 == 0.0 for degrees in shown)
 
 
-def test_depth_is_drawn_downwards() -> None:
+def test_depth_is_plotted_downwards() -> None:
     t = np.linspace(0.0, 60.0, 400)
     trace = Trace("dive", t, 0.1 * t, 0.1 * t, np.full(len(t), 0.1), "z", "m")
     top, bottom = Figure().subplots(2, 1)

@@ -54,7 +54,7 @@ def test_a_mode_without_the_custom_flag_is_not_supported():
     assert Ground("charlie").command(176, 0, HOLD) == UNSUPPORTED
 
 
-def test_the_old_set_mode_message_works_too():
+def test_the_old_set_mode_message_is_supported():
     ground = boat()
     ground.send(mavlink.MAVLink_set_mode_message(1, 1, HOLD))
     ground.run(0.1)
@@ -85,7 +85,7 @@ def test_command_int_is_understood_like_command_long():
 
 
 @pytest.mark.parametrize(("number", "result"), [(22, UNSUPPORTED), (183, FAILED), (178, FAILED), (43000, UNSUPPORTED)])
-def test_impossible_commands_get_an_error_result(number, result):
+def test_unsupported_or_invalid_commands_get_an_error_result(number, result):
     assert Ground("charlie").command(number) == result
 
 

@@ -106,7 +106,7 @@ def test_released_without_a_receiver_a_channel_keeps_its_last_value_until_the_fa
     assert ground.servos[0] == 1500
 
 
-def test_the_radio_failsafe_acts_in_guided_too():
+def test_the_radio_failsafe_acts_in_guided():
     ground = boat(mode=GUIDED)
     ground.sticks = None
     ground.hold_heading(0.6)
@@ -122,7 +122,7 @@ def test_the_failsafe_action_follows_its_parameter(action, mode, armed):
     assert (ground.mode_number, ground.armed) == (mode, armed)
 
 
-def test_a_receiver_lost_under_way_is_a_radio_failsafe():
+def test_a_receiver_lost_while_driving_triggers_the_radio_failsafe():
     ground = boat(parameters=WITH_RECEIVER)
     ground.sticks = None
     ground.run(2.0)

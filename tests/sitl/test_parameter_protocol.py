@@ -94,7 +94,7 @@ def test_a_value_out_of_its_documented_range_is_accepted():
         ("ARMING_CHECK", 3e9, 2147483648.0),
     ],
 )
-def test_an_integer_parameter_is_truncated_to_its_type(name, written, stored):
+def test_an_integer_parameter_is_stored_within_its_type(name, written, stored):
     (echo,) = _write(Ground("charlie"), name, written)
     assert echo.param_value == stored
 

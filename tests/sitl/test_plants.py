@@ -131,6 +131,6 @@ def test_the_specific_force_adds_up_to_the_velocity_over_ground(sways):
     assert velocity == pytest.approx([c * u - s * v, s * u + c * v, body.state.w], abs=1e-9)
 
 
-def test_at_rest_the_specific_force_is_that_of_gravity_alone():
+def test_at_rest_the_specific_force_is_only_gravity():
     body = hull(sways=False)
     assert body.specific_force() == (0.0, 0.0, -GRAVITY)

@@ -169,7 +169,7 @@ def test_a_flat_corner_is_rounded_without_a_pivot_turn():
     assert slowest > 0.7
 
 
-def test_no_pivot_turn_where_its_angle_is_zero():
+def test_a_pivot_angle_of_zero_disables_pivot_turns():
     ground = twin(WP_PIVOT_ANGLE=0)
     upload(ground, [waypoint(15 + 0j), waypoint(15 + 20j)])
     ground.mode(AUTO)

@@ -79,7 +79,7 @@ def test_the_interval_can_be_requested():
     assert (interval.message_id, interval.interval_us) == (SERVO, 25000)
 
 
-def test_the_old_stream_request_works_too():
+def test_the_old_stream_request_is_supported():
     ground = Ground("charlie")
     ground.send(mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 20, 1))
     ground.run(0.1)

@@ -43,7 +43,7 @@ def test_poshold_holds_a_position_in_a_current():
     assert ground.vehicle.state.z == pytest.approx(4.0, abs=0.2)
 
 
-def test_alt_hold_drifts_where_poshold_holds():
+def test_alt_hold_drifts_in_a_current():
     ground = _holding(mode=SUB_ALT_HOLD)
     here = place(ground)
     ground.vehicle.plant.water.V_x = 0.12

@@ -42,7 +42,7 @@ def test_all_cases_of_a_random_design_are_different(tmp_path: Path) -> None:
     assert len({case.point(plan.do) for case in plan}) == 600
 
 
-def test_the_same_values_are_the_same_point_however_they_are_written(tmp_path: Path) -> None:
+def test_the_same_values_in_any_notation_are_the_same_point(tmp_path: Path) -> None:
     one, other = (plan_of(tmp_path, f"fixed.argument.x = {x}")[0].point("m:f") for x in ("2", "2.0"))
     assert one == other
     assert plan_of(tmp_path, "fixed.argument.x = 3")[0].point("m:f") != one
