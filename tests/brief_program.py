@@ -1,6 +1,6 @@
-"""Our command line as it is, but for designs of few evaluations: ``python tests/brief_program.py ARGUMENTS``.
+"""Our command line, but with designs of few evaluations: ``python tests/brief_program.py ARGUMENTS``.
 
-For tests that fly whole jobs in processes of their own, and the worker that designs is one too.
+For tests that fly whole jobs in separate processes; the design worker is one too.
 """
 
 from __future__ import annotations

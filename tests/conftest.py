@@ -1,4 +1,4 @@
-"""What every room's tests may use, and how they are shared among processes."""
+"""Shared fixtures, and the distribution of tests among processes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ compiled the same once more each, for half a minute of processor."""
 HULL = ("-c", "from sitl import load_vehicle; load_vehicle('charlie').make_plant()")
 """Compile the hull of the simulator, for which its processes would else time out on a busy machine."""
 OVER_REAL_LINKS = ("tests/closed_loop/test_real_links.py", "tests/closed_loop/test_mavproxy.py")
-"""Files whose tests wait for a vehicle that keeps a clock of its own."""
+"""Files whose tests wait for a vehicle with its own clock."""
 REWRITE = ("-m", "pytest", "-n0", "--collect-only", "--quiet")
 """Rewrites the assertions of all tests, which takes longer than to collect them, and every process would do."""
 
@@ -57,12 +57,12 @@ def pytest_configure(config: pytest.Config) -> None:
     several = getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput")
     if several and next((ROOT / "sitl").rglob("*.nbi"), None) is None:
         assert _python(*HULL).wait() == 0
-    if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, beside the source
+    if several and next((ROOT / "gcs_autotune").rglob("*.nbi"), None) is None:  # numba's, next to the source
         beside = [] if sys.dont_write_bytecode else [_python(*REWRITE)]
         for compiling in (WARM_UP, FILTERS):  # one after the other: they share much
             assert _python(*compiling).wait() == 0
         for process in beside:
-            process.wait()  # what cannot be collected is told by whoever runs it
+            process.wait()  # collection errors are reported by the workers
 
 
 def module_of_the_docs(name: str) -> ModuleType:
@@ -87,10 +87,10 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Keep together the tests of a file that make something once for all: a fixture, a compiled function, a page kept.
+    """Keep together the tests of a file that share something: a fixture, a compiled function, an open page.
 
-    All that keep real time, in a browser or over a real link, are one scope: they wait more than they compute, and one
-    process that waits leaves the others the processors, where two that wait leave one of them idle.
+    All tests in real time, in a browser or over a real link, are one scope: they wait more than they compute. One
+    waiting process leaves the processors to the others; two would leave one processor idle.
     """
     if config.getvalue("dist") != "load":
         return None
@@ -136,7 +136,7 @@ def serve_in_few_evaluations(pipe: Any) -> None:
 
 @pytest.fixture(autouse=True)
 def _own_state_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each test notes its open runs in a folder of its own, and so do the programs it starts."""
+    """Each test and the programs it starts record open runs in a separate folder."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.getbasetemp() / "state" / uuid4().hex))
 
 
@@ -149,7 +149,7 @@ def briefly() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def published() -> dict[str, Any]:
-    """The published tables, kept beside the repository."""
+    """The published tables, kept next to the repository."""
     path = ROOT / ".." / "shared" / "data" / "published_tables.json"
     if not path.exists():
         pytest.skip("published_tables.json is not beside the repository (../shared/data)")
@@ -178,8 +178,8 @@ def barriers() -> Callable[[Any], list[tuple[str, str]]]:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: pip install '.[test]'")
 
     def found(page: Any) -> list[tuple[str, str]]:
-        told = axe.Axe().run(page, options=WCAG_AA).response
-        assert len(told["passes"]) > 10
-        return [(rule["id"], str(node["target"])) for rule in told["violations"] for node in rule["nodes"]]
+        reported = axe.Axe().run(page, options=WCAG_AA).response
+        assert len(reported["passes"]) > 10
+        return [(rule["id"], str(node["target"])) for rule in reported["violations"] for node in rule["nodes"]]
 
     return found

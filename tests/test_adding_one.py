@@ -29,7 +29,7 @@ from gcs_autotune.report.tune import document
 
 
 def added(folder: Path, name: str) -> ModuleType:
-    """Write a file as the page tells it and import it."""
+    """Write a file as shown on the page and import it."""
     page = (Path(__file__).parents[1] / "docs" / "how-to-add.md").read_text(encoding="utf-8")
     (text,) = re.findall(rf"```python\n# {name}\.py\n(.*?)```", page, re.DOTALL)
     path = folder / f"{name}.py"
@@ -96,8 +96,8 @@ def test_an_axis_a_control_law_and_a_firmware_tune_a_vehicle(
     monkeypatch.setitem(FIRMWARE, firmware.name, firmware)  # type: ignore[arg-type]
     out = tmp_path / "run"
     assert main(["tune", "course", "--connect", "sitl:charlie", "--dry-run", "--out", str(out)]) == 0
-    said = " ".join(capsys.readouterr().err.split())
-    assert "STEERED and MANUAL; " in said
-    assert "20° course steps" in said
+    output = " ".join(capsys.readouterr().err.split())
+    assert "STEERED and MANUAL; " in output
+    assert "20° course steps" in output
     assert "Designed for a gentle helm" in (out / "report.html").read_text(encoding="utf-8")
     assert not json.loads((out / "summary.json").read_text(encoding="utf-8"))["differences"]

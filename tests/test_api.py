@@ -1,4 +1,4 @@
-"""The notebook's door: records in, models, causes and gains out, each shown as a table, drawn on any axes."""
+"""The notebook interface: records in; models, causes and gains out, each as a table or plot."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def found() -> api.Fit:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_every_public_function_has_an_example_that_is_true(name):
+def test_every_public_function_has_a_correct_example(name):
     if name.endswith("to_pandas"):
         pytest.importorskip("pandas")
     function = operator.attrgetter(name)(api)
@@ -66,7 +66,7 @@ def test_a_structured_array_and_a_list_of_mappings_are_runs():
     assert same_run(runs[1])
 
 
-def test_a_data_frame_is_a_run_by_column_by_index_and_by_date():
+def test_a_data_frame_with_time_as_column_index_or_date_is_a_run():
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame(table())
     assert same_run(api.load_runs(frame)[0])
@@ -75,7 +75,7 @@ def test_a_data_frame_is_a_run_by_column_by_index_and_by_date():
     assert same_run(api.load_runs(dated)[0])
 
 
-def test_a_dataset_is_a_run_with_units_by_attribute():
+def test_a_dataset_with_unit_attributes_is_a_run():
     xarray = pytest.importorskip("xarray")
     columns = table()
     data = xarray.Dataset(
@@ -99,19 +99,19 @@ def test_a_dataset_is_a_run_with_units_by_attribute():
         ("/nowhere/at.csv", BadFile, "does not exist"),
     ],
 )
-def test_what_is_no_run_is_refused_in_words(source, error, words):
+def test_an_object_that_is_not_a_run_is_rejected(source, error, words):
     with pytest.raises(error, match=words):
         api.load_runs(source)
 
 
-def test_a_simulation_of_the_runs_own_inputs_is_what_was_measured(found):
+def test_a_simulation_with_the_inputs_of_the_run_matches_the_measurement(found):
     motion = api.simulate(found, RUN, stamps=RUN["psi"].t)
     assert np.std(motion["psi"].values - RUN["psi"].values) < 0.02 * np.std(RUN["psi"].values)
     again = api.simulate(found, {"N": (RUN["N"].t, RUN["N"].values)}, stamps=RUN["psi"].t, start={"psi": 0.5})
     assert again["psi"].values[0] == pytest.approx(0.5)
 
 
-def test_inputs_that_do_not_fit_the_model_are_refused(found):
+def test_inputs_that_do_not_fit_the_model_are_rejected(found):
     newtons = Trial("other", {"N": Channel("N", "N m", np.array([0.0]), np.array([1.0]))})
     with pytest.raises(UsageError, match="is in N m, but the model needs 1"):
         api.simulate(found, newtons)
@@ -125,7 +125,7 @@ def test_inputs_that_do_not_fit_the_model_are_refused(found):
         api.simulate(found, RUN, start={"depth": 1.0})
 
 
-def test_a_model_that_runs_away_says_so(found):
+def test_a_diverging_model_is_reported(found):
     from dataclasses import replace
 
     wild = replace(found, model=replace(found.model, beta=-5.0))
@@ -133,7 +133,7 @@ def test_a_model_that_runs_away_says_so(found):
         api.simulate(wild, {"N": ([0.0, 300.0], [1.0, 1.0])})
 
 
-def test_a_fit_shows_itself_as_a_table_in_which_nothing_of_a_file_is_executed(found):
+def test_a_fit_is_shown_as_a_table_with_escaped_text(found):
     from dataclasses import replace
 
     shown = replace(found, used=("<script>alert(1)</script>",))._repr_html_()
@@ -177,13 +177,13 @@ def test_a_data_frame_is_fitted_and_diagnosed_directly(found):
 
 def test_errors_in_python_name_arguments_instead_of_options():
     both = {"t[s]": RUN["psi"].t, **{n: c.values for n, c in RUN.channels.items()}}
-    with pytest.raises(UsageError) as told:
+    with pytest.raises(UsageError) as reported:
         api.fit({**both, "X": both["N"], "u": both["r"]})
-    assert "Choose one with dof=" in str(told.value)
-    assert "--" not in str(told.value)
+    assert "Choose one with dof=" in str(reported.value)
+    assert "--" not in str(reported.value)
 
 
-def test_tables_for_pandas_have_the_numbers_of_the_fit(found):
+def test_pandas_tables_contain_the_numbers_of_the_fit(found):
     pytest.importorskip("pandas")
     frame = found.to_pandas()
     p = found.parameters["beta_r"]
@@ -194,13 +194,13 @@ def test_tables_for_pandas_have_the_numbers_of_the_fit(found):
     assert same_run(api.load_runs(api.load_runs(table())[0].to_pandas())[0])
 
 
-def test_without_pandas_one_sentence_says_what_to_install(found, monkeypatch):
+def test_a_missing_pandas_is_reported_with_what_to_install(found, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(UsageError, match="pip install pandas"):
         found.to_pandas()
 
 
-def test_a_fit_draws_on_axes_it_is_given(found):
+def test_a_fit_plots_on_supplied_axes(found):
     ax = Figure().subplots()
     assert api.plot(found, ax, signal="psi") is ax
     assert "heading" in ax.get_ylabel()
@@ -210,7 +210,7 @@ def test_a_fit_draws_on_axes_it_is_given(found):
 
 
 @pytest.mark.slow
-def test_gains_show_themselves_and_are_drawn(found, tmp_path: Path):
+def test_gains_are_shown_and_plotted(found, tmp_path: Path):
     gains = {f"ATC_STR_RAT_{n}": 0.05 for n in ("FF", "P", "I", "D")} | {"ATC_STR_ANG_P": 1.0}
     proposal = api.design(found, "heading", gains, speed=1.5)
     assert proposal.changes
@@ -228,18 +228,18 @@ def test_gains_show_themselves_and_are_drawn(found, tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_a_diagnosis_shows_its_cause_and_takes_a_fit_for_the_model_in_question(found):
+def test_a_diagnosis_shows_its_cause_and_accepts_a_fit_as_model(found):
     swing = api.simulate(found, {"N": (RUN["N"].t, 3.0 * RUN["N"].values)})
     noise = np.random.default_rng(2).normal(0.0, 2e-3, len(swing["r"]))
     bitten = Trial(
         "bitten",
         {**swing.channels, "r": Channel("r", "rad/s", swing["r"].t, swing["r"].values + noise)},
     )
-    told = api.diagnose(bitten, dof="yaw", model=found, effects=["quadratic-drag"])
-    shown = told._repr_html_()
-    assert shown.startswith(f"<div><b>{told.verdict}: bitten")
+    reported = api.diagnose(bitten, dof="yaw", model=found, effects=["quadratic-drag"])
+    shown = reported._repr_html_()
+    assert shown.startswith(f"<div><b>{reported.verdict}: bitten")
     ax = Figure().subplots()
-    assert api.plot(told, ax) is ax
+    assert api.plot(reported, ax) is ax
     assert "measured minus simulated" in ax.get_ylabel()
     with pytest.raises(UsageError, match="no residual of w"):
-        api.plot(told, ax, signal="w")
+        api.plot(reported, ax, signal="w")

@@ -19,29 +19,29 @@ import draw_architecture  # noqa: E402
 
 
 @pytest.mark.slow
-def test_the_picture_is_current():
+def test_the_figure_is_current():
     drawn = draw_architecture.PICTURE.read_text(encoding="utf-8")
     assert drawn == draw_architecture.picture(), "run: python3 docs/draw_architecture.py"
 
 
 def test_every_package_is_listed():
-    told = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("| package |") : PAGE.index("## From")]))
+    reported = set(re.findall(r"`(\w+)`", PAGE[PAGE.index("| package |") : PAGE.index("## From")]))
     rooms = {p.name for p in (ROOT / "gcs_autotune").iterdir() if (p / "__init__.py").exists()}
-    assert rooms - told == set()
+    assert rooms - reported == set()
 
 
 @pytest.mark.parametrize("name", re.findall(r"`([\w.]+\.\w+)`", PAGE[PAGE.index("## From") :]))
-def test_each_step_of_the_walks_is_there(name):
+def test_each_step_of_the_walks_exists(name):
     module, _, rest = name.rpartition(".")
     try:
         found = importlib.import_module(f"gcs_autotune.{module}")
-    except ModuleNotFoundError:  # a method: class and room before it
+    except ModuleNotFoundError:  # a method: class and module before it
         module, _, kind = module.rpartition(".")
         found = getattr(importlib.import_module(f"gcs_autotune.{module}"), kind)
     assert hasattr(found, rest)
 
 
-def test_an_arrow_is_left_out_only_where_a_longer_way_says_the_same():
+def test_an_arrow_is_left_out_only_if_a_longer_path_implies_it():
     graph = {"a": {"b", "c", "d"}, "b": {"c"}, "c": set(), "d": set()}
     assert draw_architecture.needed(graph) == [("a", "b"), ("a", "d"), ("b", "c")]
 
@@ -67,13 +67,13 @@ def imports_of(files):
     return found
 
 
-def test_no_modules_import_each_other_in_a_circle_not_even_late_or_for_types():
+def test_no_modules_import_each_other_in_a_circle():
     paths = [p for package in ("gcs_autotune", "gcs_autotune_files", "sitl") for p in (ROOT / package).rglob("*.py")]
     files = {".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p for p in paths}
     assert sum(map(len, imports_of(files).values())) > 1000
     assert circle_in(imports_of(files)) == []
 
 
-def test_a_circle_of_imports_is_seen():
+def test_an_import_circle_is_detected():
     assert set(circle_in({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == {"a", "b", "c"}
     assert circle_in({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []

@@ -1,4 +1,4 @@
-"""What an axis is stands in one table; what a craft can do is asked of its firmware, never of the kind it is."""
+"""Axes are defined in one table; the abilities of a craft follow from its firmware, never from its kind."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def choices(command: str) -> set[str]:
     return set(next(a.choices for a in verbs.choices[command]._actions if a.dest == "axis"))
 
 
-def test_no_room_but_the_firmware_asks_for_the_kind_of_craft() -> None:
+def test_only_the_firmware_package_checks_the_kind_of_craft() -> None:
     asking = re.compile(r"\bkind\s*(==|!=)\s*\"(boat|rov)\"|\bkind in \(\"(boat|rov)")
     found = [p for p in PACKAGE.rglob("*.py") if "firmware" not in p.parts and asking.search(p.read_text("utf-8"))]
     assert found == []
     assert asking.search('if craft.firmware.kind == "boat":')
 
 
-def test_every_command_has_the_same_words_for_axes() -> None:
+def test_every_command_has_the_same_axis_names() -> None:
     assert choices("tune") == {*AXES, *TUNABLES, ALL}
     assert choices("experiment") == set(AXES) | set(OTHER_NAMES)
 
 
 @pytest.mark.parametrize("firmware", FIRMWARE.values(), ids=list(FIRMWARE))
-def test_every_loop_of_a_firmware_is_an_axis_of_the_table_on_the_same_motion(firmware) -> None:
+def test_every_loop_of_a_firmware_is_an_axis_of_the_table_with_the_same_motion(firmware) -> None:
     assert firmware.axes
     for name, loop in firmware.axes.items():
         assert axis_kind(name).dof == loop.dof
@@ -45,5 +45,5 @@ def test_every_loop_of_a_firmware_is_an_axis_of_the_table_on_the_same_motion(fir
 
 
 @pytest.mark.parametrize("name", [*AXES, *OTHER_NAMES])
-def test_every_axis_has_its_range_of_hysteresis_in_its_own_unit(name: str) -> None:
+def test_every_axis_has_a_hysteresis_range_in_its_own_unit(name: str) -> None:
     assert (LIMITS["relay-hysteresis", name].unit == "deg") is axis_kind(name).angular

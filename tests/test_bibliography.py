@@ -1,4 +1,4 @@
-"""Sources are cited by key, and every key stands in docs/references.bib."""
+"""Sources are cited by key, and every key is in docs/references.bib."""
 
 import re
 from collections.abc import Iterator
@@ -27,19 +27,19 @@ def cited() -> dict[str, Path]:
     return {a or b: path for path, text in texts() for a, b in KEY.findall(text)}
 
 
-def test_every_key_that_is_cited_stands_in_the_bibliography() -> None:
+def test_every_cited_key_is_in_the_bibliography() -> None:
     unknown = {key: path for key, path in cited().items() if key not in entries()}
     assert not unknown
 
 
-def test_every_entry_of_the_bibliography_is_cited_and_there_once() -> None:
+def test_every_entry_of_the_bibliography_is_cited_and_unique() -> None:
     keys = entries()
     assert len(keys) > 40
     assert len(set(keys)) == len(keys)
     assert not set(keys) - set(cited())
 
 
-def test_every_entry_says_who_and_what_and_when_or_what_is_known_of_it() -> None:
+def test_every_entry_has_author_title_and_year_or_note() -> None:
     for line in BIBLIOGRAPHY.read_text(encoding="utf-8").splitlines():
         if line.startswith("@"):
             assert all(f"{field} = {{" in line for field in ("author", "title")), line
@@ -47,6 +47,6 @@ def test_every_entry_says_who_and_what_and_when_or_what_is_known_of_it() -> None
     assert len(entries()) > 40
 
 
-def test_nothing_is_cited_by_a_word_that_only_its_writers_know() -> None:
+def test_no_source_is_cited_by_a_private_name() -> None:
     private = re.compile(r"\b[Ss]eed 00\d|\b[Tt]hesis,? [(\d]|\bthe thesis\b")
     assert not [(path, found.group()) for path, text in texts() for found in private.finditer(text)]

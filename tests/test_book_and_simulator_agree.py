@@ -1,4 +1,4 @@
-"""The book of effects and the simulator's own share no code; under the same names and numbers they do the same."""
+"""The effects of the catalogue and of the simulator share no code and agree for the same numbers."""
 
 from __future__ import annotations
 

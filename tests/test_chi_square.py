@@ -18,7 +18,7 @@ def test_thresholds_and_quantiles_are_those_of_the_distribution(freedom: float, 
     assert exceeded_by_chance(threshold(probability, freedom), freedom) == pytest.approx(probability)
 
 
-def test_a_square_of_one_normal_number_exceeds_nothing_surely_and_four_seldom() -> None:
+def test_the_tail_probability_is_one_at_zero_and_correct_at_four() -> None:
     assert exceeded_by_chance(0.0, 1.0) == 1.0
     assert exceeded_by_chance(4.0, 1.0) == pytest.approx(math.erfc(math.sqrt(2.0)))
     assert exceeded_by_chance(4.0, 2.0) == pytest.approx(math.exp(-2.0))

@@ -1,6 +1,6 @@
-"""A room is entered by its door: what others need of it stands in its ``__init__``.
+"""A package is imported through its ``__init__``, which contains what others need.
 
-``identify`` has a door for its results and further ones for rooms that build on its parts.
+``identify`` has one module for its results and further ones for packages that build on its parts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ PAST_THE_DOOR = {
     ("gcs_autotune/identify/regression/motion.py", "gcs_autotune.models.coupled"),
     ("gcs_autotune/identify/regression/physical.py", "gcs_autotune.models.coupled"),
 }
-"""(file, module): the imports of another room's inside that are meant."""
+"""(file, module): the intended imports of internals of another package."""
 INNER_DOORS = {
     "gcs_autotune.identify.signals": {"diagnose", "experiments", "seatrials"},
     "gcs_autotune.identify.problems": {"diagnose", "experiments", "thrusters"},
@@ -29,18 +29,18 @@ INNER_DOORS = {
     "gcs_autotune.identify.thrust": {"workflow"},
     "gcs_autotune.identify.plan": {"cli", "report"},
 }
-"""Doors of parts of a room, and the rooms that enter by them."""
+"""Interfaces of parts of a package, and the packages that import them."""
 ROOM = re.compile(r"(?:gcs_autotune|sitl)\.(\w+)\.\w")
-"""What may be an import past a door, and the room it enters."""
+"""A possible import past an ``__init__``, and its package."""
 
 
 def room_of(file: Path) -> str:
-    """Return the room that a *file* relative to the root belongs to."""
+    """Return the package of a *file* relative to the root."""
     return file.with_suffix("").parts[1]
 
 
 def imports_past_a_door(root: Path) -> set[tuple[str, str]]:
-    """Return (file, module) for every import of *root*'s packages that goes past another room's ``__init__``."""
+    """Return (file, module) for every import in *root* that goes past the ``__init__`` of another package."""
     found = set()
     for package in ("gcs_autotune", "sitl"):
         rooms = {path.parent.name for path in root.glob(f"{package}/*/__init__.py")}
@@ -61,11 +61,11 @@ def imports_past_a_door(root: Path) -> set[tuple[str, str]]:
     return found
 
 
-def test_no_room_is_entered_past_its_door_but_where_it_is_meant() -> None:
+def test_no_package_is_imported_past_its_init_except_where_listed() -> None:
     assert imports_past_a_door(ROOT) == PAST_THE_DOOR
 
 
-def test_an_import_past_a_door_is_seen(tmp_path: Path) -> None:
+def test_an_import_past_an_init_is_detected(tmp_path: Path) -> None:
     for name, text in {
         "design/__init__.py": "",
         "design/laws.py": "from gcs_autotune.design.margins import worst\n",
@@ -79,7 +79,7 @@ def test_an_import_past_a_door_is_seen(tmp_path: Path) -> None:
     assert imports_past_a_door(tmp_path) == {(page, "gcs_autotune.design.margins"), (page, "gcs_autotune.design.laws")}
 
 
-def test_every_inner_door_is_entered_by_those_it_is_for_and_holds_what_they_need() -> None:
+def test_every_inner_interface_is_used_as_listed_and_complete() -> None:
     entered: dict[str, set[str]] = {door: set() for door in INNER_DOORS}
     needed: dict[str, set[str]] = {door: set() for door in (*INNER_DOORS, "gcs_autotune.identify")}
     for path in ROOT.glob("gcs_autotune/**/*.py"):

@@ -1,7 +1,7 @@
-"""No test may pass without having looked: an assertion only in a loop or a branch may never be reached.
+"""No test may pass without an assertion: one inside a loop or a branch may never be reached.
 
-Read from the syntax tree alone. A loop counts when what it goes over is plainly not empty: a literal, a range up to a
-number, a name that stands for one of these in the file, or these sorted, counted, zipped, paired. Of anything else a
+From the syntax tree alone. A loop counts if its iterable is clearly not empty: a literal, a range up to a
+number, a name that stands for one of these in the file, or these sorted, counted, zipped, paired. For anything else a
 test has to assert how many there are, or that there are some.
 """
 
@@ -26,7 +26,7 @@ def functions_of(tree: ast.AST) -> list[Function]:
 
 
 class Reader:
-    """What is known while a file is read: ``filled`` names that stand for something not empty, helpers that assert."""
+    """The state while a file is read: ``filled`` names of non-empty values, and helpers that assert."""
 
     def __init__(self, tree: ast.Module, helpers: Iterable[str]) -> None:
         self.helpers = set(helpers)
@@ -35,7 +35,7 @@ class Reader:
             self._assigned(statement)
 
     def asserts(self, function: Function) -> bool:
-        """Whether an assertion is reached on every way through."""
+        """Whether an assertion is reached on every path."""
         known = set(self.filled)
         found = self._reached(function.body)
         self.filled = known
@@ -120,7 +120,7 @@ def _name(node: ast.expr) -> str:
 
 
 def asserting_helpers(trees: Iterable[ast.Module]) -> set[str]:
-    """Return the names of all functions beside the tests that assert, or call one that does."""
+    """Return the names of all functions other than tests that assert, or call one that does."""
     helpers: set[str] = set()
     silent = [
         (reader, function)
@@ -153,7 +153,7 @@ def trees() -> dict[str, ast.Module]:
 
 
 @pytest.mark.slow
-def test_every_test_reaches_an_assertion_on_every_way_through(trees: dict[str, ast.Module]) -> None:
+def test_every_test_reaches_an_assertion_on_every_path(trees: dict[str, ast.Module]) -> None:
     helpers = asserting_helpers(trees.values())
     found = [f"{name}:{test}" for name, tree in trees.items() for test in vacuous(tree, helpers)]
     assert found == [], "assert how many there are before looking at each, or parametrize over them:\n  " + "\n  ".join(
@@ -182,7 +182,7 @@ def test_every_test_reaches_an_assertion_on_every_way_through(trees: dict[str, a
         ("assert found()\nfor x in found():\n  assert x", False),
     ],
 )
-def test_what_may_pass_unseen_is_told_from_what_may_not(body: str, is_vacuous: bool) -> None:
+def test_vacuous_tests_are_distinguished_from_others(body: str, is_vacuous: bool) -> None:
     lines = "\n".join("    " + line for line in body.splitlines())
     text = f"SEEDS = 3\nTABLE = {{1: 2}}\ndef see(x):\n    assert x\ndef test_it():\n{lines}\n"
     tree = ast.parse(text)

@@ -1,4 +1,4 @@
-"""Work shared among processes: the same results in the same order, limits that hold, and the same diagnosis."""
+"""Work in several processes: the same results in the same order, limits that hold, the same diagnosis."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def run_with_dead_zone(seed: int) -> Trial:
 
 
 @pytest.mark.parametrize("executor", EVERY, ids=NAMES)
-def test_results_come_in_order_and_progress_to_its_end(executor: Executor) -> None:
+def test_results_are_in_order_and_progress_reaches_its_end(executor: Executor) -> None:
     seen: list[tuple[int, int]] = []
     squares = executor.map(partial(operator.pow, 2), range(7), lambda done, total: seen.append((done, total)))
     assert list(squares) == [2**i for i in range(7)]
@@ -48,13 +48,13 @@ def test_results_come_in_order_and_progress_to_its_end(executor: Executor) -> No
 
 
 @pytest.mark.parametrize("executor", EVERY, ids=NAMES)
-def test_what_a_task_raises_is_raised(executor: Executor) -> None:
+def test_an_error_of_a_task_is_raised(executor: Executor) -> None:
     with pytest.raises(ZeroDivisionError):
         list(executor.map(partial(operator.floordiv, 1), [3, 2, 1, 0]))
 
 
 @pytest.mark.parametrize("executor", EVERY, ids=NAMES)
-def test_work_is_counted_wherever_it_is_done_and_stops_every_executor_at_the_same_task(executor: Executor) -> None:
+def test_work_is_counted_in_all_processes_and_ends_at_the_same_task(executor: Executor) -> None:
     budget, finished = Budget(work=25.0), 0
     with limited_to(budget), pytest.raises(OutOfWork):
         for _ in executor.map(spend, [10.0] * 5):
@@ -68,7 +68,7 @@ def limits_seen(task: int) -> float:
 
 
 @pytest.mark.parametrize("method", [m if m == "fork" else pytest.param(m, marks=pytest.mark.slow) for m in METHODS])
-def test_a_limit_reaches_a_process_however_it_was_started(method: str) -> None:
+def test_a_limit_reaches_a_process_for_every_start_method(method: str) -> None:
     with limited_to(Budget(work=123.0)):
         assert list(ProcessExecutor(2, method).map(limits_seen, [0, 1])) == [123.0, 123.0]
 
@@ -78,16 +78,16 @@ def test_a_result_that_cannot_be_sent_is_an_error() -> None:
         list(ProcessExecutor(2).map(__import__, ["os", "sys"]))
 
 
-def test_two_at_a_time_need_processes_and_one_does_not() -> None:
+def test_one_job_runs_serially_and_two_need_processes() -> None:
     assert isinstance(executor_for(1), SerialExecutor)
     assert isinstance(executor_for(2), ProcessExecutor)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills by signal")
 def test_the_tasks_of_a_process_that_is_killed_are_done_by_the_others(tmp_path: Path) -> None:
-    told = tmp_path / "told"
-    assert list(ProcessExecutor(3).map(partial(die_once, told), range(6))) == list(range(6))
-    assert told.exists()
+    reported = tmp_path / "told"
+    assert list(ProcessExecutor(3).map(partial(die_once, reported), range(6))) == list(range(6))
+    assert reported.exists()
 
 
 def die_once(told: Path, task: int) -> int:
@@ -99,7 +99,7 @@ def die_once(told: Path, task: int) -> int:
     raise AssertionError
 
 
-def test_processes_end_although_whoever_asked_for_them_catches_signals() -> None:
+def test_processes_end_even_if_the_caller_catches_signals() -> None:
     before = signal.signal(signal.SIGTERM, lambda number, frame: None)
     try:
         assert list(ProcessExecutor(2).map(abs, range(3))) == [0, 1, 2]
@@ -108,14 +108,14 @@ def test_processes_end_although_whoever_asked_for_them_catches_signals() -> None
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forks")
-def test_a_process_told_to_end_before_it_forgot_its_parents_handlers_ends(
+def test_a_process_terminated_before_it_resets_signal_handlers_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told, lived, begin = tmp_path / "told", tmp_path / "lived", executor_module._begin
+    reported, lived, begin = tmp_path / "told", tmp_path / "lived", executor_module._begin
 
     def begin_as_one_is_told_to_end() -> None:
         try:
-            told.touch(exist_ok=False)
+            reported.touch(exist_ok=False)
         except FileExistsError:
             begin()
             return
@@ -129,11 +129,11 @@ def test_a_process_told_to_end_before_it_forgot_its_parents_handlers_ends(
         assert list(ProcessExecutor(2).map(abs, range(3))) == [0, 1, 2]
     finally:
         signal.signal(signal.SIGTERM, before)
-    assert told.exists() and not lived.exists()
+    assert reported.exists() and not lived.exists()
 
 
-def test_a_search_that_is_stopped_amid_long_answers_ends() -> None:
-    """Answers longer than a pipe holds are under way when the parent has had enough."""
+def test_a_search_stopped_during_large_results_ends() -> None:
+    """Results larger than a pipe buffer are in transit when the parent stops."""
 
     def enough(done: int, total: int) -> None:
         raise KeyboardInterrupt
@@ -150,7 +150,7 @@ def kept() -> Iterator[KeptProcess]:
     process.close()
 
 
-def test_a_kept_process_does_the_tasks_of_several_calls(kept: KeptProcess) -> None:
+def test_a_kept_process_runs_the_tasks_of_several_calls(kept: KeptProcess) -> None:
     first, second = (list(kept.map(partial(operator.pow, base), range(3))) for base in (2, 3))
     assert (first, second) == ([1, 2, 4], [1, 3, 9])
     if os.name == "posix":
@@ -178,7 +178,7 @@ process.close()
 """
 
 
-def test_a_kept_process_does_not_run_the_callers_script_again_and_leaves_its_output_alone(tmp_path: Path) -> None:
+def test_a_kept_process_neither_reruns_the_script_nor_uses_its_output(tmp_path: Path) -> None:
     """A script may open a link, and its output may be read by a program."""
     (tmp_path / "script.py").write_text(SCRIPT)
     done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=True)
@@ -200,7 +200,7 @@ class PicklingExecutor:
 
 
 @pytest.mark.slow
-def test_a_diagnosis_does_not_depend_on_the_number_of_processes_nor_on_how_far_away_they_are(
+def test_a_diagnosis_does_not_depend_on_number_or_location_of_processes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     runs = [run_with_dead_zone(seed) for seed in (1, 2)]

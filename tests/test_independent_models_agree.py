@@ -1,6 +1,6 @@
-"""Two independent writings of the same physics: the tuner's kernel and the simulator's body, effects off.
+"""Two independent implementations of the same physics: the tuner's kernel and the simulator's body, effects off.
 
-Identifying with the code that made the data proves nothing; this test catches what two writings can catch: signs.
+Identifying with the code that made the data proves nothing; this test catches errors of sign.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TICK = 0.02
 @pytest.mark.parametrize(
     ("dof", "load", "state", "rate"), [("yaw", "N", "psi", "r"), ("heave", "Z", "z", "w"), ("surge", "X", "x", "u")]
 )
-def test_tuner_and_simulator_move_the_same_hull_alike(name, dof, load, state, rate):
+def test_tuner_and_simulator_predict_the_same_motion(name, dof, load, state, rate):
     data = load_vehicle(name)
     body, table = data.make_plant(), data.tables[dof]
     alpha, beta, quadratic = (table[k]["value"] for k in ("alpha", "beta", "beta2"))

@@ -1,4 +1,4 @@
-"""What a command does not need it does not import: no MAVLink to read a table, no numerics to print help."""
+"""A command imports only what it needs: no MAVLink to read a table, no numerics to print help."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ NUMERICS = ("numpy", "scipy", "numba", "matplotlib", "control", "pymavlink", "se
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted in /proc")
 @pytest.mark.parametrize("theirs", [None, "2"])
-def test_a_command_computes_in_one_thread_unless_the_user_says_otherwise(theirs: str | None) -> None:
-    """Two threads wait for each other beside other programs: the tests of two records took 167 s for 25 s."""
+def test_a_command_uses_one_thread_by_default(theirs: str | None) -> None:
+    """Two threads wait for each other if other programs run: the tests of two records took 167 s for 25 s."""
     counting = (
         "import os\nfrom gcs_autotune.cli import main\nmain(['fly', '--list'])\nimport numpy\n"
         "print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'])"
@@ -42,8 +42,10 @@ def test_a_command_computes_in_one_thread_unless_the_user_says_otherwise(theirs:
 
 def imported(code: str, *arguments: str) -> set[str]:
     """Run *code* in a fresh interpreter and return the modules it had imported at its end."""
-    told = f"import sys\n{code}\nimport json\nprint('\\n' + json.dumps(sorted(sys.modules)))"
-    run = subprocess.run([sys.executable, "-c", told, *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    program = f"import sys\n{code}\nimport json\nprint('\\n' + json.dumps(sorted(sys.modules)))"
+    run = subprocess.run(
+        [sys.executable, "-c", program, *arguments], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     return set(json.loads(run.stdout.splitlines()[-1]))
 
 
@@ -59,7 +61,7 @@ def test_reading_a_table_imports_neither_mavlink_nor_serial_ports(table: str, tm
     assert modules.isdisjoint(WIRE)
 
 
-def test_a_parameter_file_is_read_without_mavlink_too(tmp_path: Path) -> None:
+def test_a_parameter_file_is_read_without_mavlink(tmp_path: Path) -> None:
     (tmp_path / "boat.param").write_text("ATC_STR_RAT_P,0.2\n")
     reading = "from pathlib import Path\nfrom gcs_autotune.mavlink import load_params\nload_params(Path(sys.argv[1]))"
     assert imported(reading, str(tmp_path / "boat.param")).isdisjoint(WIRE)
@@ -75,7 +77,7 @@ def test_help_imports_no_numerics(command: str) -> None:
     assert imported(asking, *command.split()).isdisjoint(NUMERICS)
 
 
-def test_nothing_imports_opencv_before_a_picture_is_read() -> None:
+def test_nothing_imports_opencv_before_an_image_is_read() -> None:
     asking = "import gcs_autotune.vision\nfrom gcs_autotune.cli import main\nassert main(['laser', 'no.mp4']) == 6"
     assert imported(asking).isdisjoint(("cv2",))
 
@@ -88,12 +90,12 @@ def test_nothing_imports_dask_before_a_study_runs() -> None:
 
 
 @pytest.mark.parametrize("wrong", [("--known", "m=abc"), ("--known", "m"), ("--option", "bounds")])
-def test_a_constant_that_is_no_number_is_refused_before_anything_slow_is_imported(wrong: tuple[str, str]) -> None:
+def test_an_invalid_constant_is_rejected_before_slow_imports(wrong: tuple[str, str]) -> None:
     asking = "from gcs_autotune.cli import main\nassert main(['identify', 'run.csv', *sys.argv[1:]]) == 2"
     assert imported(asking, *wrong).isdisjoint((*NUMERICS, "gcs_autotune.identify", "rich"))
 
 
-def test_the_table_of_manoeuvres_is_told_without_what_flies_or_fits() -> None:
+def test_the_table_of_manoeuvres_is_shown_without_flight_or_fit_modules() -> None:
     modules = imported("from gcs_autotune.cli import main\nassert main(['fly', '--list']) == 0")
     assert modules.isdisjoint(("scipy", "numba", "gcs_autotune.identify", "gcs_autotune.link", "gcs_autotune.workflow"))
 
@@ -105,6 +107,6 @@ def test_a_command_imports_no_other_command(command: str) -> None:
     assert commands == {f"{command}_cmd", "tune_cmd"}  # the exit codes of a tune are part of every help
 
 
-def test_a_notebook_starts_without_what_it_does_not_use_yet() -> None:
+def test_the_notebook_interface_imports_heavy_modules_only_on_use() -> None:
     modules = imported("import gcs_autotune.api")
     assert modules.isdisjoint({"scipy", "numba", "matplotlib", "rich", "gcs_autotune.identify", "gcs_autotune.report"})

@@ -1,4 +1,4 @@
-"""A thousand damaged files of every kind that is read strictly: none ends in a traceback, no nonsense is taken.
+"""A thousand damaged files of every kind that is read strictly: none ends in a traceback, no nonsense is accepted.
 
 Logs and tables of samples have tests of their own.
 """
@@ -333,7 +333,7 @@ def _mutant_of_text(kind: Kind, rng: random.Random) -> tuple[bytes, str]:
 
 
 def outcome(kind: Kind, path: Path) -> str:
-    """Return the message of a refusal, empty when the file is taken; anything else is a traceback and fails."""
+    """Return the message of a rejection, or "" if the file is accepted; other errors are tracebacks and fail."""
     try:
         kind.load(path)
     except REFUSALS as error:
@@ -342,17 +342,17 @@ def outcome(kind: Kind, path: Path) -> str:
 
 
 def holds(kind: Kind, data: bytes) -> bool:
-    """Whether a file that was taken holds to its published schema; a side file of somebody else is left alone."""
+    """Whether an accepted file conforms to its published schema; a foreign side file is ignored."""
     try:
-        told = parse(data)
+        reported = parse(data)
     except Refused:
         return kind.name == "side.json" or not kind.schema
-    left_alone = kind.name == "side.json" and "marks" not in told and not {"ending", "meta"} <= set(told)
-    return not kind.schema or left_alone or SCHEMAS[kind.schema].is_valid(told)
+    left_alone = kind.name == "side.json" and "marks" not in reported and not {"ending", "meta"} <= set(reported)
+    return not kind.schema or left_alone or SCHEMAS[kind.schema].is_valid(reported)
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_a_file_as_it_should_be_is_taken(name: str, tmp_path: Path) -> None:
+def test_a_valid_file_is_accepted(name: str, tmp_path: Path) -> None:
     kind = KINDS[name]
     path = tmp_path / name
     path.write_text(kind.text or written(kind, kind.data))
@@ -360,28 +360,28 @@ def test_a_file_as_it_should_be_is_taken(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_a_damaged_file_is_refused_in_one_line_and_no_nonsense_is_taken(name: str, tmp_path: Path) -> None:
+def test_a_damaged_file_is_rejected_in_one_line_and_no_nonsense_accepted(name: str, tmp_path: Path) -> None:
     kind, path = KINDS[name], tmp_path / name
     taken, wordy, damaged = [], [], list(mutants(kind))
     for data, why in damaged:
         path.write_bytes(data)
-        said = outcome(kind, path)
-        if not said and (why or not holds(kind, data)):
+        reported = outcome(kind, path)
+        if not reported and (why or not holds(kind, data)):
             taken.append(why or "against the schema")
-        if len(said) >= LONGEST or "\n" in said:
-            wordy.append(said)
+        if len(reported) >= LONGEST or "\n" in reported:
+            wordy.append(reported)
     assert len(damaged) >= EACH
     assert taken == []
     assert wordy == []
 
 
 @pytest.mark.parametrize(("name", "at"), [(n, at) for n, kind in KINDS.items() for at in kind.positive])
-def test_what_must_be_above_0_is_refused_below_it(name: str, at: str, tmp_path: Path) -> None:
+def test_values_that_must_be_positive_are_rejected_if_negative(name: str, at: str, tmp_path: Path) -> None:
     kind, path = KINDS[name], tmp_path / name
     for value in (-1.0, -1e-9, -1e30):
         path.write_text(written(kind, changed(kind.data, at, value)))
         assert outcome(kind, path)
 
 
-def test_they_are_a_thousand() -> None:
+def test_there_are_at_least_a_thousand_files() -> None:
     assert EACH * len(KINDS) >= 1000

@@ -1,4 +1,4 @@
-"""JSON that every reader takes."""
+"""JSON that every parser accepts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from gcs_autotune.plain_json import json_text
 
 
-def test_what_is_not_known_is_null_at_any_depth_and_numpy_is_plain() -> None:
+def test_unknown_values_are_null_at_any_depth_and_numpy_values_are_plain() -> None:
     thing = {
         "a": [math.nan, (1.5, math.inf)],
         2: {"b": np.float64("nan"), "c": np.array([1.0, np.nan])},

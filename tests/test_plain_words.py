@@ -1,4 +1,4 @@
-"""A lint for the texts that people see: words that do not belong there, and sentences that are too long.
+"""A lint for visible texts: words that do not belong there, and sentences that are too long.
 
 It reads the string literals of the packages in :data:`ROOMS` that look like sentences, and the text of their pages; a
 ``{placeholder}`` counts as one word. In docstrings and comments only the words are checked; quoted names are left out.

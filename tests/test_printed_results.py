@@ -38,26 +38,26 @@ def results():
                     yield found
 
 
-def test_every_result_shows_itself() -> None:
+def test_every_result_has_a_display() -> None:
     found = list(results())
     assert len(found) > 50
     assert [c.__name__ for c in found if not issubclass(c, Displayed) and c.__str__ is object.__str__] == []
 
 
 def test_a_model_file_prints_its_numbers_with_their_errors() -> None:
-    told = str(model_file_of(fit(example_run(), "linear", dof="yaw", delay=0.0)))
-    assert told.startswith("Model file 'output-error': yaw, linear damping; inputs N [1]")
-    assert re.search(r"N_r +-0\.50\d+ ± 0\.000\d +0\.1 % +s/rad +fitted", told)
+    reported = str(model_file_of(fit(example_run(), "linear", dof="yaw", delay=0.0)))
+    assert reported.startswith("Model file 'output-error': yaw, linear damping; inputs N [1]")
+    assert re.search(r"N_r +-0\.50\d+ ± 0\.000\d +0\.1 % +s/rad +fitted", reported)
 
 
 def test_a_nomoto_fit_prints_gain_and_time_constant_with_their_errors() -> None:
     import numpy as np
 
     found = NomotoFit(Nomoto1(0.2, 4.0), {"K": 0.01, "T": 0.3, "delay": 0.0}, np.ones(3), np.eye(3), 0.02, 1.0)
-    told = str(found)
-    assert told.startswith("Nomoto model of first order; 2.0% of the motion is not explained")
-    assert "K          0.200 ± 0.010           velocity per input" in told
-    assert "NomotoFit(" not in told
+    reported = str(found)
+    assert reported.startswith("Nomoto model of first order; 2.0% of the motion is not explained")
+    assert "K          0.200 ± 0.010           velocity per input" in reported
+    assert "NomotoFit(" not in reported
 
 
 def test_fields_are_shown_with_the_units_and_meanings_of_the_docstring() -> None:
@@ -67,9 +67,9 @@ def test_fields_are_shown_with_the_units_and_meanings_of_the_docstring() -> None
         {"ATC_STR_ANG_P": 2.0, **{f"ATC_STR_RAT_{term}": 0.1 for term in ("FF", "P", "I", "D")}},
         speed=1.5,
     )
-    told = str(proposal.after.metrics)
-    assert told.startswith("StepMetrics: Metrics of a step.")
-    assert re.search(r"itae +[\d.]+ +\[s\^2\] integral of time times absolute error", told)
+    reported = str(proposal.after.metrics)
+    assert reported.startswith("StepMetrics: Metrics of a step.")
+    assert re.search(r"itae +[\d.]+ +\[s\^2\] integral of time times absolute error", reported)
     for result in (proposal.margins, proposal.changes[0], proposal.after, proposal.actuator):
         lines = str(result).splitlines()
         assert not lines[0].startswith(f"{type(result).__name__}(")
@@ -77,7 +77,7 @@ def test_fields_are_shown_with_the_units_and_meanings_of_the_docstring() -> None
 
 
 @pytest.mark.parametrize(("value", "shown"), [(None, "none"), (True, "yes"), (0.25, "0.25"), ((1.0, 2.0), "1, 2")])
-def test_a_value_is_shown_as_people_write_it(value: object, shown: str) -> None:
+def test_a_value_is_shown_in_plain_notation(value: object, shown: str) -> None:
     @dataclasses.dataclass(frozen=True)
     class Thing:
         """A thing."""
@@ -88,7 +88,7 @@ def test_a_value_is_shown_as_people_write_it(value: object, shown: str) -> None:
     assert table.rows == (("value", shown),)
 
 
-def test_parts_of_one_kind_are_the_rows_of_a_table() -> None:
+def test_parts_of_one_type_are_the_rows_of_a_table() -> None:
     @dataclasses.dataclass(frozen=True)
     class Part:
         """A part."""

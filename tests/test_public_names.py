@@ -15,7 +15,7 @@ def modules():
                 yield found.name
 
 
-def test_every_public_name_exists_and_every_module_says_what_it_is_for():
+def test_every_public_name_exists_and_every_module_has_a_docstring():
     silent, missing = [], []
     for name in modules():
         module = importlib.import_module(name)
@@ -26,7 +26,7 @@ def test_every_public_name_exists_and_every_module_says_what_it_is_for():
     assert not missing
 
 
-def test_every_room_declares_what_it_offers():
+def test_every_package_declares_its_public_names():
     rooms = [f.name for f in pkgutil.iter_modules(gcs_autotune.__path__) if f.ispkg]
     assert len(rooms) >= 10
     for room in rooms:

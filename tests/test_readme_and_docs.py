@@ -1,4 +1,4 @@
-"""What an outsider meets first: the README, the pages it leads to, the files every public project has."""
+"""The README, the pages it links to, and the usual files of a public project."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MADE = {
 SHELL = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
-def test_the_readme_is_a_screen_and_a_half_with_two_pictures_and_short_paragraphs():
+def test_the_readme_is_short_with_two_figures_and_short_paragraphs():
     text = (ROOT / "README.md").read_text()
     assert len(text.splitlines()) <= 80
     assert len(re.findall(r"!\[", text)) == 2
@@ -35,12 +35,12 @@ def test_the_readme_is_a_screen_and_a_half_with_two_pictures_and_short_paragraph
     assert max(map(len, text.splitlines())) <= 180
 
 
-def test_the_picture_of_the_page_is_of_the_page_there_is():
+def test_the_screenshot_of_the_page_is_current():
     draw_page = module_of_the_docs("draw_page")
     assert draw_page.drawn_of() == draw_page.fingerprint(), "run: python3 docs/draw_page.py docs/pictures/page.png"
 
 
-def test_the_picture_of_a_tune_says_what_it_was_drawn_from_and_another_run_is_noticed(tmp_path: Path):
+def test_the_figure_of_a_tune_records_its_run_and_another_run_is_detected(tmp_path: Path):
     draw_picture = module_of_the_docs("draw_picture")
     drawn = draw_picture.drawn_from(ROOT / "docs" / "pictures" / "tune.png")
     assert "ATC_STR_RAT_FF" in drawn
@@ -52,7 +52,7 @@ def test_the_picture_of_a_tune_says_what_it_was_drawn_from_and_another_run_is_no
     assert draw_picture.differs(tmp_path, ROOT / "docs" / "pictures" / "tune.png") == [change[0]["parameter"]]
 
 
-def test_the_success_maps_show_the_recorded_figures_and_the_pages_name_them():
+def test_the_success_maps_show_the_recorded_figures_and_the_pages_cite_them():
     drawn = module_of_the_docs("draw_success_maps").drawn_from(ROOT / "docs" / "pictures" / "thesis-7-5.svg")
     recorded = json.loads((ROOT / "benchmarks" / "results" / "thesis_7_5.json").read_text())["figures"]
     shared = {f["name"]: [f["value"], f["of"]] for f in recorded if f["name"] in drawn}
@@ -63,12 +63,12 @@ def test_the_success_maps_show_the_recorded_figures_and_the_pages_name_them():
     assert [(words, page[:40]) for words in counts for page in pages if words not in page] == []
 
 
-def test_every_page_is_looked_at():
+def test_every_page_is_checked():
     assert {"README.md", "CONTRIBUTING.md", "docs/tune.md", "docs/diagnose.md"} <= set(PAGES)
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_every_link_to_a_file_of_ours_leads_to_one(page: str):
+def test_every_link_to_a_local_file_is_valid(page: str):
     links = [(link, (ROOT / page).parent / link) for link in LINK.findall((ROOT / page).read_text())]
     assert [link for link, file in links if not file.exists() and file.resolve() not in MADE] == []
 
@@ -95,7 +95,7 @@ def _help(verb: str, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().out
 
 
-def test_version_and_licence_are_told_alike_everywhere():
+def test_version_and_licence_are_the_same_everywhere():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     citation = (ROOT / "CITATION.cff").read_text()
     assert f"version: {project['version']}\n" in citation

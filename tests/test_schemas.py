@@ -1,4 +1,4 @@
-"""Every file that a command writes, and every example of one that people write, holds to its schema in the docs."""
+"""Every file that a command writes, and every example of a user file, conforms to its schema in the docs."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run
 
 
-def test_there_is_a_schema_for_each_kind_of_file_and_the_page_of_formats_leads_to_it() -> None:
+def test_each_kind_of_file_has_a_schema_linked_from_the_formats_page() -> None:
     kinds = ("diagnosis", "figures", "fit", "gains", "model", "plan", "settings", "summary", "trial", "vehicle")
     assert set(SCHEMAS) == {"journal", *(f"{kind}-file" for kind in kinds)}
     formats = (DOCS / "reference" / "formats.md").read_text()
@@ -99,14 +99,14 @@ def troubles_in(folder: Path) -> dict[str, list[str]]:
     for path in folder.rglob("*.json"):
         within = path.relative_to(folder).with_suffix("")
         kinds = [kind for pattern, kind in KINDS if within.match(pattern)]
-        told = strictly(path)
-        found[str(within)] = ["no schema"] if not kinds else troubles(f"{kinds[0]}-file", told) if kinds[0] else []
+        reported = strictly(path)
+        found[str(within)] = ["no schema"] if not kinds else troubles(f"{kinds[0]}-file", reported) if kinds[0] else []
     return {name: each for name, each in found.items() if each}
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
-def test_every_file_that_a_tune_a_zig_zag_and_a_diagnosis_leave_holds_to_a_schema(tmp_path: Path) -> None:
+def test_every_file_of_a_tune_a_zig_zag_and_a_diagnosis_conforms_to_a_schema(tmp_path: Path) -> None:
     tuned, flown = tmp_path / "tuned", tmp_path / "flown"
     assert main(["tune", "heading", "--connect=sitl:charlie?seed=1", "--quiet", f"--out={tuned}"]) == 0
     assert main(["fly", "zig-zag", "--connect=sitl:charlie?seed=1", "--quiet", f"--out={flown}"]) == 0
@@ -119,21 +119,21 @@ def test_every_file_that_a_tune_a_zig_zag_and_a_diagnosis_leave_holds_to_a_schem
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", report_stories.STORIES)
-def test_however_a_tune_ends_its_files_hold_to_their_schemas(name: str, tmp_path: Path) -> None:
+def test_the_files_of_a_tune_conform_to_their_schemas_for_every_ending(name: str, tmp_path: Path) -> None:
     write_story(report_stories.STORIES[name](), tmp_path)
     assert (tmp_path / "summary.json").exists()
     assert troubles_in(tmp_path) == {}
 
 
 @pytest.mark.parametrize("name", diagnosis_stories.STORIES)
-def test_whatever_a_diagnosis_says_holds_to_its_schema(name: str) -> None:
-    told = json.loads(diagnosis_stories.STORIES[name]().to_json())
-    assert troubles("diagnosis-file", told) == []
-    assert troubles("diagnosis-file", {**told, "verdict": "perhaps"}) != []
+def test_every_diagnosis_conforms_to_its_schema(name: str) -> None:
+    data = json.loads(diagnosis_stories.STORIES[name]().to_json())
+    assert troubles("diagnosis-file", data) == []
+    assert troubles("diagnosis-file", {**data, "verdict": "perhaps"}) != []
 
 
 @pytest.mark.slow
-def test_what_a_flight_leaves_holds_to_the_schemas(flown: Path) -> None:
+def test_the_files_of_a_flight_conform_to_the_schemas(flown: Path) -> None:
     assert troubles("plan-file", tomllib.loads((flown / "plan.toml").read_text())) == []
     lines = [json.loads(line) for line in (flown / "journal.jsonl").read_text().splitlines()]
     assert {event["event"] for event in lines} == {"opened", "ordering", "ordered", "closed"}
@@ -146,7 +146,7 @@ def test_what_a_flight_leaves_holds_to_the_schemas(flown: Path) -> None:
         assert troubles("model-file", json.loads(path.read_text())) == []
 
 
-def test_every_event_that_a_journal_is_given_holds_to_its_schema(tmp_path: Path) -> None:
+def test_every_journal_event_conforms_to_its_schema(tmp_path: Path) -> None:
     """The events are those that the source records."""
     sources = "".join(p.read_text() for p in (DOCS.parent / "gcs_autotune").rglob("*.py"))
     orders = set(re.findall(r'on_order\("(\w+)"', sources))
@@ -174,7 +174,7 @@ def test_every_event_that_a_journal_is_given_holds_to_its_schema(tmp_path: Path)
 
 
 @pytest.mark.parametrize("dof", ["yaw", "horizontal"])
-def test_what_identify_writes_holds_to_the_schemas(dof: str, tmp_path: Path) -> None:
+def test_the_files_of_identify_conform_to_the_schemas(dof: str, tmp_path: Path) -> None:
     if dof == "yaw":
         found: Fit = fit(example_run(), dof="yaw")
     else:
@@ -220,12 +220,12 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("name", "text"), WRONG)
-def test_what_the_program_refuses_the_schema_does(name: str, text: str, tmp_path: Path) -> None:
+def test_the_schema_rejects_what_the_program_rejects(name: str, text: str, tmp_path: Path) -> None:
     assert list(accepted(name, text, tmp_path)) == [False, False]
 
 
 @pytest.mark.parametrize("name", ["plan-file", "settings-file"])
-def test_every_example_in_the_docs_is_taken_by_both(name: str, tmp_path: Path) -> None:
+def test_every_example_in_the_docs_is_accepted_by_program_and_schema(name: str, tmp_path: Path) -> None:
     examples = of_the_docs(name)
     if name == "plan-file":
         examples += [(own, (DOCS / own).read_text()) for own in ("three.toml", "tugboat.toml")]
@@ -234,7 +234,9 @@ def test_every_example_in_the_docs_is_taken_by_both(name: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("path", sorted(VEHICLES.glob("*.toml")), ids=lambda path: path.stem)
-def test_every_vehicle_holds_to_the_schema_and_one_in_pounds_does_not(path: Path) -> None:
-    told = tomllib.loads(path.read_text())
-    assert troubles("vehicle-file", told) == []
-    assert troubles("vehicle-file", {**told, "surge": {"alpha": {"value": 90.0, "unit": "lb", "source": "x"}}}) != []
+def test_every_vehicle_conforms_to_the_schema_and_one_in_pounds_does_not(path: Path) -> None:
+    reported = tomllib.loads(path.read_text())
+    assert troubles("vehicle-file", reported) == []
+    assert (
+        troubles("vehicle-file", {**reported, "surge": {"alpha": {"value": 90.0, "unit": "lb", "source": "x"}}}) != []
+    )

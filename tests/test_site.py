@@ -1,4 +1,4 @@
-"""The documentation site: reference pages made from the code, pages that run, schemas that hold, links that lead."""
+"""The documentation site: reference pages generated from the code, executed pages, schemas, links."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def pages(tmp_path_factory) -> dict[str, str]:
 
 
 def test_the_page_of_commands_has_every_verb_and_every_option(pages):
-    told = pages["commands"]
-    assert [verb for verb in COMMANDS if not re.search(rf"^## {verb}$", told, re.MULTILINE)] == []
+    reported = pages["commands"]
+    assert [verb for verb in COMMANDS if not re.search(rf"^## {verb}$", reported, re.MULTILINE)] == []
     missing = []
 
     def walk(parser: argparse.ArgumentParser) -> None:
@@ -57,19 +57,19 @@ def test_the_page_of_commands_has_every_verb_and_every_option(pages):
                 for below in action.choices.values():
                     walk(below)
             elif action.dest not in ("help", "version") and action.help is not argparse.SUPPRESS:
-                missing.extend(o for o in action.option_strings if o not in told)
+                missing.extend(o for o in action.option_strings if o not in reported)
 
     walk(make_parser())
     assert missing == []
 
 
-def test_the_page_of_parameters_has_all_that_a_tune_may_write(pages):
+def test_the_page_of_parameters_lists_all_that_a_tune_may_write(pages):
     gains = {g.parameter for f in FIRMWARE.values() for a in f.axes.values() for g in a.gains}
     assert gains
     assert [name for name in gains if f"`{name}`" not in pages["parameters"]] == []
 
 
-def test_a_terminal_of_a_page_shows_commands_with_their_output_and_a_failure_fails_the_build(tmp_path):
+def test_a_page_shows_commands_with_output_and_a_failure_fails_the_build(tmp_path):
     site_run = module_of_the_docs("site_run")
     shown = site_run.on_a_terminal(["gcs-autotune fly --list"], tmp_path)
     assert shown.startswith("$ gcs-autotune fly --list\nzig-zag\n")
@@ -83,11 +83,11 @@ def test_the_bibliography_has_every_entry(pages):
     assert [key for key in keys if not re.search(rf"^{key}$", pages["bibliography"], re.MULTILINE)] == []
 
 
-def test_every_effect_has_a_how_to_whose_commands_name_what_there_is(pages):
-    site, told = module_of_the_docs("site_reference"), pages["hide_and_find"]
+def test_every_effect_has_a_how_to_with_valid_commands(pages):
+    site, reported = module_of_the_docs("site_reference"), pages["hide_and_find"]
     assert set(site.ABOARD) == set(EFFECTS)
     for slug in EFFECTS:
-        section = told.partition(f"\n## {slug}\n")[2].partition("\n## ")[0]
+        section = reported.partition(f"\n## {slug}\n")[2].partition("\n## ")[0]
         flown, found = re.findall(r"^gcs-autotune (.*)$", section, re.MULTILINE)
         args = make_parser().parse_args(shlex.split(flown))
         assert args.connect == site.link_with(slug)
@@ -96,7 +96,7 @@ def test_every_effect_has_a_how_to_whose_commands_name_what_there_is(pages):
 
 
 @pytest.mark.parametrize("slug", list(EFFECTS))
-def test_the_vehicle_that_a_how_to_names_hides_its_effect(slug):
+def test_the_vehicle_of_a_how_to_hides_its_effect(slug):
     _, vehicle, size = module_of_the_docs("site_reference").ABOARD[slug]
     open_vehicle(vehicle, effects=[parse_effect(f"{slug}{size}")], seed=3)
 
@@ -117,7 +117,7 @@ def test_every_vehicle_is_flown_for_its_plots(name):
         assert column == "t" or abs(values[-1]) < 0.6 * abs(values[0])
 
 
-def test_the_plots_of_a_linear_boat_are_those_of_its_file():
+def test_the_plots_of_a_linear_boat_match_its_file():
     site, data = module_of_the_docs("site_vehicles"), load_vehicle("blueboat")
     seen = site.manoeuvres_of(data)
     assert seen.run_up["u"][-1] == pytest.approx(55.2 / 29.35, rel=0.02)
@@ -129,14 +129,14 @@ def test_the_plots_of_a_linear_boat_are_those_of_its_file():
     assert picture.startswith("<svg ") and all(word in picture for word in ("circle", "zig-zag", "steps", "free decay"))
 
 
-def test_every_page_stands_in_the_contents():
+def test_every_page_is_in_the_contents():
     contents = (DOCS / "index.md").read_text()
     own = {p.relative_to(DOCS).with_suffix("").as_posix() for p in DOCS.rglob("*.md") if "_build" not in p.parts}
     listed = set(re.findall(r"^[a-z-]+(?:/[a-z0-9_-]+)*$", contents, re.MULTILINE))
     assert {page for page in own - {"index"} if not page.startswith("decisions/0")} - listed == set()
 
 
-def test_model_files_hold_to_their_schema(tmp_path):
+def test_model_files_conform_to_their_schema(tmp_path):
     jsonschema = pytest.importorskip("jsonschema")
     schema = json.loads((DOCS / "reference" / "model-file.schema.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
@@ -152,8 +152,8 @@ def test_model_files_hold_to_their_schema(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)  # two tunes are flown meanwhile
-def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(tmp_path):
-    """Pages are executed meanwhile; one that fails fails the build. Their tunes design in few evaluations: at its full
+def test_the_site_builds_without_warnings_and_its_links_are_valid(tmp_path):
+    """Pages are executed; one that fails fails the build. Their tunes design in few evaluations: at its full
     length one is flown in ``tests/cli/test_command_line.py``.
     """
     for needed in ("sphinx", "myst_parser", "furo"):

@@ -1,4 +1,4 @@
-"""The notation: a case for every unit, heads, and angles."""
+"""The notation: a case for every unit, column headers, and angles."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ CASES = {
 
 
 @pytest.mark.parametrize("unit", CASES)
-def test_every_unit_is_what_it_is_in_si(unit: str) -> None:
+def test_every_unit_is_converted_to_si(unit: str) -> None:
     assert to_si(unit) == (CASES[unit][0], pytest.approx(CASES[unit][1], rel=1e-15))
     assert to_si(f" {unit} ") == to_si(unit)
 
 
-def test_every_unit_there_is_has_a_case_here() -> None:
+def test_every_unit_has_a_test_case() -> None:
     assert set(sname._TO_SI) == set(CASES)
 
 
-def test_degrees_may_be_written_with_their_sign_and_an_unknown_unit_is_refused_with_those_known() -> None:
+def test_the_degree_sign_is_accepted_and_an_unknown_unit_is_rejected_with_a_list() -> None:
     assert to_si("°/s") == to_si("deg/s")
     with pytest.raises(BadFile, match=r"unit \[furlong\] is unknown. Known units: .*rpm"):
         to_si("furlong")
@@ -83,7 +83,7 @@ def test_degrees_may_be_written_with_their_sign_and_an_unknown_unit_is_refused_w
         ("knots", "kn"), ("metres", "m"),
     ],
 )  # fmt: skip
-def test_units_are_understood_as_ros_and_others_spell_them(written: str, meant: str) -> None:
+def test_units_are_understood_in_the_spelling_of_ros_and_others(written: str, meant: str) -> None:
     assert to_si(written) == to_si(meant)
 
 
@@ -98,12 +98,12 @@ def test_units_are_understood_as_ros_and_others_spell_them(written: str, meant: 
         ("N", "us", ("pwm", 1.0)),
     ],
 )
-def test_what_a_unit_means_depends_on_the_column(name: str, unit: str, si: tuple[str, float]) -> None:
+def test_the_meaning_of_a_unit_depends_on_the_column(name: str, unit: str, si: tuple[str, float]) -> None:
     assert column_unit(name, unit) == (si[0], pytest.approx(si[1]))
 
 
 @pytest.mark.parametrize("name", ["psi", "N", "force_left", "delta_2"])
-def test_a_signal_in_a_unit_that_is_not_known_is_refused(name: str) -> None:
+def test_a_signal_in_an_unknown_unit_is_rejected(name: str) -> None:
     with pytest.raises(BadFile, match=r"unit \[furlong\] is unknown"):
         column_unit(name, "furlong")
 
@@ -112,16 +112,14 @@ def test_a_signal_in_a_unit_that_is_not_known_is_refused(name: str) -> None:
     ("name", "unit", "si"),
     [("pwm1", "us", "pwm"), ("SERVO3", "µs", "pwm"), ("rc4", " us ", "pwm"), ("t", "us", "s"), ("rc4", "ms", "s")],
 )
-def test_microseconds_of_a_pulse_are_no_time(name: str, unit: str, si: str) -> None:
+def test_microseconds_of_a_pulse_are_not_a_time(name: str, unit: str, si: str) -> None:
     assert column_unit(name, unit)[0] == si
 
 
 @pytest.mark.parametrize(
     ("name", "si"), [("delta", "rad"), ("psi", "rad"), ("u", "m/s"), ("N", "1"), ("X", "1"), ("battery", "1")]
 )
-def test_a_column_without_a_unit_is_in_that_of_its_signal_and_a_force_a_share_of_full_output(
-    name: str, si: str
-) -> None:
+def test_a_column_without_a_unit_has_that_of_its_signal_or_is_normalised_output(name: str, si: str) -> None:
     assert column_unit(name, "") == (si, 1.0)
     assert column_unit(name, "1") == ("1", 1.0)
 
@@ -142,12 +140,12 @@ def test_a_column_without_a_unit_is_in_that_of_its_signal_and_a_force_a_share_of
         ("tau_z [N*m]", ("tau_z", "N*m")),
     ],
 )
-def test_a_head_is_a_name_and_a_unit(head: str, parts: tuple[str, str]) -> None:
+def test_a_header_is_a_name_and_a_unit(head: str, parts: tuple[str, str]) -> None:
     assert parse_header(head) == parts
 
 
 @pytest.mark.parametrize("head", ["", "[deg]", "psi[deg", "psi]deg[", "psi[deg] x"])
-def test_what_is_no_head_is_refused(head: str) -> None:
+def test_an_invalid_header_is_rejected(head: str) -> None:
     with pytest.raises(BadFile, match="is not name"):
         parse_header(head)
 
@@ -163,12 +161,12 @@ def test_what_is_no_head_is_refused(head: str) -> None:
         (7.0, 7.0 - math.tau),
     ],
 )
-def test_an_angle_is_wrapped_into_half_a_turn_either_way(angle: float, wrapped: float) -> None:
+def test_an_angle_is_wrapped_to_half_a_turn_on_either_side(angle: float, wrapped: float) -> None:
     assert wrap(angle) == pytest.approx(wrapped)
 
 
 @pytest.mark.parametrize("name", DOFS)
-def test_a_degree_of_freedom_has_its_signals_and_units_from_the_one_table(name: str) -> None:
+def test_signals_and_units_of_a_degree_of_freedom_match_the_table(name: str) -> None:
     dof = DOFS[name]
     force_unit, length = ("N m", "rad") if dof.angular else ("N", "m")
     assert SIGNALS[dof.position][0] == dof.position_unit == length

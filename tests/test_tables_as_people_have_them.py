@@ -1,4 +1,4 @@
-"""CSV files of spreadsheets, loggers and ROS: read where they can mean one thing, else named with the way on."""
+"""CSV files of spreadsheets, loggers and ROS: read if unambiguous, else rejected with advice."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ COMMAS = PLAIN.replace(",", ";").replace(".", ",")
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "it is not text"),
     ],
 )  # fmt: skip
-def test_what_is_no_plain_table_is_refused_in_one_line_by_its_name(tmp_path: Path, text: str, words: str) -> None:
+def test_an_irregular_table_is_rejected_by_name_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(BadFile, match=words) as refused:
         load(tmp_path, text)
     assert "mine" in str(refused.value)
@@ -87,21 +87,21 @@ def test_what_is_no_plain_table_is_refused_in_one_line_by_its_name(tmp_path: Pat
         PLAIN.replace("N[N m]", "N[N*m]"),
     ],
 )
-def test_what_can_mean_one_thing_only_is_read(tmp_path: Path, text: str | bytes) -> None:
+def test_an_unambiguous_table_is_read(tmp_path: Path, text: str | bytes) -> None:
     run = load(tmp_path, text)
     assert run["psi"].t == pytest.approx([0.0, 0.1, 0.2])
     assert run["psi"].values == pytest.approx(np.radians([0.5, 0.6, 0.7]))
     assert (run["N"].unit, run["N"].values.tolist()) == ("N m", [1.0, -1.0, 1.0])
 
 
-def test_a_column_of_words_is_left_out_and_named(tmp_path: Path) -> None:
+def test_a_text_column_is_left_out_and_reported(tmp_path: Path) -> None:
     run = load(tmp_path, "\n".join([HEAD + ",frame_id", *(row + ",base_link" for row in ROWS)]))
     assert "frame_id" not in run
     assert "frame_id" in notes(run)["text-columns"]
 
 
 @pytest.mark.parametrize(("head", "scale"), [("t[ns]", 1e9), ("%time", 1e9), ("time", 1e6), ("stamp", 1e3), ("t", 1.0)])
-def test_stamps_since_1970_are_seconds_whatever_they_are_counted_in(tmp_path: Path, head: str, scale: float) -> None:
+def test_epoch_stamps_in_any_unit_are_converted_to_seconds(tmp_path: Path, head: str, scale: float) -> None:
     rows = [f"{round((1714644000.0 + 0.5 * k) * scale)},{k}" for k in range(0, 10, 2)]
     run = load(tmp_path, "\n".join([f"{head},N", *rows]))
     assert run["N"].t == pytest.approx(1714644000.0 + np.arange(5), abs=1e-3)
@@ -109,14 +109,14 @@ def test_stamps_since_1970_are_seconds_whatever_they_are_counted_in(tmp_path: Pa
 
 
 @pytest.mark.parametrize("head", ["N", "N[us]", "N[pwm]", "N[µs]"])
-def test_pulses_become_shares_of_full_about_their_neutral(tmp_path: Path, head: str) -> None:
+def test_pulses_are_normalised_about_neutral(tmp_path: Path, head: str) -> None:
     run = load(tmp_path, f"t[s],{head},r\n0,1500,0\n1,1900,0\n2,1300,0\n3,0,0\n")
     assert (run["N"].unit, run["N"].values.tolist()) == ("1", [0.0, 1.0, -0.5, 0.0])
     assert "1300 to 1900 us" in notes(run)["pulses-N"]
     assert "(pulse - 1500 us) / 400 us" in notes(run)["pulses-N"]
 
 
-def test_pulses_of_a_renamed_column_are_pulses_too(tmp_path: Path) -> None:
+def test_pulses_of_a_renamed_column_are_normalised(tmp_path: Path) -> None:
     for column in ("rudder[us]", "rudder"):
         run = load(tmp_path, f"t[s],{column},r\n0,1500,0\n1,1700,0\n", rudder="N")
         assert run["N"].values.tolist() == [0.0, 0.5]
@@ -124,7 +124,7 @@ def test_pulses_of_a_renamed_column_are_pulses_too(tmp_path: Path) -> None:
     assert (run["delta"].unit, run["delta"].values.tolist()) == ("1", [0.0, 0.5])
 
 
-def test_shares_newtons_and_what_drives_nothing_are_no_pulses(tmp_path: Path) -> None:
+def test_normalised_values_newtons_and_undriven_columns_are_not_pulses(tmp_path: Path) -> None:
     run = load(tmp_path, "t[s],N,X[N],servo1[us],depth_pulse\n0,-0.5,1500,1500,1500\n1,1,1700,1700,1600\n")
     assert run["N"].values.tolist() == [-0.5, 1.0]
     assert run["X"].values.tolist() == [1500.0, 1700.0]
@@ -138,7 +138,7 @@ def test_a_renamed_column_keeps_the_unit_it_has_in_the_file(tmp_path: Path) -> N
     assert run["psi"].values == pytest.approx([0.0, math.pi / 2.0])
 
 
-def test_nan_inf_and_times_that_run_back_are_counted(tmp_path: Path) -> None:
+def test_nan_inf_and_decreasing_times_are_counted(tmp_path: Path) -> None:
     rows = ["0,1,1", "1,nan,1", "2,inf,1", "1.5,1,-inf", "1.7,NaN,1", "nan,1,1", "3,,1", "2.9,1,1"]
     run = load(tmp_path, "\n".join(["t[s],psi[deg],N[N m]", *rows]))
     found = notes(run)
@@ -148,6 +148,6 @@ def test_nan_inf_and_times_that_run_back_are_counted(tmp_path: Path) -> None:
     assert len(run["psi"]) == 3
 
 
-def test_a_column_in_a_unit_that_no_signal_has_is_no_hindrance(tmp_path: Path) -> None:
+def test_a_column_with_an_unrelated_unit_is_ignored(tmp_path: Path) -> None:
     run = load(tmp_path, "t[s],N[N m],water[degC],field[T]\n0,1,12,0\n1,2,12,0\n")
     assert run["N"].values.tolist() == [1.0, 2.0]

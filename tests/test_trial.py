@@ -1,4 +1,4 @@
-"""Channels, trials and CSV runs by the sample."""
+"""Channels, trials and CSV runs, sample by sample."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def channel(*values: float, name: str = "N", start: float = 1.0) -> Channel:
 @pytest.mark.parametrize(
     ("t", "value"), [(-5.0, 10.0), (0.999, 10.0), (1.0, 10.0), (1.999, 10.0), (2.0, 20.0), (2.5, 20.0), (99.0, 30.0)]
 )
-def test_an_input_holds_from_its_stamp_to_the_next_and_its_first_value_before(t: float, value: float) -> None:
+def test_an_input_is_held_until_the_next_stamp_with_its_first_value_before(t: float, value: float) -> None:
     assert channel(10.0, 20.0, 30.0).held_at(t) == value
 
 
-def test_a_part_has_both_its_ends_in_it() -> None:
+def test_a_segment_includes_both_ends() -> None:
     part = channel(10.0, 20.0, 30.0, 40.0).between(2.0, 3.0)
     assert (part.t.tolist(), part.values.tolist()) == ([2.0, 3.0], [20.0, 30.0])
 
@@ -36,7 +36,7 @@ def trial(**meta: object) -> Trial:
     return Trial("run", {"N": channel(10.0, 20.0), "psi": late, "r": empty}, marks, meta=meta)
 
 
-def test_a_trial_lasts_from_its_first_stamp_to_its_last_of_any_channel() -> None:
+def test_a_trial_lasts_from_the_first_to_the_last_stamp_of_any_channel() -> None:
     assert (trial().start, trial().end, trial().duration) == (1.0, 4.5, 3.5)
     nothing = Trial("run", {})
     assert math.isnan(nothing.start) and math.isnan(nothing.end)
@@ -52,7 +52,7 @@ def test_the_lead_in_is_left_out_of_the_manoeuvre_proper() -> None:
         assert whole.proper is whole
 
 
-def test_a_channel_that_is_not_there_is_named_beside_those_that_are() -> None:
+def test_a_missing_channel_is_reported_with_those_available() -> None:
     with pytest.raises(MissingChannel, match=r"no channel 'delta'\. It contains N, psi, r"):
         trial()["delta"]
     assert "delta" not in trial() and "N" in trial()
@@ -79,11 +79,11 @@ def test_rows_without_a_time_are_left_out_of_every_channel(path: Path) -> None:
 @pytest.mark.parametrize(
     ("head", "first"), [("t[ms],N[N m]", 2.0), ("time[s],N[N m]", 2000.0), ("stamp[us],N[N m]", 0.002)]
 )
-def test_the_time_column_is_found_by_its_name_or_unit_and_put_into_seconds(path: Path, head: str, first: float) -> None:
+def test_the_time_column_is_found_by_name_or_unit_and_converted_to_seconds(path: Path, head: str, first: float) -> None:
     assert load(path, f"{head}\n2000,1\n3000,2\n")["N"].t[0] == pytest.approx(first)
 
 
-def test_a_truncated_last_row_is_dropped_and_noted_and_one_before_it_is_not(path: Path) -> None:
+def test_a_truncated_last_row_is_dropped_and_an_earlier_one_is_an_error(path: Path) -> None:
     assert load(path, "t[s],N[N m]\n0,1\n1,2\n2\n").meta["dropped_rows"] == 1
     assert "dropped_rows" not in load(path, "t[s],N[N m]\n0,1\n1,2\n").meta
     with pytest.raises(BadFile, match="row 3: 1 cell instead of 2"):
@@ -100,12 +100,12 @@ def test_a_truncated_last_row_is_dropped_and_noted_and_one_before_it_is_not(path
         ("t[s],N[N m]\n0,one\n1,2\n", "row 2"),
     ],
 )
-def test_what_is_no_run_is_refused_with_what_is_wrong(path: Path, text: str, words: str) -> None:
+def test_a_file_that_is_not_a_run_is_rejected_with_the_reason(path: Path, text: str, words: str) -> None:
     with pytest.raises(BadFile, match=words):
         load(path, text)
 
 
-def test_columns_are_renamed_as_asked_and_only_those_that_are_there(path: Path) -> None:
+def test_only_existing_columns_can_be_renamed(path: Path) -> None:
     text = "zeit[s],kurs[deg]\n0,0\n1,90\n"
     run = load(path, text, zeit="t[s]", kurs="psi[deg]")
     assert run["psi"].values == pytest.approx([0.0, math.pi / 2.0])
@@ -113,7 +113,7 @@ def test_columns_are_renamed_as_asked_and_only_those_that_are_there(path: Path) 
         load(path, text, ruder="delta[deg]")
 
 
-def test_a_saved_run_reads_back_with_its_marks_its_ending_and_each_channels_own_stamps(path: Path) -> None:
+def test_a_saved_run_reads_back_with_marks_ending_and_stamps_of_each_channel(path: Path) -> None:
     run = Trial(
         "step", dict(trial().channels), (Mark(2.0, "switch", {"N": 0.3}),), "aborted", "too far", {"from_t": 2.0}
     )
@@ -126,13 +126,13 @@ def test_a_saved_run_reads_back_with_its_marks_its_ending_and_each_channels_own_
     assert len(back["r"]) == 0
 
 
-def test_what_is_unknown_is_left_out_of_the_side_file(path: Path) -> None:
+def test_unknown_values_are_left_out_of_the_side_file(path: Path) -> None:
     save_trial(Trial("run", {"N": channel(1.0, 2.0)}, meta={"a": math.nan, "b": math.inf, "c": 1.0, "d": "x"}), path)
     meta = load_trial(path).meta
     assert {k for k in meta if len(k) == 1} == {"c", "d"}
 
 
-def test_a_spoilt_side_file_is_refused(path: Path) -> None:
+def test_a_damaged_side_file_is_rejected(path: Path) -> None:
     save_trial(trial(), path)
     side = path.with_suffix(".json")
     good = side.read_text(encoding="utf-8")
@@ -155,14 +155,14 @@ def test_a_spoilt_side_file_is_refused(path: Path) -> None:
         "",
     ],
 )
-def test_json_of_the_same_name_that_is_no_side_file_is_left_alone(path: Path, other: str) -> None:
+def test_json_of_the_same_name_that_is_not_a_side_file_is_ignored(path: Path, other: str) -> None:
     save_trial(trial(), path)
     path.with_suffix(".json").write_text(other, encoding="utf-8")
     run = load_trial(path)
     assert (run.name, run.marks, run.ending) == (path.stem, (), Trial("x", {}).ending)
 
 
-def test_bytes_of_the_same_name_are_left_alone(path: Path) -> None:
+def test_a_binary_file_of_the_same_name_is_ignored(path: Path) -> None:
     save_trial(trial(), path)
     path.with_suffix(".json").write_bytes(b"\xff\xfe\x00")
     assert load_trial(path).marks == ()
@@ -181,7 +181,7 @@ def test_bytes_of_the_same_name_are_left_alone(path: Path) -> None:
         ({"manoeuvre": "dive"}, "transit"),
     ],
 )
-def test_a_run_is_for_what_it_says_or_for_what_such_manoeuvres_were_flown(meta: dict[str, str], purpose: str) -> None:
+def test_the_purpose_of_a_run_is_its_own_or_that_of_its_manoeuvre(meta: dict[str, str], purpose: str) -> None:
     assert trial(**meta).purpose == purpose
 
 
@@ -194,19 +194,19 @@ def test_a_run_is_for_what_it_says_or_for_what_such_manoeuvres_were_flown(meta: 
         ({}, (), False),
     ],
 )
-def test_a_relay_is_known_by_its_switches_or_its_name(
+def test_a_relay_is_recognised_by_its_switches_or_its_name(
     meta: dict[str, str], marks: tuple[Mark, ...], by_relay: bool
 ) -> None:
     assert Trial("run", {}, marks, meta=meta).by_relay is by_relay
 
 
-def test_a_stamp_that_was_rounded_when_it_was_written_still_belongs_to_the_manoeuvre_proper() -> None:
+def test_a_rounded_stamp_belongs_to_the_manoeuvre_proper() -> None:
     for early, count in ((4e-7, 2), (6e-7, 1)):
         at = Channel("N", "1", np.array([0.0, 2.0 - early, 3.0]), np.ones(3))
         assert len(Trial("run", {"N": at}, meta={"from_t": 2.0}).proper["N"]) == count
 
 
-def test_shares_of_full_output_become_forces_and_moments() -> None:
+def test_normalised_outputs_become_forces_and_moments() -> None:
     shares = {n: Channel(n, "1", np.arange(2.0), np.array([0.5, -1.0])) for n in "XYZKMN"}
     run = Trial("run", {**shares, "r": channel(1.0, name="r")})
     full = run.with_full_scale({"X": 40.0, "Z": 20.0, "K": 3.0, "N": 2.0})
@@ -223,7 +223,7 @@ def test_shares_of_full_output_become_forces_and_moments() -> None:
 COLUMNS = {"t[ms]": [0.0, 500.0, math.nan], "psi[deg]": [0.0, math.nan, 90.0], "N": [1.0, 2.0, 3.0]}
 
 
-def test_arrays_by_heads_are_a_run_too() -> None:
+def test_arrays_by_column_header_are_a_run() -> None:
     run = trial_of_columns(COLUMNS, "mine")
     assert (run.name, run.meta["source"], run.meta["empty_cells"]) == ("mine", "mine", 2)
     assert run.meta["notes"][0][1] == "1 of 3 rows of mine have no time"
@@ -242,12 +242,12 @@ def test_arrays_by_heads_are_a_run_too() -> None:
         ({"N": [1.0]}, "no time column"),
     ],
 )
-def test_arrays_that_are_no_run_are_refused_with_what_is_wrong(table: dict[str, list], words: str) -> None:
+def test_arrays_that_are_not_a_run_are_rejected_with_the_reason(table: dict[str, list], words: str) -> None:
     with pytest.raises(BadFile, match=words):
         trial_of_columns(table, "mine")
 
 
-def test_remarks_blank_lines_and_a_byte_order_mark_are_no_samples(path: Path) -> None:
+def test_comments_blank_lines_and_a_byte_order_mark_are_skipped(path: Path) -> None:
     path.write_text("# a log\n\n  # more\nt[s],N[N m]\n0, 1\n\n# here\n1,2\n", encoding="utf-8-sig")
     assert load_trial(path)["N"].values.tolist() == [1.0, 2.0]
     assert load_trial(path).meta["empty_cells"] == 0
@@ -258,7 +258,7 @@ def test_remarks_blank_lines_and_a_byte_order_mark_are_no_samples(path: Path) ->
         load_trial(path)
 
 
-def test_what_is_written_is_rounded_to_a_microsecond_and_nine_digits(path: Path) -> None:
+def test_written_values_are_rounded_to_a_microsecond_and_nine_digits(path: Path) -> None:
     fine = Channel("psi", "rad", np.array([0.0, 0.12345678]), np.array([1.0 / 3.0, 1e-12]))
     coarse = Channel("N", "1", np.array([0.1234567, 1.0]), np.array([0.5, 0.25]))
     save_trial(Trial("run", {"psi": fine, "N": coarse}), path)
@@ -278,7 +278,7 @@ def test_what_is_written_is_rounded_to_a_microsecond_and_nine_digits(path: Path)
     assert path.read_text().splitlines() == ["t[s]"]
 
 
-def test_a_table_has_a_row_per_stamp_and_the_last_of_two_samples_at_one() -> None:
+def test_a_table_has_one_row_per_stamp_with_the_last_of_two_samples() -> None:
     pytest.importorskip("pandas")
     twice = Channel("psi", "rad", np.array([2.0, 1.0, 1.0]), np.array([3.0, 1.0, 2.0]))
     table = Trial("run", {"psi": twice, "N": channel(10.0, name="N", start=3.0)}).to_pandas()

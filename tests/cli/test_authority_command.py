@@ -1,4 +1,4 @@
-"""``authority``: prints a page and JSON from model files, saves parameters, rejects what does not belong together."""
+"""``authority``: prints a page and JSON from model files, saves parameters, rejects unrelated models."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def words(tmp_path: Path) -> list[str]:
     return ["authority", *models, "--parameters", str(tmp_path / "boat.param")]
 
 
-def test_the_page_the_parameters_and_the_rules_are_written(
+def test_page_parameters_and_rules_are_written(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     saved, page = tmp_path / "limits.param", tmp_path / "boat.html"
     assert main([*words, "--save", str(saved), "--page", str(page)]) == 0
-    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    assert "The craft makes 2 m/s at 50 % throttle, turns at 38.2°/s at full steering and stops in 2.88 m" in told
-    assert "stopping --throttle 1 --astern 1" in told
-    assert "the file contains no covariance" in told
+    output = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "The craft makes 2 m/s at 50 % throttle, turns at 38.2°/s at full steering and stops in 2.88 m" in output
+    assert "stopping --throttle 1 --astern 1" in output
+    assert "the file contains no covariance" in output
     values = load_params(saved)
     assert values["CRUISE_SPEED"] == pytest.approx(2.0, rel=0.01)
     assert "# ATC_STR_RAT_MAX: 80 % of the turn rate" in saved.read_text()
@@ -46,11 +46,11 @@ def test_the_page_the_parameters_and_the_rules_are_written(
 
 def test_json_has_every_figure_with_its_interval(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*words, "--json", "--throttle", "0.25"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["throttle"] == 0.25
-    assert told["figures"]["cruise-speed"]["value"] == pytest.approx(1.0, rel=0.01)
-    assert {"low", "high", "unit"} <= set(told["figures"]["top-ahead"])
-    assert {row["name"] for row in told["limits"]} >= {"ATC_STR_RAT_MAX", "WP_SPEED", "TURN_RADIUS"}
+    document = json.loads(capsys.readouterr().out)
+    assert document["throttle"] == 0.25
+    assert document["figures"]["cruise-speed"]["value"] == pytest.approx(1.0, rel=0.01)
+    assert {"low", "high", "unit"} <= set(document["figures"]["top-ahead"])
+    assert {row["name"] for row in document["limits"]} >= {"ATC_STR_RAT_MAX", "WP_SPEED", "TURN_RADIUS"}
 
 
 def test_models_that_do_not_belong_together_are_rejected(
@@ -64,7 +64,7 @@ def test_models_that_do_not_belong_together_are_rejected(
     assert "surge or yaw" in capsys.readouterr().err
 
 
-def test_a_directory_without_a_model_and_an_input_in_newtons_say_what_to_do(
+def test_a_missing_model_and_an_input_in_newtons_are_rejected_with_advice(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "run").mkdir()

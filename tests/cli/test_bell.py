@@ -1,4 +1,4 @@
-"""The bell of a real command at a real terminal: when somebody is asked, when it is over, never under --quiet."""
+"""The bell of a real command at a real terminal: at a prompt, at the end, never with --quiet."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def at_a_terminal(folder: Path, *words: str, answer: str = "", **environment: st
         while True:
             try:
                 more = os.read(ours, 4096)
-            except OSError:  # a terminal that nobody holds any more
+            except OSError:  # a terminal that is already closed
                 break
             shown += more
             if b"[y/N]" in more:
@@ -42,7 +42,7 @@ def at_a_terminal(folder: Path, *words: str, answer: str = "", **environment: st
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("options", "bells"), [((), 2), (("--quiet",), 0)])
-def test_a_question_rings_and_so_does_a_refusal_and_quiet_asks_without(
+def test_a_prompt_and_a_refusal_ring_the_bell_except_with_quiet(
     tmp_path: Path, options: tuple[str, ...], bells: int
 ) -> None:
     (tmp_path / "wanted.param").write_text("ATC_STR_RAT_P,0.3\n")
@@ -60,7 +60,7 @@ def test_a_question_rings_and_so_does_a_refusal_and_quiet_asks_without(
     [((), {}, 1), (("--quiet",), {}, 0), ((), {BELL_VARIABLE: "off"}, 0)],
     ids=["", "quiet", "variable"],
 )
-def test_a_flight_that_ends_at_a_limit_calls_whoever_walked_away(
+def test_a_flight_that_ends_at_a_limit_rings_the_bell(
     tmp_path: Path, options: tuple[str, ...], environment: dict[str, str], bells: int
 ) -> None:
     status, shown = at_a_terminal(tmp_path, *ROOM, *options, **environment)
@@ -71,7 +71,7 @@ def test_a_flight_that_ends_at_a_limit_calls_whoever_walked_away(
 
 
 @pytest.mark.slow
-def test_a_flight_that_goes_well_rings_once_at_its_end(tmp_path: Path) -> None:
+def test_a_successful_flight_rings_once_at_its_end(tmp_path: Path) -> None:
     status, shown = at_a_terminal(tmp_path, "fly", "zig-zag", "--connect", "sitl:charlie")
     assert status == 0
     assert shown.endswith("\a")

@@ -1,4 +1,4 @@
-"""What a user sees: exit codes, messages, files. Everything through ``main``, as typed."""
+"""Exit codes, messages and files of commands, all through ``main``, as typed."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def relay_rows(n=800, dt=0.1):
 
 
 @pytest.mark.slow
-def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, monkeypatch):
+def test_tune_heading_works_without_options(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))  # from elsewhere, also when not installed
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, "tune", "heading")
@@ -109,7 +109,7 @@ def test_degrees_and_milliseconds_are_converted(capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_truncated_csv_loses_only_its_last_row_and_says_so(capsys, tmp_path):
+def test_a_truncated_csv_loses_only_its_last_row_and_raises_a_doubt(capsys, tmp_path):
     path = write(tmp_path / "cut.csv", relay_rows())
     path.write_bytes(path.read_bytes()[:-20])
     code, out, _ = run(capsys, "identify", path, "--json")
@@ -135,7 +135,7 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize("case", BAD_FILES)
-def test_a_hopeless_file_gets_one_clear_line_and_exit_code_6(capsys, tmp_path, case):
+def test_an_unusable_file_gives_one_clear_line_and_exit_code_6(capsys, tmp_path, case):
     text, words = BAD_FILES[case]
     (tmp_path / "bad.csv").write_text(text)
     code, out, err = run(capsys, "identify", tmp_path / "bad.csv")
@@ -146,7 +146,7 @@ def test_a_hopeless_file_gets_one_clear_line_and_exit_code_6(capsys, tmp_path, c
     assert "Traceback" not in err
 
 
-def test_a_file_that_is_no_log_is_refused_in_one_line(capsys, tmp_path):
+def test_a_file_that_is_not_a_log_is_rejected_in_one_line(capsys, tmp_path):
     (tmp_path / "x.tlog").write_bytes(b"\x00" * 30)
     code, _, err = run(capsys, "identify", tmp_path / "x.tlog")
     assert code == 6
@@ -154,13 +154,13 @@ def test_a_file_that_is_no_log_is_refused_in_one_line(capsys, tmp_path):
     assert err.count("\n") == 1
 
 
-def test_an_unknown_vehicle_names_the_nearest(capsys, tmp_path):
+def test_the_error_for_an_unknown_vehicle_names_the_nearest(capsys, tmp_path):
     code, _, err = run(capsys, "tune", "heading", "--connect", "sitl:charly", "--out", tmp_path / "r")
     assert code == 2
     assert "charlie" in err
 
 
-def test_a_port_in_use(capsys, tmp_path):
+def test_a_port_in_use_is_reported(capsys, tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
@@ -169,7 +169,7 @@ def test_a_port_in_use(capsys, tmp_path):
     assert "in use" in err and "udpout" in err
 
 
-def test_nobody_listens_there(capsys, tmp_path):
+def test_a_refused_connection_is_reported(capsys, tmp_path):
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
         port = closed.getsockname()[1]
@@ -178,13 +178,13 @@ def test_nobody_listens_there(capsys, tmp_path):
     assert "refused" in err
 
 
-def test_no_such_serial_port(capsys, tmp_path):
+def test_a_missing_serial_port_is_reported(capsys, tmp_path):
     code, _, err = run(capsys, "tune", "heading", "--connect", "/dev/ttyNOSUCH,57600", "--out", tmp_path / "r")
     assert code == 3
     assert "/dev/ttyNOSUCH" in err
 
 
-def test_a_boat_has_no_depth(capsys, tmp_path):
+def test_a_depth_tune_of_a_boat_is_rejected(capsys, tmp_path):
     code, _, err = run(capsys, "tune", "depth", "--connect", "sitl:charlie", "--out", tmp_path / "r")
     assert code == 4
     assert "no depth loop" in err
@@ -192,7 +192,7 @@ def test_a_boat_has_no_depth(capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_real_vehicle_is_not_touched_when_nobody_can_be_asked(tmp_path):
+def test_a_real_vehicle_is_left_alone_if_no_confirmation_is_possible(tmp_path):
     """Over UDP, without --yes and without a terminal: an error before anything is armed."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.bind(("127.0.0.1", 0))
@@ -218,20 +218,20 @@ def test_a_real_vehicle_is_not_touched_when_nobody_can_be_asked(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
-def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
+def test_ctrl_c_ends_the_process_cleanly_with_code_130(tmp_path):
     tune = [sys.executable, "-m", "gcs_autotune", "tune", "heading", "--out", str(tmp_path / "r")]
     with subprocess.Popen(tune, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
         assert process.stderr is not None
         for line in process.stderr:
-            if line.strip() == "first self-oscillation":  # also said beforehand, in a longer line
+            if line.strip() == "first self-oscillation":  # also announced before, in a longer line
                 process.send_signal(signal.SIGINT)
                 break
-        said = process.stderr.read()
+        output = process.stderr.read()
         assert process.wait(30) == 130
-    assert "mode and armed state restored" in said
-    assert said.splitlines()[-1] == f"Report: {tmp_path / 'r' / 'report.html'}"
-    assert "--resume" in said
-    assert "No parameter was written." in said
+    assert "mode and armed state restored" in output
+    assert output.splitlines()[-1] == f"Report: {tmp_path / 'r' / 'report.html'}"
+    assert "--resume" in output
+    assert "No parameter was written." in output
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     assert summary["ending"] == "aborted"
     assert summary["differences"] == {}
@@ -250,14 +250,14 @@ def test_params_are_saved_and_restored_through_files(capsys, tmp_path):
     assert "1 parameter changed" in out
 
 
-def test_a_parameter_file_that_is_none_writes_nothing(capsys, tmp_path):
+def test_an_invalid_parameter_file_writes_nothing(capsys, tmp_path):
     (tmp_path / "bad.param").write_text("ATC_STR_RAT_P=0.3\n")
     code, _, err = run(capsys, "params", "restore", tmp_path / "bad.param", "--yes", "--connect", "sitl:charlie")
     assert code == 6
     assert "line 1" in err
 
 
-def test_restoring_never_guesses_a_vehicle(capsys, tmp_path):
+def test_restoring_requires_an_explicit_vehicle(capsys, tmp_path):
     (tmp_path / "some.param").write_text("ATC_STR_RAT_P,0.35\n")
     code, _, err = run(capsys, "params", "restore", tmp_path / "some.param", "--yes")
     assert code == 2
@@ -272,7 +272,7 @@ def test_the_undo_line_of_the_report_finds_the_vehicle_in_the_journal(capsys, dr
     assert "0 parameters changed" in text
 
 
-def test_restore_refuses_another_vehicle(capsys, tmp_path):
+def test_restore_rejects_another_vehicle(capsys, tmp_path):
     journal = [
         {"event": "opened", "vehicle": {"system": 7, "autopilot": 3, "vehicle_type": 11}, "link": "sitl:charlie"},
         {"event": "lent", "name": "ATC_STR_RAT_P", "value": 0.1},
@@ -285,7 +285,7 @@ def test_restore_refuses_another_vehicle(capsys, tmp_path):
     assert Journal.open_debts(tmp_path / "journal.jsonl") == {"ATC_STR_RAT_P": 0.1}
 
 
-def test_restore_without_anything_open_says_so(capsys, tmp_path, monkeypatch):
+def test_restore_reports_if_there_is_nothing_to_restore(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "restore")
     assert (code, out) == (0, "Nothing to restore: this run has already restored everything.\n")
@@ -340,7 +340,7 @@ def options_of(verb: str) -> set[str]:
     ("options", "seconds"),
     [((), 1800.0), (("--max-time", "120"), 120.0), (("--max-time", "120", "--total-time", "9"), 540.0)],
 )
-def test_max_time_limits_the_whole_of_a_self_planned_trial(options, seconds):
+def test_max_time_limits_the_whole_self_planned_trial(options, seconds):
     args = make_parser(only="fly").parse_args(["fly", "--until", "alpha_r 5%", *options])
     precision = fly_cmd._precision(args)
     assert precision is not None
@@ -369,14 +369,14 @@ def test_an_experiment_identifies_surge_and_writes_no_parameter(capsys, tmp_path
     assert {e["event"] for e in journal} == {"opened", "ordering", "ordered", "closed"}, "no parameter is borrowed"
 
 
-def test_a_boat_does_not_heave(capsys, tmp_path):
+def test_a_heave_experiment_on_a_boat_is_rejected(capsys, tmp_path):
     code, _, err = run(capsys, "experiment", "depth", "--connect", "sitl:charlie", "--out", tmp_path / "run")
     assert code == 4
     assert "has no depth" in err
 
 
 @pytest.mark.slow
-def test_identify_leaves_a_page_and_says_where(capsys, tmp_path, monkeypatch):
+def test_identify_writes_a_page_and_prints_its_path(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "identify", write(tmp_path / "mine.csv", relay_rows()))
     assert code == 0
@@ -385,7 +385,7 @@ def test_identify_leaves_a_page_and_says_where(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_identify_compares_all_methods_and_validates_on_a_run_kept_apart(capsys, tmp_path):
+def test_identify_compares_all_methods_and_validates_on_a_held_out_run(capsys, tmp_path):
     first, second = write(tmp_path / "a.csv", relay_rows()), write(tmp_path / "b.csv", relay_rows(500))
     code, out, _ = run(
         capsys, "identify", first, "--validate", second, "--structure", "linear", "--method", "all", "--json"
@@ -405,7 +405,7 @@ def test_identify_lists_its_methods_and_needs_a_run(capsys):
     assert "no run given" in err
 
 
-def test_identify_names_what_a_plan_or_a_choice_of_terms_needs(capsys, tmp_path):
+def test_identify_names_missing_inputs_of_a_plan_or_choice_of_terms(capsys, tmp_path):
     mine = write(tmp_path / "mine.csv", relay_rows())
     code, _, err = run(capsys, "identify", mine, "--plan", "usv_6def")
     assert code == 2
@@ -429,7 +429,7 @@ def test_identify_names_what_a_plan_or_a_choice_of_terms_needs(capsys, tmp_path)
     assert "not a number" in err
 
 
-def test_identify_fits_a_coupled_model_and_proposes_what_to_fly(capsys, tmp_path):
+def test_identify_fits_a_coupled_model_and_proposes_further_runs(capsys, tmp_path):
     rows, x = [], [0.0, 0.0, 0.0, 0.0]  # psi, u, v, r of a craft with its own integrator, 100 steps a second
     for k in range(4000):
         X, N = (4.0, 8.0, 2.0, 6.0)[k // 1000], (1.0, -1.0, 1.5, 0.0, -0.5)[k // 400 % 5]
@@ -455,7 +455,7 @@ def test_identify_fits_a_coupled_model_and_proposes_what_to_fly(capsys, tmp_path
     assert data["plan_next"]["rows"]
 
 
-def test_identify_states_intervals_by_profile_likelihood_and_names_what_was_not_fitted(capsys, tmp_path):
+def test_identify_states_profile_likelihood_intervals_and_rejects_unfitted_parameters(capsys, tmp_path):
     path, page = write(tmp_path / "mine.csv", relay_rows(400)), tmp_path / "page.html"
     options = ("--structure", "linear", "--delay", "0", "--no-check", "--json", "--page", page)
     code, out, err = run(capsys, "identify", path, "--profile", "alpha_r", *options)
@@ -467,7 +467,7 @@ def test_identify_states_intervals_by_profile_likelihood_and_names_what_was_not_
 
 
 @pytest.mark.parametrize("text", ["X", "X=-1", "Q=3", "X=8;N=2"])
-def test_a_full_scale_that_is_none_is_explained(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_full_scale_is_explained(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t[s],psi[rad],N\n0,0,0\n1,0,0\n")
     assert main(["identify", str(path), "--full-scale", text]) == 2
@@ -475,16 +475,16 @@ def test_a_full_scale_that_is_none_is_explained(text: str, tmp_path: Path, capsy
 
 
 @pytest.mark.slow
-def test_recheck_heading_tells_of_the_loop_as_it_is_and_writes_no_parameter(tmp_path, capsys):
+def test_recheck_heading_reports_the_present_loop_and_writes_no_parameter(tmp_path, capsys):
     out = tmp_path / "run"
     assert main(["recheck", "heading", "--connect", "sitl:blueboat", "--out", str(out)]) == 0
-    told = capsys.readouterr()
-    assert "heading loop" in told.out
-    assert "Writes no parameter" in " ".join(told.err.split())
+    output = capsys.readouterr()
+    assert "heading loop" in output.out
+    assert "Writes no parameter" in " ".join(output.err.split())
     assert (out / "report.html").exists()
 
 
-def test_the_list_of_manoeuvres_breaks_no_option_and_names_none_that_is_not_there(capsys):
+def test_the_list_of_manoeuvres_wraps_between_options_and_lists_existing_ones(capsys):
     code, out, _ = run(capsys, "fly", "--list")
     assert code == 0
     assert not re.search(r"-$", out, re.MULTILINE)
@@ -514,7 +514,7 @@ class _Terminal(io.StringIO):
         return True
 
 
-def test_an_error_is_folded_between_words_on_a_terminal_and_one_line_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_is_wrapped_on_a_terminal_and_one_line_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     text = "gcs-autotune: " + "a word after another " * 5 + "/a/path/that/is/longer/than/a/line/of/the/terminal.param"
     lines = folded(text, _Terminal()).splitlines()

@@ -52,7 +52,7 @@ def directory(folder: Path, name: str, when: str, run: Trial, uid: str = "aa", *
     return place
 
 
-def test_a_heavier_craft_is_reported_and_gains_and_steps_stand_side_by_side(tmp_path, capsys):
+def test_a_heavier_craft_is_reported_with_gains_and_steps_side_by_side(tmp_path, capsys):
     may = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
     july = directory(tmp_path, "july", "2026-07-01T10:00:00", relay_run(2, inertia=1.4))
     page = tmp_path / "season.html"
@@ -67,22 +67,22 @@ def test_a_heavier_craft_is_reported_and_gains_and_steps_stand_side_by_side(tmp_
     assert "july" in page.read_text()
 
 
-def test_a_difference_between_different_manoeuvres_is_not_put_on_the_craft(tmp_path, capsys):
+def test_a_difference_between_different_manoeuvres_is_not_attributed_to_the_craft(tmp_path, capsys):
     may = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
     july = directory(tmp_path, "july", "2026-07-01T10:00:00", relay_run(2, inertia=1.4, manoeuvre="zig-zag"))
     assert main(["compare", str(may), str(july)]) == 0
-    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    assert "The runs have different manoeuvres, so this need not be a change of the craft." in told
-    assert "have changed" not in told
+    text = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "The runs have different manoeuvres, so this need not be a change of the craft." in text
+    assert "have changed" not in text
 
 
-def test_an_unchanged_craft_is_called_unchanged_in_json(tmp_path, capsys):
+def test_an_unchanged_craft_is_unchanged_in_json(tmp_path, capsys):
     runs = [directory(tmp_path, n, f"2026-0{i}-01T10:00:00", relay_run(i)) for i, n in ((1, "may"), (2, "june"))]
     assert main(["compare", *map(str, runs), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["changed"] is False
-    assert [run["gains"]["ATC_STR_RAT_P"] for run in told["runs"]] == [0.3, 0.7]
-    assert told["runs"][0]["metrics"]["settling"] is None
+    document = json.loads(capsys.readouterr().out)
+    assert document["changed"] is False
+    assert [run["gains"]["ATC_STR_RAT_P"] for run in document["runs"]] == [0.3, 0.7]
+    assert document["runs"][0]["metrics"]["settling"] is None
 
 
 def test_a_motion_that_was_not_excited_is_not_compared(tmp_path, capsys):
@@ -93,9 +93,9 @@ def test_a_motion_that_was_not_excited_is_not_compared(tmp_path, capsys):
         both = Trial(run.name, {**run.channels, **ahead}, meta=run.meta)
         runs.append(directory(tmp_path, f"day{i}", f"2026-05-0{i}T10:00:00", both))
     assert main(["compare", *map(str, runs), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert list(told["runs"][0]["models"]) == ["yaw"]
-    assert told["runs"][0]["not_identified"]["surge"] == "the manoeuvres flown do not excite surge"
+    document = json.loads(capsys.readouterr().out)
+    assert list(document["runs"][0]["models"]) == ["yaw"]
+    assert document["runs"][0]["not_identified"]["surge"] == "the manoeuvres flown do not excite surge"
 
 
 def test_runs_of_two_vehicles_raise_a_doubt_and_are_not_compared(tmp_path, capsys):
@@ -130,7 +130,7 @@ def test_a_small_ratio_is_not_shown_as_zero(tmp_path, capsys):
     assert "x 0.00 " not in printed
 
 
-def test_itae_is_explained_only_beside_its_column(tmp_path, capsys):
+def test_itae_is_explained_only_with_its_column(tmp_path, capsys):
     for shown in (True, False):
         after = {"overshoot": 0.1, **({"itae": 2.0} if shown else {})}
         runs = [
@@ -141,7 +141,7 @@ def test_itae_is_explained_only_beside_its_column(tmp_path, capsys):
         assert ("ITAE" in capsys.readouterr().out) == shown
 
 
-def test_a_long_name_of_a_run_does_not_cut_its_ending(tmp_path, capsys, monkeypatch):
+def test_a_long_run_name_keeps_its_ending(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     names = ("20260501-100000-launch-zig-zag", "20260601-100000-bluerov2-staircase")
     runs = [
@@ -158,14 +158,14 @@ def test_a_long_name_of_a_run_does_not_cut_its_ending(tmp_path, capsys, monkeypa
     ("which", "code", "told"),
     [((0,), 2, "1 run given"), ((0, 0), 2, "given twice"), ((0, 9), 6, "none does not exist")],
 )
-def test_what_cannot_be_compared_is_refused_in_one_sentence(which, code, told, tmp_path, capsys):
+def test_runs_that_cannot_be_compared_are_rejected_in_one_sentence(which, code, told, tmp_path, capsys):
     place = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
     paths = [str(place) if i == 0 else str(tmp_path / "none") for i in which]
     assert main(["compare", *paths]) == code
     assert told in capsys.readouterr().err
 
 
-def test_runs_without_anything_in_common_are_refused(tmp_path, capsys):
+def test_runs_without_a_common_motion_are_rejected(tmp_path, capsys):
     one = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
     other = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2, dof="surge"), axis="speed")
     assert main(["compare", str(one), str(other)]) == 6

@@ -25,14 +25,14 @@ def written(folder: Path, text: str) -> Path:
 
 
 def helped(config: ConfigFile, *verbs: str) -> str:
-    said = io.StringIO()
-    with pytest.MonkeyPatch.context() as wide, pytest.raises(SystemExit), contextlib.redirect_stdout(said):
+    reported = io.StringIO()
+    with pytest.MonkeyPatch.context() as wide, pytest.raises(SystemExit), contextlib.redirect_stdout(reported):
         wide.setenv("COLUMNS", "400")
         make_parser(config).parse_args([*verbs, "--help"])
-    return " ".join(said.getvalue().split())
+    return " ".join(reported.getvalue().split())
 
 
-def test_what_the_file_says_is_the_default_and_what_is_typed_counts_more(tmp_path):
+def test_values_of_the_file_are_defaults_and_typed_options_override_them(tmp_path):
     config = read_config(written(tmp_path, WHOLE))
     args = make_parser(config).parse_args(["tune", "heading"])
     assert (args.max_distance, args.system_id, args.signing_key) == (40.0, 7, tmp_path / "key.txt")
@@ -42,7 +42,7 @@ def test_what_the_file_says_is_the_default_and_what_is_typed_counts_more(tmp_pat
     assert set(config.used_by(typed)) == {"system-id", "signing-key"}
 
 
-def test_the_link_of_a_recorded_run_is_not_overruled_by_the_file(tmp_path):
+def test_the_link_of_a_recorded_run_overrides_the_file(tmp_path):
     config = read_config(written(tmp_path, WHOLE))
     for verb in (["restore"], ["params", "restore", "old.param"]):
         args = make_parser(config).parse_args(verb)
@@ -50,7 +50,7 @@ def test_the_link_of_a_recorded_run_is_not_overruled_by_the_file(tmp_path):
         assert "connect" not in config.used_by(args)
 
 
-def test_help_and_run_say_which_file_is_used(tmp_path, monkeypatch, capsys):
+def test_help_and_run_show_which_file_is_used(tmp_path, monkeypatch, capsys):
     path = written(tmp_path, '[link]\nconnect = "sitl:nosuchboat"\n[limits]\nmax-distance = 40\n')
     config = read_config(path)
     assert "[gcs-autotune.toml: 40]" in helped(config, "tune")
@@ -59,9 +59,9 @@ def test_help_and_run_say_which_file_is_used(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv(CONFIG_VARIABLE, raising=False)
     assert main(["tune", "heading", "--out", "run"]) == 2
-    said = capsys.readouterr().err
-    assert f"settings of {path}: connect sitl:nosuchboat, max-distance 40" in said
-    assert "nosuchboat" in said.splitlines()[-1]
+    output = capsys.readouterr().err
+    assert f"settings of {path}: connect sitl:nosuchboat, max-distance 40" in output
+    assert "nosuchboat" in output.splitlines()[-1]
     assert not (tmp_path / "run").exists()
 
 
@@ -74,7 +74,7 @@ def test_help_and_run_say_which_file_is_used(tmp_path, monkeypatch, capsys):
         ("[craft.otter]\nmax-sped = 2\n", r"setting of \[craft.otter\] in .*gcs-autotune.toml 'max-sped'"),
     ],
 )
-def test_an_unknown_key_is_answered_with_the_nearest_spelling(tmp_path, text, words):
+def test_an_unknown_key_is_rejected_with_the_nearest_spelling(tmp_path, text, words):
     with pytest.raises(UnknownName, match=words):
         read_config(written(tmp_path, text))
 
@@ -92,7 +92,7 @@ def test_an_unknown_key_is_answered_with_the_nearest_spelling(tmp_path, text, wo
         ("[craft]\nmax-speed = 2\n", r"Write \[craft.NAME\] and max-speed below it"),
     ],
 )
-def test_a_value_is_held_to_the_same_limits_as_a_typed_one(tmp_path, text, words):
+def test_a_value_has_the_same_limits_as_a_typed_one(tmp_path, text, words):
     with pytest.raises(UsageError, match=words):
         read_config(written(tmp_path, text))
 
@@ -112,7 +112,7 @@ def chosen(config: ConfigFile, *words: str) -> str:
     return craft_of(config, make_parser(config).parse_args(["tune", "heading", *words]))
 
 
-def test_a_craft_is_selected_by_name_by_link_or_by_the_system_id_received(tmp_path, monkeypatch):
+def test_a_craft_is_selected_by_name_link_or_received_system_id(tmp_path, monkeypatch):
     config = read_config(written(tmp_path, CRAFTS))
     heard = VehicleCandidate(3, 1, 3, 11, False, 0)
     listened = []
@@ -130,7 +130,7 @@ def test_a_craft_is_selected_by_name_by_link_or_by_the_system_id_received(tmp_pa
         chosen(twice, "--connect", "udpin:127.0.0.1:9")
 
 
-def test_the_settings_of_a_craft_replace_the_common_ones_and_a_typed_one_counts_more(tmp_path, monkeypatch, capsys):
+def test_settings_of_a_craft_override_common_ones_and_typed_options_override_both(tmp_path, monkeypatch, capsys):
     config = read_config(written(tmp_path, CRAFTS))
     for craft, distance, speed in (("otter", 40.0, 2.0), ("pike", 90.0, None)):
         args = make_parser(config.of(craft)).parse_args(["tune", "heading"])
@@ -148,12 +148,12 @@ def test_the_settings_of_a_craft_replace_the_common_ones_and_a_typed_one_counts_
     assert "craft otter: max-distance 40, system-id 3, max-speed 2" in capsys.readouterr().err
 
 
-def test_a_damaged_file_is_refused_with_the_way_round_it(tmp_path):
+def test_a_damaged_file_is_rejected_with_a_workaround(tmp_path):
     with pytest.raises(BadFile, match="set GCS_AUTOTUNE_CONFIG=none to run without"):
         read_config(written(tmp_path, "[limits\n"))
 
 
-def test_the_folder_counts_before_the_users_own_and_the_environment_before_both(tmp_path, monkeypatch):
+def test_the_environment_overrides_the_folder_and_the_folder_the_user_file(tmp_path, monkeypatch):
     home, here = tmp_path / "home", tmp_path / "here"
     for folder in (home / "gcs-autotune", here):
         folder.mkdir(parents=True)
@@ -172,6 +172,6 @@ def test_the_folder_counts_before_the_users_own_and_the_environment_before_both(
 
 
 @pytest.mark.parametrize("number", ["nan", "inf", "1e999", "9" * 5000, "0x" + "f" * 5000])
-def test_a_value_that_is_no_finite_number_is_refused_by_its_place(tmp_path, number):
+def test_a_value_that_is_not_finite_is_rejected_with_its_place(tmp_path, number):
     with pytest.raises(BadFile, match=r"not a finite number|too large|cannot be read as settings"):
         read_config(written(tmp_path, f"[limits]\nmax-distance = {number}\n"))

@@ -1,4 +1,4 @@
-"""The person at the terminal: asked, rung for, never rung for where it was not wanted, stopped in order."""
+"""The operator at the terminal: prompts, the bell, and an orderly stop."""
 
 from __future__ import annotations
 
@@ -41,15 +41,13 @@ def streams(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 @pytest.mark.parametrize(
     ("answer", "agrees"), [("y\n", True), ("Yes \n", True), ("n\n", False), ("\n", False), ("", False)]
 )
-def test_a_question_is_shown_with_the_bell_and_only_yes_agrees(
-    streams: SimpleNamespace, answer: str, agrees: bool
-) -> None:
+def test_a_prompt_rings_the_bell_and_only_yes_confirms(streams: SimpleNamespace, answer: str, agrees: bool) -> None:
     streams.stdin = Terminal(answer)
     assert ConsoleOperator(yes=False).ask("Go ahead?", lambda: None) is agrees
     assert streams.stderr.getvalue() == "Go ahead? [y/N] \a"
 
 
-def test_the_bell_is_rung_at_the_end_and_not_where_it_was_switched_off(
+def test_the_bell_rings_at_the_end_unless_switched_off(
     streams: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ConsoleOperator(yes=True).ring()
@@ -64,7 +62,7 @@ def test_the_bell_is_rung_at_the_end_and_not_where_it_was_switched_off(
     assert streams.stderr.getvalue() == "\a\a"
 
 
-def test_a_file_is_not_rung(streams: SimpleNamespace) -> None:
+def test_output_to_a_file_contains_no_bell(streams: SimpleNamespace) -> None:
     log = streams.stderr = Terminal(tty=False)
     ConsoleOperator(yes=True).ring()
     streams.stdin = Terminal("y\n")
@@ -74,7 +72,7 @@ def test_a_file_is_not_rung(streams: SimpleNamespace) -> None:
     ConsoleOperator(yes=True).ring()
 
 
-def test_who_agreed_beforehand_is_not_asked_and_where_nobody_is_the_other_way_is_named(
+def test_yes_skips_the_prompt_and_without_a_terminal_the_options_are_named(
     streams: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     streams.stdin = Terminal("n\n", tty=False)
@@ -84,13 +82,13 @@ def test_who_agreed_beforehand_is_not_asked_and_where_nobody_is_the_other_way_is
         ConsoleOperator(yes=False, otherwise="or --dry-run").ask("Go ahead?", lambda: None)
 
 
-def test_what_comes_from_a_vehicle_cannot_forge_a_question(streams: SimpleNamespace) -> None:
+def test_text_from_a_vehicle_cannot_forge_a_prompt(streams: SimpleNamespace) -> None:
     streams.stdin = Terminal("y\n")
     ConsoleOperator(yes=False, bell=False).ask("Write \x1b[2JX?", lambda: None)
     assert "\x1b" not in streams.stderr.getvalue()
 
 
-def test_the_first_signal_asks_for_an_orderly_stop_and_the_next_are_told_to_wait(streams: SimpleNamespace) -> None:
+def test_the_first_signal_requests_a_stop_and_later_ones_only_a_message(streams: SimpleNamespace) -> None:
     before = signal.getsignal(signal.SIGTERM)
     operator = ConsoleOperator(yes=True)
     with operator.listening():
@@ -121,7 +119,7 @@ class Interrupted(io.RawIOBase):
         return os.write(self._number, piece)
 
 
-def test_a_signal_that_comes_while_we_write_is_heeded_and_told_and_ends_nothing(
+def test_a_signal_during_output_is_handled_and_does_not_raise(
     streams: SimpleNamespace,
 ) -> None:
     """A tune ended in "reentrant call inside BufferedWriter" where Ctrl-C met a line that was being written."""
@@ -137,13 +135,13 @@ def test_a_signal_that_comes_while_we_write_is_heeded_and_told_and_ends_nothing(
         == b"\nStopping: setting the actuators to neutral and restoring the vehicle.\nfirst self-oscillation\n"
     )
     os.close(out)
-    operator._note(signal.SIGHUP, None)  # nobody reads any more
+    operator._note(signal.SIGHUP, None)  # the reader is gone
     streams.stderr = None
     operator._note(signal.SIGTERM, None)
     os.close(into)
 
 
-def test_silent_work_shows_a_spinner_on_a_terminal_and_nothing_beside_json(monkeypatch, capsys):
+def test_silent_work_shows_a_spinner_on_a_terminal_but_not_with_json(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")  # rich takes any stream for a terminal
     for asked, shown in (({}, True), ({"json": True}, False), ({"quiet": True}, False)):
         with waiting(argparse.Namespace(**asked), "reading the runs"):

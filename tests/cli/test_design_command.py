@@ -82,7 +82,7 @@ def test_the_loop_is_the_one_that_the_run_tuned_unless_it_is_stated(capsys, tmp_
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
-def test_a_folder_with_a_model_and_no_run_is_designed_for(capsys, tmp_path):
+def test_a_folder_with_only_a_model_can_be_designed_for(capsys, tmp_path):
     written(tmp_path / "model.json", YAW)
     assert printed(capsys, tmp_path, "--for", "heading", "--speed", "1.5")["firmware"] == "ardurover"
     assert "no speed given. Use --speed" in refused(capsys, tmp_path, "--for", "heading")
@@ -106,13 +106,13 @@ def test_all_styles_are_designed_into_one_file_to_compare_them(tmp_path, briefly
     assert "cannot be written" in refused(capsys, model, "--for", "depth", "--full-scale", "100", "--styles", tmp_path)
 
 
-def test_styles_are_not_compared_where_another_option_sets_the_speed(tmp_path, capsys):
+def test_styles_are_not_compared_if_another_option_sets_the_speed(tmp_path, capsys):
     model = written(tmp_path / "rov.json", HEAVE)
     for other in (("--omega-0", "1"), ("--own",), ("--style", "quick")):
         assert "without --own" in refused(capsys, model, "--for", "depth", "--styles", tmp_path / "s.json", *other)
 
 
-def test_present_gains_come_from_a_file_under_the_vehicles_own_names(capsys, tmp_path):
+def test_present_gains_are_read_from_a_parameter_file(capsys, tmp_path):
     model, held = written(tmp_path / "boat.json", YAW), tmp_path / "present.param"
     held.write_text("ATC_STR_RAT_FF,1.25\nATC_STR_ANG_P,1.5\n", encoding="utf-8")
     found = printed(capsys, model, "--for", "heading", "--speed", "1.5", "--settling-time", "8", "--parameters", held)
@@ -144,7 +144,7 @@ def test_a_speed_loop_gets_the_measured_pair_of_throttle_and_speed(capsys, tmp_p
     assert (found["gains"]["CRUISE_THROTTLE"], found["gains"]["CRUISE_SPEED"]) == (60.0, pytest.approx(kept, rel=0.01))
 
 
-def test_our_own_loop_keeps_the_required_margin_and_is_slower_for_it(capsys, tmp_path):
+def test_our_own_loop_is_slower_to_keep_the_required_margin(capsys, tmp_path):
     model = written(tmp_path / "boat.json", YAW)
     fast = printed(capsys, model, "--for", "heading", "--own")
     wide = printed(capsys, model, "--for", "heading", "--own", "--gain-margin", "3.5")
@@ -198,7 +198,7 @@ def test_a_run_directory_supplies_model_speed_and_present_gains(capsys, tmp_path
         (("--for", "relay", "--relay-hysteresis", "90"), "out of range"),
     ],
 )
-def test_what_cannot_be_designed_is_rejected_with_what_to_do(capsys, tmp_path, arguments, words):
+def test_an_impossible_design_is_rejected_with_advice(capsys, tmp_path, arguments, words):
     assert words in refused(capsys, written(tmp_path / "boat.json", YAW), *arguments)
 
 
@@ -207,7 +207,7 @@ def test_a_relay_weaker_than_the_constant_force_is_rejected(capsys, tmp_path):
     assert "Use a larger output" in refused(capsys, model, "--for", "relay", "--relay-output", "0.1")
 
 
-def test_a_line_is_designed_by_default_as_hold_flies_it(capsys, tmp_path):
+def test_the_default_line_design_matches_hold(capsys, tmp_path):
     found = printed(capsys, written(tmp_path / "boat.json", YAW), "--for", "line", "--speed", "1.5")
     assert found["guidance"] == LAWS[0]
 
@@ -227,5 +227,5 @@ def test_a_gentle_loop_has_wider_margins_and_about_half_the_bandwidth(capsys, tm
 
 def test_style_and_a_frequency_contradict_each_other(capsys, tmp_path):
     model = written(tmp_path / "boat.json", YAW)
-    said = refused(capsys, model, "--for", "heading", "--style", "gentle", "--omega-0", "1")
-    assert "--style gentle and --omega-0 both set the speed of the loop" in said
+    output = refused(capsys, model, "--for", "heading", "--style", "gentle", "--omega-0", "1")
+    assert "--style gentle and --omega-0 both set the speed of the loop" in output

@@ -57,14 +57,14 @@ def found(runs, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_hidden_dead_zone_is_named_and_three_files_are_written(found):
+def test_a_hidden_dead_zone_is_identified_and_three_files_are_written(found):
     assert sorted(p.name for p in found.iterdir()) == ["diagnosis.json", "model.json", "report.html"]
-    told = json.loads((found / "diagnosis.json").read_text())
-    assert told["causes"][0] == "dead-zone"
-    width = told["found"][0]["parameters"]["width"]
+    document = json.loads((found / "diagnosis.json").read_text())
+    assert document["causes"][0] == "dead-zone"
+    width = document["found"][0]["parameters"]["width"]
     assert width["value"] == pytest.approx(WIDTH, abs=max(5.0 * width["std"], 1e-3))
-    assert told["gain"]["ratio"] < 0.2
-    assert told["held_out"] == ["hidden-3"]
+    assert document["gain"]["ratio"] < 0.2
+    assert document["held_out"] == ["hidden-3"]
     page = (found / "report.html").read_text(encoding="utf-8")
     assert "dead zone on yaw moment (N)" in page
     assert f"--model {found}/model.json" in page
@@ -75,12 +75,12 @@ def test_the_extended_model_explains_the_runs_it_was_made_for(capsys, runs, foun
         capsys, "diagnose", runs[2], "--model", found / "model.json", "--effects", "input-bias", "--json"
     )
     assert code == 0
-    told = json.loads(out)
-    assert told["verdict"] == "no-effect"
-    assert [e["slug"] for e in told["base_model"]["effects"]] == ["dead-zone"]
+    document = json.loads(out)
+    assert document["verdict"] == "no-effect"
+    assert [e["slug"] for e in document["base_model"]["effects"]] == ["dead-zone"]
 
 
-def test_the_document_of_a_diagnosis_serves_as_its_model(capsys, runs, found):
+def test_the_json_of_a_diagnosis_can_be_used_as_its_model(capsys, runs, found):
     code, out, _ = run(
         capsys, "diagnose", runs[2], "--model", found / "diagnosis.json", "--effects", "gyro-bias", "--json"
     )
@@ -103,30 +103,30 @@ def starved(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_search_that_is_stopped_says_how_to_go_on_and_ends_as_a_whole_one(capsys, tmp_path, runs, starved):
+def test_a_stopped_search_names_resume_and_ends_like_a_complete_one(capsys, tmp_path, runs, starved):
     out = tmp_path / "out"
     command = ("diagnose", runs[0], runs[1], *FAST)
     code, text, _ = run(capsys, *command, "--max-seconds", 3600, "--out", out)
     assert code == 0
     assert "Unfinished" in text and f"--resume {out}" in " ".join(text.split())
     assert sorted(p.name for p in out.iterdir()) == ["diagnosis.json", "report.html", "search.jsonl"]
-    told = json.loads((out / "diagnosis.json").read_text())
-    assert (told["verdict"], told["causes"]) == ("unfinished", [])
+    document = json.loads((out / "diagnosis.json").read_text())
+    assert (document["verdict"], document["causes"]) == ("unfinished", [])
     starved.undo()
     code, text, err = run(capsys, "diagnose", runs[2], *FAST, "--resume", out)
     assert code == 6 and "other runs, other options" in err
     code, text, _ = run(capsys, *command, "--resume", out)
     assert code == 0
     assert sorted(p.name for p in out.iterdir()) == ["diagnosis.json", "model.json", "report.html"]
-    told = json.loads((out / "diagnosis.json").read_text())
+    document = json.loads((out / "diagnosis.json").read_text())
     code, text, _ = run(capsys, *command, "--json")
     whole = json.loads(text)
-    assert told["causes"] == whole["causes"] == ["dead-zone"]
+    assert document["causes"] == whole["causes"] == ["dead-zone"]
     code, _, err = run(capsys, *command, "--resume", out)
     assert code == 2 and "contains no stopped search" in err
 
 
-def test_its_own_json_beside_a_run_is_no_side_file(capsys, tmp_path, runs):
+def test_a_diagnosis_json_next_to_a_run_is_not_a_side_file(capsys, tmp_path, runs):
     mine = tmp_path / "mine.csv"
     mine.write_bytes(runs[0].read_bytes())
     for _ in range(2):
@@ -135,17 +135,19 @@ def test_its_own_json_beside_a_run_is_no_side_file(capsys, tmp_path, runs):
         mine.with_suffix(".json").write_text(out)
 
 
-def test_json_is_printed_alone_and_nothing_is_written(capsys, tmp_path, monkeypatch, runs):
+def test_json_is_the_only_output_and_nothing_is_written(capsys, tmp_path, monkeypatch, runs):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, "diagnose", runs[0], *FAST, "--json")
     assert code == 0
     assert err == ""
-    told = json.loads(out)
-    assert {"verdict", "causes", "ranking", "indistinguishable", "gain", "base_model", "extended_model"} <= set(told)
+    document = json.loads(out)
+    assert {"verdict", "causes", "ranking", "indistinguishable", "gain", "base_model", "extended_model"} <= set(
+        document
+    )
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_out_the_folder_is_named_for_the_first_run(capsys, tmp_path, monkeypatch, runs):
+def test_without_out_the_folder_is_named_after_the_first_run(capsys, tmp_path, monkeypatch, runs):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "diagnose", runs[0], runs[1], *FAST)
     assert code == 0
@@ -154,7 +156,7 @@ def test_without_out_the_folder_is_named_for_the_first_run(capsys, tmp_path, mon
     assert (tmp_path / "diagnose-hidden-1" / "report.html").exists()
 
 
-def test_effects_left_out_are_not_tried():
+def test_excluded_effects_are_not_tried():
     tried = DiagnosisSettings(without=("dead-zone", "outliers")).slugs()
     assert tried == tuple(slug for slug in EFFECTS if slug not in ("dead-zone", "outliers"))
     assert DiagnosisSettings().slugs() is None
@@ -162,7 +164,7 @@ def test_effects_left_out_are_not_tried():
         DiagnosisSettings(effects=("outliers",), without=("outliers",)).slugs()
 
 
-def test_the_effects_are_listed_for_people_and_for_programs(capsys):
+def test_the_effects_are_listed_as_text_and_json(capsys):
     code, out, _ = run(capsys, "diagnose", "--list-effects")
     assert code == 0
     assert "dead-zone" in out
@@ -179,14 +181,14 @@ def test_the_effects_are_listed_for_people_and_for_programs(capsys):
         (("RUN", "--without", "gremlins"), "unknown effect 'gremlins'"),
     ],
 )
-def test_a_wrong_command_ends_with_code_2_and_says_why(capsys, runs, arguments, said):
+def test_a_wrong_command_exits_with_2_and_a_reason(capsys, runs, arguments, said):
     code, out, err = run(capsys, "diagnose", *(runs[0] if a == "RUN" else a for a in arguments))
     assert code == 2
     assert out == ""
     assert said in err
 
 
-def test_a_file_that_is_no_model_is_refused_by_name(capsys, tmp_path, runs):
+def test_a_file_that_is_not_a_model_is_rejected_by_name(capsys, tmp_path, runs):
     for text in ("no json", "[1]", '{"schema": 1}', '{"model": "coupled"}', '{"model": {"model": "thruster"}}'):
         wrong = tmp_path / "wrong.json"
         wrong.write_text(text)

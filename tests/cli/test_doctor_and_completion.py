@@ -1,4 +1,4 @@
-"""``doctor``, ``ports``, ``completion``; how loud the others are; no colour where none is wanted."""
+"""``doctor``, ``ports``, ``completion``; verbosity of the other commands; no colour if disabled."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def heartbeat(system: int, autopilot: int, armed: bool = False) -> bytes:
         ([], "silent"),
     ],
 )
-def test_a_port_is_listened_to_and_nothing_is_sent(datagrams, told):
+def test_listening_on_a_port_sends_nothing(datagrams, told):
     port = free_port()
     with Talking(port, datagrams) as talking:
         heard = overhear(f"udpin:127.0.0.1:{port}", 0.3)
@@ -99,7 +99,7 @@ def test_only_a_serial_port_has_a_baud_rate_to_check(uri, advice):
     assert Overheard(uri, bad_bytes=9).description == f"data that is not MAVLink. {advice}"
 
 
-def test_a_port_in_use_is_told_as_such():
+def test_a_port_in_use_is_reported():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         heard = overhear(f"udpin:127.0.0.1:{other.getsockname()[1]}", 0.3)
@@ -107,14 +107,14 @@ def test_a_port_in_use_is_told_as_such():
     assert heard.messages == 0
 
 
-def test_ports_tells_how_to_connect_to_whom_it_heard(capsys):
+def test_ports_shows_how_to_connect_to_a_vehicle(capsys):
     port = free_port()
     with Talking(port, [heartbeat(3, 3)]):
         assert main(["ports", "--connect", f"udpin:127.0.0.1:{port}", "--listen", "0.3"]) == 0
     assert f"Next:\n  gcs-autotune tune heading --connect udpin:127.0.0.1:{port}\n" in capsys.readouterr().out
 
 
-def test_doctor_ends_with_a_verdict_and_what_to_do_next(capsys, tmp_path, monkeypatch):
+def test_doctor_ends_with_a_verdict_and_the_next_command(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     link = ["--connect", f"udpin:127.0.0.1:{free_port()}", "--listen", "0.2"]
     assert main(["doctor", *link]) == 0
@@ -127,21 +127,21 @@ def test_doctor_ends_with_a_verdict_and_what_to_do_next(capsys, tmp_path, monkey
     assert capsys.readouterr().out.splitlines()[-1] == "Not ready: correct the line marked X."
 
 
-def test_doctor_tells_of_everything_a_tune_needs(capsys, tmp_path, monkeypatch):
+def test_doctor_checks_everything_a_tune_needs(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     port = free_port()
     code = main(["doctor", "--connect", f"udpin:127.0.0.1:{port}", "--listen", "0.2", "--json"])
-    told = json.loads(capsys.readouterr().out)
+    document = json.loads(capsys.readouterr().out)
     assert code == 0
-    looked_at = {f["what"] for f in told["findings"]}
+    looked_at = {f["what"] for f in document["findings"]}
     assert looked_at == {"program", "packages", "settings", "clock", "timing", "disk", "cache"}
-    assert told["ports"] == [
+    assert document["ports"] == [
         {"port": f"udpin:127.0.0.1:{port}", "uri": f"udpin:127.0.0.1:{port}", "told": "silent", "systems": []}
     ]
     assert list(tmp_path.iterdir()) == []
 
 
-def test_doctor_finds_a_clock_that_is_years_back_and_a_full_disk(monkeypatch, tmp_path):
+def test_doctor_reports_a_wrong_clock_and_a_full_disk(monkeypatch, tmp_path):
     from gcs_autotune.workflow import doctor
 
     monkeypatch.setattr(doctor.time, "time", lambda: 1e9)
@@ -152,7 +152,7 @@ def test_doctor_finds_a_clock_that_is_years_back_and_a_full_disk(monkeypatch, tm
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_is_told_every_verb(capsys, shell, tmp_path):
+def test_the_completion_script_contains_every_verb(capsys, shell, tmp_path):
     pytest.importorskip("shtab")
     assert main(["completion", shell]) == 0
     script = capsys.readouterr().out
@@ -176,8 +176,8 @@ def test_bash_completes_verbs_options_and_choices(capsys, tmp_path):
             f"source {tmp_path}/script; COMP_WORDS=({typed}); COMP_CWORD={len(words)}; COMP_LINE=x; "
             "_shtab_gcs_autotune; printf '%s\\n' \"${COMPREPLY[@]}\""
         )
-        said = subprocess.run(["bash", "-c", asking], capture_output=True, text=True, check=True)
-        return set(said.stdout.split())
+        reported = subprocess.run(["bash", "-c", asking], capture_output=True, text=True, check=True)
+        return set(reported.stdout.split())
 
     assert completed("diag") == {"diagnose"}
     assert completed("tune", "he") == {"heading"}
@@ -201,12 +201,12 @@ def test_fish_completes_verbs_options_choices_and_manoeuvres(capsys, tmp_path, t
     (tmp_path / "script").write_text(capsys.readouterr().out)
     asking = f"source {tmp_path}/script; complete -C '{typed}'"
     home = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path), "XDG_DATA_HOME": str(tmp_path)}
-    said = subprocess.run(["fish", "-c", asking], capture_output=True, text=True, check=True, env=home).stdout
-    assert [line.split("\t")[0] for line in said.splitlines()] == [wanted]
+    output = subprocess.run(["fish", "-c", asking], capture_output=True, text=True, check=True, env=home).stdout
+    assert [line.split("\t")[0] for line in output.splitlines()] == [wanted]
 
 
 def test_zsh_completes_verbs_options_choices_and_manoeuvres(capsys, tmp_path):
-    """At a prompt on a terminal, with the Tab key: what its functions do can be asked for in no other way."""
+    """At a prompt on a terminal, with the Tab key: its functions can be tested in no other way."""
     pty = pytest.importorskip("pty")
     if not shutil.which("zsh"):
         pytest.skip("no zsh")
@@ -218,11 +218,11 @@ def test_zsh_completes_verbs_options_choices_and_manoeuvres(capsys, tmp_path):
         os.close(theirs)
 
         def until(wanted: str) -> bool:
-            said = b""
-            while wanted.encode() not in said:
+            reported = b""
+            while wanted.encode() not in reported:
                 if not select.select([ours], [], [], 30.0)[0]:
-                    raise AssertionError(f"{wanted} did not come: {said[-500:]!r}")
-                said += os.read(ours, 65536)
+                    raise AssertionError(f"{wanted} did not come: {reported[-500:]!r}")
+                reported += os.read(ours, 65536)
             return True
 
         begin = f"fpath=({tmp_path} $fpath); autoload -U compinit; compinit -u -d {tmp_path}/dump; echo be''gun\n"
@@ -245,14 +245,14 @@ def test_quiet_keeps_sentences_and_drops_progress_and_verbose_keeps_its_lines(qu
     with TerminalObserver(console, ManualClock(), quiet=quiet, verbose=verbose) as observer:
         observer.update(Progress("relay", "relay 1", 0.0))
         observer.say("a sentence")
-    told = console.file.getvalue()
-    assert "a sentence" in told
-    assert ("relay 1" in told) is not quiet
-    kept = [line for line in told.replace("\r\x1b[2K", "\n").splitlines() if line.strip()]
-    assert told.count("\n") == lines, kept
+    output = console.file.getvalue()
+    assert "a sentence" in output
+    assert ("relay 1" in output) is not quiet
+    kept = [line for line in output.replace("\r\x1b[2K", "\n").splitlines() if line.strip()]
+    assert output.count("\n") == lines, kept
 
 
-def test_a_verbose_calculation_leaves_a_line_for_each_stage():
+def test_a_verbose_calculation_prints_a_line_for_each_stage():
     console = Console(file=io.StringIO(), width=60)
     with StageBar(console, verbose=True) as bar:
         for stage in ("screening", "screening", "fitting"):
@@ -260,17 +260,17 @@ def test_a_verbose_calculation_leaves_a_line_for_each_stage():
     assert console.file.getvalue().split() == ["screening", "fitting"]
 
 
-def test_a_failure_tells_where_it_came_from_only_when_asked(capsys, tmp_path):
+def test_a_traceback_is_shown_only_with_verbose(capsys, tmp_path):
     (tmp_path / "bad.csv").write_text("1,2,3\n4,5,6\n")
     main(["identify", str(tmp_path / "bad.csv")])
     assert "Traceback" not in capsys.readouterr().err
     main(["identify", str(tmp_path / "bad.csv"), "--verbose"])
-    told = capsys.readouterr().err
-    assert "Traceback" in told
-    assert told.splitlines()[-1].startswith("gcs-autotune: ")
+    output = capsys.readouterr().err
+    assert "Traceback" in output
+    assert output.splitlines()[-1].startswith("gcs-autotune: ")
 
 
-def test_ctrl_c_at_the_desk_is_one_line_and_code_130(capsys, tmp_path, monkeypatch):
+def test_ctrl_c_in_a_calculation_prints_one_line_and_exits_with_130(capsys, tmp_path, monkeypatch):
     def cut_off(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
@@ -280,7 +280,7 @@ def test_ctrl_c_at_the_desk_is_one_line_and_code_130(capsys, tmp_path, monkeypat
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes as POSIX has them")
-def test_a_reader_who_has_had_enough_ends_it_without_a_word():
+def test_a_closed_output_pipe_ends_the_program_silently():
     with subprocess.Popen(
         [sys.executable, "-m", "gcs_autotune", "fly", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
@@ -290,7 +290,7 @@ def test_a_reader_who_has_had_enough_ends_it_without_a_word():
         assert process.wait(60.0) == 1
 
 
-def test_no_colour_is_sent_where_the_environment_wants_none(monkeypatch):
+def test_no_color_in_the_environment_disables_colour(monkeypatch):
     def shown() -> str:
         console = Console(file=io.StringIO(), force_terminal=True, color_system="truecolor")
         for tone in ("good", "bad"):

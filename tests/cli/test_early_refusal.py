@@ -1,4 +1,4 @@
-"""A typo costs nothing: refused before anything heavy is imported, and no run directory is left."""
+"""A typo is rejected before heavy imports, and leaves no run directory."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ for line in sys.argv[1:]:
 """
 
 
-def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_nothing(tmp_path):
+def test_a_typo_is_rejected_before_heavy_imports_and_leaves_nothing(tmp_path):
     (tmp_path / "broken.json").write_text("{")
     (tmp_path / "run" / "trials").mkdir(parents=True)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
@@ -71,18 +71,18 @@ def test_a_typo_is_refused_before_what_computes_is_even_imported_and_leaves_noth
             check=False,
         )
     assert done.returncode == 0, done.stderr
-    told = done.stdout.splitlines()
-    assert len(told) == len(lines)
-    assert {line.split()[0] for line in told} <= {"2", "3", "6"}
-    assert {line.partition(" ")[2] for line in told} == {"[]"}
+    output = done.stdout.splitlines()
+    assert len(output) == len(lines)
+    assert {line.split()[0] for line in output} <= {"2", "3", "6"}
+    assert {line.partition(" ")[2] for line in output} == {"[]"}
     assert {p.name for p in tmp_path.iterdir()} == {"broken.json", "run"}
 
 
-def test_the_motions_that_identify_refuses_by_are_those_of_the_tables():
+def test_the_motions_checked_by_identify_are_those_of_the_tables():
     assert set(identify_cmd.MOTIONS) == {*DOFS, *FORMS}
 
 
-def test_every_method_that_the_command_line_knows_is_where_the_table_says():
+def test_every_method_of_the_command_line_is_at_its_place_in_the_table():
     assert [METHODS[name].name for name in METHOD_PLACES] == list(METHODS)
 
 
@@ -95,7 +95,7 @@ def test_every_method_that_the_command_line_knows_is_where_the_table_says():
         ("tun heading", "Did you mean tune"),
     ],
 )
-def test_the_nearest_spelling_is_told_of_a_name_there_is_not(typed, meant, capsys):
+def test_an_unknown_name_is_rejected_with_the_nearest_spelling(typed, meant, capsys):
     assert main(typed.split()) == 2
     assert meant in capsys.readouterr().err
 
@@ -112,7 +112,7 @@ def test_the_nearest_spelling_is_told_of_a_name_there_is_not(typed, meant, capsy
         ("tune heading --leg-length 30", "`tune heading` does not use --leg-length"),
     ],
 )
-def test_an_option_that_the_loop_does_not_use_is_refused(typed, why, capsys):
+def test_an_option_that_the_loop_does_not_use_is_rejected(typed, why, capsys):
     assert main(typed.split()) == 2
     assert why in " ".join(capsys.readouterr().err.split())
 
@@ -127,7 +127,7 @@ class Broken(Connection):
 
 
 @pytest.mark.parametrize("fly", ["tune", "experiment"])
-def test_a_link_that_cannot_be_opened_leaves_no_run_directory_to_a_program_either(fly, tmp_path):
+def test_a_link_that_cannot_be_opened_leaves_no_run_directory(fly, tmp_path):
     settings = TuneSettings(Broken("sitl:x"), tmp_path / "runs" / "one", axis="heading")
     with pytest.raises(CannotOpenLink):
         if fly == "tune":
@@ -137,7 +137,7 @@ def test_a_link_that_cannot_be_opened_leaves_no_run_directory_to_a_program_eithe
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_where_no_run_directory_can_be_is_found_out_before_the_link_is_opened(tmp_path):
+def test_an_impossible_run_directory_is_rejected_before_the_link_is_opened(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="not a directory"):
         tune(
@@ -156,7 +156,7 @@ def options_of(*path: str) -> set[str]:
 
 
 @pytest.mark.parametrize("command", ["tune", "experiment", "restore", "params restore"])
-def test_a_command_that_cannot_ask_names_only_options_it_has(command, monkeypatch, capsys, tmp_path):
+def test_without_a_terminal_a_command_names_only_its_own_options(command, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     monkeypatch.setattr("sys.stdin", None)

@@ -1,4 +1,4 @@
-"""gcs-autotune figures, as typed."""
+"""``gcs-autotune figures`` as typed."""
 
 from __future__ import annotations
 
@@ -56,14 +56,16 @@ def test_a_page_has_the_diagram_with_the_overshoots_at_their_extremes(capsys, tm
     assert "Heading change and helm over the time" in text
     assert len(sheet.shape.points) == sum("overshoot" in figure.slug for figure in sheet.figures)
     _, t, psi = sheet.shape.lines[0]
-    for told, when, value in sheet.shape.points:
-        assert told in text
+    for reported, when, value in sheet.shape.points:
+        assert reported in text
         assert value == pytest.approx(float(np.interp(when, t, psi)), abs=math.radians(0.2))
-        assert abs(value) == pytest.approx(math.radians(20.0) + math.radians(float(told[:-1])), abs=math.radians(1.0))
+        assert abs(value) == pytest.approx(
+            math.radians(20.0) + math.radians(float(reported[:-1])), abs=math.radians(1.0)
+        )
 
 
 @pytest.mark.parametrize("others", [(), ("other.csv",)])
-def test_a_run_that_the_option_page_takes_as_its_file_is_named_and_kept(capsys, zigzag, others):
+def test_a_run_passed_as_the_page_file_is_reported_and_kept(capsys, zigzag, others):
     before = zigzag.read_bytes()
     assert main(["figures", "--page", str(zigzag), *others]) == 2
     printed = capsys.readouterr().err
@@ -73,7 +75,7 @@ def test_a_run_that_the_option_page_takes_as_its_file_is_named_and_kept(capsys, 
 
 
 @pytest.mark.parametrize("text", ["<!DOCTYPE html>\n<title>my own page</title>\n", "<mission/>\n", "<svg></svg>\n"])
-def test_a_page_that_this_program_did_not_write_is_kept(capsys, tmp_path, zigzag, text):
+def test_a_page_not_written_by_this_program_is_kept(capsys, tmp_path, zigzag, text):
     page = tmp_path / "own.html"
     page.write_text(text)
     assert main(["figures", str(zigzag), "--page", str(page)]) == 2
@@ -89,12 +91,12 @@ def test_a_page_of_an_earlier_call_is_replaced_and_a_folder_is_not(capsys, tmp_p
     assert main(["figures", "--page", str(tmp_path), str(zigzag)]) == 2
 
 
-def test_figures_of_a_run_that_holds_none_exits_with_six_and_says_why(capsys, tmp_path):
+def test_a_run_without_figures_exits_with_six_and_a_reason(capsys, tmp_path):
     path = tmp_path / "still.csv"
     path.write_text("t[s],psi[deg],delta[deg]\n" + "\n".join(f"{k},{k % 2},{k > 20:d}" for k in range(40)) + "\n")
     assert main(["figures", str(path)]) == 6
     assert "no zig-zag" in capsys.readouterr().err
 
 
-def test_figures_refuses_a_negative_length(capsys, zigzag):
+def test_figures_rejects_a_negative_length(capsys, zigzag):
     assert main(["figures", str(zigzag), "--length", "-7"]) == 2

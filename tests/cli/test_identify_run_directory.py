@@ -1,4 +1,4 @@
-"""``identify RUNDIR`` asks what the run itself asked: its runs need not be explained without what it found."""
+"""``identify RUNDIR`` uses the settings and effects of the run itself."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gcs_autotune.cli import main
 WIDTH = 0.05
 
 
-def test_runs_that_were_fitted_with_effects_are_fitted_with_them_again(
+def test_runs_fitted_with_effects_are_fitted_with_them_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows, psi, r = [], 0.0, 0.0
@@ -32,10 +32,10 @@ def test_runs_that_were_fitted_with_effects_are_fitted_with_them_again(
     def found(*more: str) -> dict[str, float]:
         assert main([*plain, *more]) == 0
         parameters = json.loads(capsys.readouterr().out)["parameters"]
-        return {name: told["value"] for name, told in parameters.items()}
+        return {name: reported["value"] for name, reported in parameters.items()}
 
     assert "dead-zone@N.width" not in found("--save", str(model)), "a model without effects"
     assert "dead-zone@N.width" not in found()
     found("--structure", "linear", "--effects", "dead-zone@N", "--save", str(model))
     assert found()["dead-zone@N.width"] == pytest.approx(WIDTH, rel=0.05)
-    assert "dead-zone@N.width" not in found("--structure", "linear"), "who asks for something else gets that"
+    assert "dead-zone@N.width" not in found("--structure", "linear"), "explicit options override the recorded ones"

@@ -1,4 +1,4 @@
-"""Every number of every command: finite and in range, else refused by name before link, directory or compiler."""
+"""Every number of every command: finite and in range, else rejected by name before link, directory or compiler."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def bare(tmp_path, monkeypatch):
 
 
 def refusal(arguments, capsys) -> str:
-    """Run a command line that must be refused as given wrongly; return the one sentence that says why."""
+    """Run a command line that must be rejected as wrong usage; return the one-sentence reason."""
     code = main(list(arguments))
     out, err = capsys.readouterr()
     assert code == 2, (arguments, err)
@@ -118,7 +118,7 @@ def refusal(arguments, capsys) -> str:
     return str(err)
 
 
-def test_every_number_of_every_command_is_read_by_the_table_of_limits():
+def test_every_number_of_every_command_is_checked_by_the_table_of_limits():
     assert len(NUMBERS) > 60
     plain = [(command, a.option_strings) for command, a in OPTIONS if a.type in (int, float)]
     assert plain == []
@@ -127,14 +127,14 @@ def test_every_number_of_every_command_is_read_by_the_table_of_limits():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", sorted({command for command, _ in NUMBERS}))
-def test_every_number_outside_its_limits_is_refused_by_name_before_anything_is_done(command, bare, capsys, monkeypatch):
+def test_every_number_outside_its_limits_is_rejected_by_name_first(command, bare, capsys, monkeypatch):
     cases, parser = [case for case in CASES if case[0] == command], make_parser()
     assert cases
     monkeypatch.setattr("gcs_autotune.cli.make_parser", lambda *of: parser)  # made once: it is most of the time
     for _, option, axis, value in cases:
         positionals = (axis,) if axis else POSITIONALS[command]
-        told = refusal((*command.split(), *positionals, f"--{option}={value}"), capsys)
-        assert f"--{option}: " in told, (option, value, told)
+        output = refusal((*command.split(), *positionals, f"--{option}={value}"), capsys)
+        assert f"--{option}: " in output, (option, value, output)
         assert list(bare.iterdir()) == []
 
 
@@ -159,9 +159,9 @@ ABSURD = {
 }
 
 
-def test_what_once_flew_or_failed_late_is_refused_at_once(bare, capsys):
-    told = [refusal(("tune", "heading", o, v), capsys) for o, values in ABSURD.items() for v in values]
-    assert len(told) == 31
+def test_absurd_values_are_rejected_at_once(bare, capsys):
+    output = [refusal(("tune", "heading", o, v), capsys) for o, values in ABSURD.items() for v in values]
+    assert len(output) == 31
     assert list(bare.iterdir()) == []
 
 
@@ -179,7 +179,7 @@ def test_what_once_flew_or_failed_late_is_refused_at_once(bare, capsys):
         ("--max-time", "99999", "Did you mean 99.999 (99999 in milliseconds)"),
     ],
 )
-def test_a_refusal_says_what_was_probably_meant(option, typed, words, bare, capsys):
+def test_a_rejection_suggests_the_intended_value(option, typed, words, bare, capsys):
     assert words in refusal(("tune", "heading", option, typed), capsys)
 
 
@@ -196,19 +196,19 @@ def test_a_refusal_says_what_was_probably_meant(option, typed, words, bare, caps
         (("--pick", "2,nan"), "--pick 2,nan"),
     ],
 )
-def test_numbers_inside_a_text_are_refused_too(arguments, name, bare, capsys):
+def test_numbers_inside_a_text_are_checked(arguments, name, bare, capsys):
     Path("a.csv").write_text("t[s],psi[rad],N[N m]\n0,0,1\n0.1,0,1\n")
-    told = refusal(("identify", "a.csv", f"{arguments[0]}={arguments[1]}"), capsys)
-    assert name in told
+    output = refusal(("identify", "a.csv", f"{arguments[0]}={arguments[1]}"), capsys)
+    assert name in output
 
 
 @pytest.mark.parametrize("argument", ["--speedup=nan", "--speedup=inf", "--speedup=0", "--speedup=1e9", "--seed=-1"])
-def test_the_simulators_numbers_are_refused_too(argument, capsys):
+def test_the_numbers_of_the_simulator_are_checked(argument, capsys):
     assert sitl.__main__.main(["charlie", argument]) == 2
     assert argument.partition("=")[0] in capsys.readouterr().err
 
 
-def test_the_simulator_takes_no_parameter_that_is_no_number(capsys):
+def test_the_simulator_rejects_a_parameter_that_is_not_a_number(capsys):
     assert sitl.__main__.main(["charlie", "--param=ATC_STR_RAT_P=nan"]) == 2
     assert "finite" in capsys.readouterr().err
 
@@ -272,7 +272,7 @@ def test_defaults_of_the_table_are_those_of_the_envelope():
 
 @pytest.mark.parametrize("limit", ["heading_excursion", "depth_max", "speed", "distance", "battery_remaining", "time"])
 @pytest.mark.parametrize("value", [math.nan, -1.0])
-def test_an_envelope_of_no_limit_cannot_be_made(limit, value):
+def test_an_envelope_with_invalid_limits_cannot_be_created(limit, value):
     with pytest.raises(UsageError, match=limit):
         Envelope(**{limit: value})
 
@@ -288,7 +288,7 @@ def test_an_envelope_of_no_limit_cannot_be_made(limit, value):
         {"throttle": math.nan},
     ],
 )
-def test_a_relay_that_cannot_swing_cannot_be_made(wrong):
+def test_a_relay_that_cannot_oscillate_cannot_be_created(wrong):
     with pytest.raises(UsageError, match="relay"):
         RelaySettings("psi", "N", **wrong)
 
@@ -297,12 +297,12 @@ def test_a_relay_that_cannot_swing_cannot_be_made(wrong):
     ("name", "typed", "value"),
     [("max-time", "30min", 1800.0), ("max-time", "90 s", 90.0), ("max-time", "90", 90.0), ("total-time", "0.5h", 30.0)],
 )
-def test_a_time_may_be_typed_with_its_unit(name, typed, value):
+def test_a_time_may_have_a_unit(name, typed, value):
     assert limit_of(name).parse(typed) == value
 
 
 @pytest.mark.parametrize("typed", ["tenmin", "10m", "min", "1e9h", "nans"])
-def test_what_only_looks_like_a_time_is_refused(typed):
+def test_a_malformed_time_is_rejected(typed):
     with pytest.raises(UsageError, match=r"not a number|out of range|not a finite"):
         limit_of("max-time").parse(typed)
 
@@ -312,14 +312,14 @@ def test_no_other_number_has_a_unit_of_time():
         limit_of("max-distance").parse("30min")
 
 
-def test_logs_on_board_are_counted_up_to_a_word_of_16_bits():
+def test_onboard_log_numbers_go_up_to_16_bits():
     assert limit_of("number").parse("65535") == 65535
     with pytest.raises(UsageError, match="65536 is out of range"):
         limit_of("number").parse("65536")
 
 
 @pytest.mark.parametrize("text", ["1_0", "٣٠", "0x10", "1e", "", "1 0", "++1", "1,0", "²", "9" * 5000, "1e999", "nan"])
-def test_a_number_is_written_in_ascii_digits_and_a_long_one_is_not_quoted_whole(text):
+def test_numbers_need_ascii_digits_and_a_long_one_is_truncated_in_the_error(text):
     for name in ("max-distance", "max-time", "system-id", "neutral"):
         with pytest.raises(UsageError) as refused:
             limit_of(name).parse(text)
@@ -343,7 +343,7 @@ def test_a_number_is_written_in_ascii_digits_and_a_long_one_is_not_quoted_whole(
         ("serve", "--port", "٣"),
     ],
 )
-def test_numbers_inside_any_option_are_read_alike_and_never_quoted_whole(arguments, bare, capsys):
+def test_numbers_inside_any_option_are_checked_and_truncated_in_errors(arguments, bare, capsys):
     Path("a.csv").write_text("t[s],psi[rad],N[N m]\n0,0,1\n0.1,0,1\n")
     assert len(refusal(arguments, capsys)) < 500
 
@@ -351,7 +351,7 @@ def test_numbers_inside_any_option_are_read_alike_and_never_quoted_whole(argumen
 @pytest.mark.parametrize(
     "uri", ["udpin:127.0.0.1:٣", "udpin:127.0.0.1:²", "tcp:127.0.0.1:" + "9" * 5000, "sitl:charlie?seed=" + "9" * 5000]
 )
-def test_numbers_of_a_link_are_read_alike(uri):
+def test_numbers_of_a_link_are_checked_the_same_way(uri):
     with pytest.raises(UsageError) as refused:
         open_link(uri)
     assert len(str(refused.value)) < 300

@@ -36,15 +36,15 @@ def run(*arguments: object) -> int:
 def test_identify_fits_an_effect_saves_the_model_and_goes_on_from_it(capsys, tmp_path):
     first, second, model = record(tmp_path / "a.csv", 1), record(tmp_path / "b.csv", 2), tmp_path / "model.json"
     assert run("identify", first, "--effects", "dead-zone", "--save", model, "--no-check", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    width = told["parameters"]["dead-zone@N.width"]
+    document = json.loads(capsys.readouterr().out)
+    width = document["parameters"]["dead-zone@N.width"]
     assert abs(width["value"] - 0.2) < 4.0 * width["std"]
     file = json.loads(model.read_text())
     assert file["model"] == "extended" and file["constants"]["units"] == {"N": "1"}
     assert file["known_from"]["parameters"]["dead-zone@N.width"]["unit"] == width["unit"] == "1"
     assert run("identify", second, "--start", model, "--no-check", "--json") == 0
     again = json.loads(capsys.readouterr().out)
-    assert again["structure"] == told["structure"]
+    assert again["structure"] == document["structure"]
     assert abs(again["parameters"]["dead-zone@N.width"]["value"] - 0.2) < 4.0 * width["std"]
 
 
@@ -58,7 +58,7 @@ def test_identify_fits_an_effect_saves_the_model_and_goes_on_from_it(capsys, tmp
         (["identify", "a.csv", "--effects", "ded-zone"], "dead-zone"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_one_line(capsys, tmp_path, monkeypatch, arguments, words):
+def test_an_impossible_request_is_rejected_in_one_line(capsys, tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
     record(tmp_path / "a.csv", 1)
     assert run(*arguments) != 0
@@ -76,7 +76,7 @@ def test_what_cannot_be_done_is_said_in_one_line(capsys, tmp_path, monkeypatch, 
         ("identify", "LOG", "--compare", "RUN", "--no-check"),
     ],
 )
-def test_a_run_directory_stands_for_its_model(command, capsys, tmp_path, monkeypatch):
+def test_a_run_directory_can_be_used_as_its_model(command, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     log, folder = record(tmp_path / "a.csv", 1), tmp_path / "flown"
     folder.mkdir()

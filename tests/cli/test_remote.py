@@ -1,4 +1,4 @@
-"""A program in the operator's place: what it is told, what it may say, and that nobody waits for it."""
+"""A program as the operator: what it receives, what it may send, and that a run never waits for it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Stuck(io.BytesIO):
         return super().write(data)
 
 
-def test_ticks_sentences_and_facts_come_as_lines_of_json() -> None:
+def test_progress_messages_and_facts_are_lines_of_json() -> None:
     stream = io.BytesIO()
     with RemoteObserver(stream) as observer:
         for k in range(3):
@@ -57,16 +57,26 @@ def test_ticks_sentences_and_facts_come_as_lines_of_json() -> None:
             LeftAs("HOLD", False, {}),
         ):
             observer.note(fact)
-    told = lines(stream)
-    assert {key for key, _ in told} == {"samples", "now", "say", "vitals", "words", "room", "proposal", "steps", "left"}
-    samples = [value for key, value in told if key == "samples"]
+    reported = lines(stream)
+    assert {key for key, _ in reported} == {
+        "samples",
+        "now",
+        "say",
+        "vitals",
+        "words",
+        "room",
+        "proposal",
+        "steps",
+        "left",
+    }
+    samples = [value for key, value in reported if key == "samples"]
     assert [len(each["rows"]) for each in samples] == [3, 1]
-    assert dict(told)["vitals"]["battery_voltage"] is None  # JSON knows no NaN
-    assert dict(told)["now"]["t"] == 3.0
-    assert dict(told)["steps"] == {"steps": [{"name": "heading", "state": "flying", "reason": "", "seconds": None}]}
+    assert dict(reported)["vitals"]["battery_voltage"] is None  # JSON knows no NaN
+    assert dict(reported)["now"]["t"] == 3.0
+    assert dict(reported)["steps"] == {"steps": [{"name": "heading", "state": "flying", "reason": "", "seconds": None}]}
 
 
-def test_what_flies_does_not_wait_for_a_listener_who_does_not_read() -> None:
+def test_a_flight_does_not_wait_for_a_listener_that_does_not_read() -> None:
     stream = Stuck()
     with RemoteObserver(stream) as observer:
         observer.say("first")
@@ -74,11 +84,11 @@ def test_what_flies_does_not_wait_for_a_listener_who_does_not_read() -> None:
         for k in range(5 * MOST_TICKS):
             observer.update(tick(k))
         stream.let.set()
-    told = lines(stream)
-    rows = [row for key, value in told if key == "samples" for row in value["rows"]]
+    reported = lines(stream)
+    rows = [row for key, value in reported if key == "samples" for row in value["rows"]]
     assert len(rows) == MOST_TICKS
     assert rows[-1][0] == 5 * MOST_TICKS - 1  # the newest are kept
-    assert dict(told)["dropped"] == {"count": 4 * MOST_TICKS}
+    assert dict(reported)["dropped"] == {"count": 4 * MOST_TICKS}
 
 
 def operated(source: int) -> tuple[RemoteOperator, io.BytesIO, RemoteObserver]:
@@ -96,7 +106,7 @@ def until(condition: Callable[[], bool]) -> None:
     raise AssertionError("it did not come about")
 
 
-def test_a_stop_is_heard_whatever_came_before_it() -> None:
+def test_a_stop_is_received_after_malformed_input() -> None:
     reading, writing = os.pipe()
     operator, _, _ = operated(reading)
     assert not operator.stop_requested()
@@ -106,7 +116,7 @@ def test_a_stop_is_heard_whatever_came_before_it() -> None:
     os.close(writing)
 
 
-def test_the_end_of_standard_input_is_a_stop_for_nobody_is_there_any_more_who_could() -> None:
+def test_the_end_of_standard_input_is_a_stop() -> None:
     reading, writing = os.pipe()
     operator, _, _ = operated(reading)
     os.close(writing)
@@ -114,7 +124,7 @@ def test_the_end_of_standard_input_is_a_stop_for_nobody_is_there_any_more_who_co
     assert operator.stop_requested()
 
 
-def test_an_answer_is_of_its_question_and_the_first_one_counts() -> None:
+def test_an_answer_belongs_to_its_question_and_the_first_one_counts() -> None:
     reading, writing = os.pipe()
     operator, stream, observer = operated(reading)
     os.write(writing, b'{"answer": {"id": 1, "yes": true}}\n{"answer": {"id": 1, "yes": false}}\n')
@@ -128,7 +138,7 @@ def test_an_answer_is_of_its_question_and_the_first_one_counts() -> None:
 
 
 @pytest.mark.parametrize("ends", [None, OperatorStopped()])
-def test_while_a_vehicle_is_attended_the_collector_leaves_alone_what_was_loaded_before(
+def test_garbage_collection_skips_loaded_objects_while_a_vehicle_is_attended(
     ends: OperatorStopped | None,
 ) -> None:
     args = Namespace(remote=False, yes=True, quiet=True, verbose=False)

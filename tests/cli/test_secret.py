@@ -45,9 +45,7 @@ def test_the_key_comes_from_a_file_the_terminal_or_the_environment(
         assert "hunter2" not in key.origin
 
 
-def test_two_ways_at_once_and_a_terminal_that_is_none_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_key_sources_and_a_missing_terminal_are_rejected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError, match="Use one of them"):
         connection("--signing-key", str(tmp_path / "key"), "--signing-passphrase")
     monkeypatch.setattr(sys, "stdin", io.StringIO("hunter2\n"))

@@ -1,4 +1,4 @@
-"""Results are never written over in silence."""
+"""Results are never overwritten silently."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def record(path: Path) -> Path:
     return path
 
 
-def test_a_name_that_is_taken_gets_the_next_number(tmp_path: Path) -> None:
+def test_a_name_in_use_gets_the_next_number(tmp_path: Path) -> None:
     page = tmp_path / "identify-Z_10_05.html"
     names = []
     for _ in range(3):
@@ -42,7 +42,7 @@ def test_a_name_that_is_taken_gets_the_next_number(tmp_path: Path) -> None:
     assert names == ["identify-Z_10_05.html", "identify-Z_10_05-2.html", "identify-Z_10_05-3.html"]
 
 
-def test_what_would_be_replaced_is_said_and_an_empty_folder_is_not(tmp_path: Path) -> None:
+def test_files_that_would_be_replaced_are_reported_and_an_empty_folder_is_not(tmp_path: Path) -> None:
     file, folder = tmp_path / "a.html", tmp_path / "out"
     folder.mkdir()
     assert (on_replacing(file), on_replacing(folder)) == ("", "")
@@ -52,7 +52,7 @@ def test_what_would_be_replaced_is_said_and_an_empty_folder_is_not(tmp_path: Pat
     assert "replaced" in on_replacing(folder)
 
 
-def test_identifying_twice_leaves_two_pages(
+def test_identifying_twice_writes_two_pages(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -65,7 +65,7 @@ def test_identifying_twice_leaves_two_pages(
     assert "Report: identify-Z_10_05.html (replaced an earlier file)" in capsys.readouterr().out
 
 
-def test_two_runs_begun_in_the_same_second_have_a_directory_each(
+def test_two_runs_begun_in_the_same_second_have_separate_directories(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -75,7 +75,7 @@ def test_two_runs_begun_in_the_same_second_have_a_directory_each(
     assert run_directory(args, "sitl:charlie", now).name == f"{first.name}-2"
 
 
-def test_a_terminal_without_utf_8_gets_words_for_the_signs_it_lacks() -> None:
+def test_a_terminal_without_utf_8_gets_words_for_unsupported_symbols() -> None:
     for encoding, wanted in (("ascii", "30 deg +- 2 s^2 ?"), ("latin-1", "30° ± 2 s² ?"), ("utf-8", "30° ± 2 s² ψ")):
         stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
         in_plain_signs(stream)
@@ -84,7 +84,7 @@ def test_a_terminal_without_utf_8_gets_words_for_the_signs_it_lacks() -> None:
         assert stream.buffer.getvalue().decode(encoding) == wanted
 
 
-def test_a_page_links_what_it_stands_on_relative_to_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_links_its_sources_relative_to_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pages").mkdir()
     run = tmp_path / "runs" / "lake 1#2"

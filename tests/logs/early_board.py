@@ -39,7 +39,7 @@ Row = tuple[str, tuple[float | str, ...]]
 
 
 def sailed(said: str = "ArduRover v2.46 (00000000)", seconds: float = 40.0) -> list[Row]:
-    """A boat that swings: first order in yaw, 1.2 s, half a rad/s at full rudder, every 0.1 s from 8.8 s on."""
+    """A zigzagging boat: first order in yaw, 1.2 s, half a rad/s at full rudder, every 0.1 s from 8.8 s on."""
     rows: list[Row] = [("MSG", (said,)), *(("PARM", item) for item in PARAMETERS.items()), ("MODE", (8800, 0, 0))]
     psi = r = 0.0
     for k in range(round(10 * seconds)):

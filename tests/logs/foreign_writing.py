@@ -1,4 +1,4 @@
-"""Writes the logs of other tools for these tests: a ULog, a MAT file, a ROS 2 bag, all of one craft that swings."""
+"""Writes the logs of other tools for these tests: a ULog, a MAT file, a ROS 2 bag, all of one zigzagging craft."""
 
 from __future__ import annotations
 

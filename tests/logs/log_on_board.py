@@ -67,8 +67,8 @@ class Board:
     def boat(self, servos: Sequence[int] = (1, 3), t: float = 100.0) -> None:
         """Tell the parameters of a rudder boat, and what the log is of."""
         for n, function in zip(servos, (26, 70), strict=True):
-            told = {"FUNCTION": function, "MIN": 1100, "TRIM": 1500, "MAX": 1900, "REVERSED": 0}
-            for name, value in told.items():
+            fields = {"FUNCTION": function, "MIN": 1100, "TRIM": 1500, "MAX": 1900, "REVERSED": 0}
+            for name, value in fields.items():
                 self.row("PARM", t, f"SERVO{n}_{name}", float(value), 0.0)
         self.row("MSG", t, 0, 0, "ArduRover V4.6.0 (abcdef)")
         self.row("MODE", t, 0, 0, 1)

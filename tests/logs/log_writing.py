@@ -1,4 +1,4 @@
-"""Writes logs for these tests: a craft of our own water, told in MAVLink messages or in dataflash text."""
+"""Writes logs for these tests: a simulated craft, in MAVLink messages or in dataflash text."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ NORTH, EAST = (1.0, 0.0), (0.0, 1.0)
 
 
 def store(heading: float, wander: float, *, over: tuple[float, float] = NORTH, source: str = "local") -> SampleStore:
-    """Heading samples at whole tenths, to either side of *heading* by turns; velocity over ground half-way between."""
+    """Heading samples at whole tenths alternate about *heading*; velocity over ground is half-way between."""
     found = SampleStore("log", "ms")
     for k in range(40):
         psi = heading + (wander if k % 2 else -wander)
@@ -36,7 +36,7 @@ def store(heading: float, wander: float, *, over: tuple[float, float] = NORTH, s
     ],
 )
 @pytest.mark.parametrize("source", ["local", "ekf"])
-def test_velocity_over_ground_is_turned_by_the_heading_also_where_that_crosses_south(
+def test_velocity_over_ground_is_rotated_by_the_heading_also_across_south(
     heading: float, over: tuple[float, float], ahead: float, to_starboard: float, source: str
 ) -> None:
     channels, sources = motion_channels(store(heading, 0.05, over=over, source=source))
@@ -54,7 +54,7 @@ def test_the_heading_itself_stays_as_it_was_recorded() -> None:
     assert np.ptp(channels["psi"].values) > 6.0
 
 
-def test_a_source_with_too_few_samples_or_none_that_move_gives_way_to_the_next() -> None:
+def test_a_source_with_too_few_or_constant_samples_is_skipped() -> None:
     found = store(0.0, 0.05, source="gps")
     for k in range(30):
         found.take(0.1 * k, {"ekf.x": 5.0, "ekf.y": 5.0})
@@ -66,7 +66,7 @@ def test_a_source_with_too_few_samples_or_none_that_move_gives_way_to_the_next()
 
 
 @pytest.mark.parametrize(("moves", "expected"), [(True, "control"), (False, "global")])
-def test_a_depth_that_moves_is_taken_before_one_that_stands_still(moves: bool, expected: str) -> None:
+def test_a_changing_depth_is_preferred_to_a_constant_one(moves: bool, expected: str) -> None:
     found = SampleStore("log", "ms")
     for k in range(30):
         found.take(0.1 * k, {"global.z": 2.0, "global.w": 0.0})
@@ -86,7 +86,7 @@ def test_a_depth_that_moves_is_taken_before_one_that_stands_still(moves: bool, e
         (-0.3, 0.5, "global", True),
     ],
 )
-def test_a_vertical_speed_that_an_older_autopilot_counts_upwards_is_turned_by_what_the_depth_did(
+def test_an_upward_vertical_speed_of_older_firmware_is_inverted_by_comparison_with_depth(
     vz: float, size: float, source: str, down: bool
 ) -> None:
     found = SampleStore("log", "ms")
@@ -102,7 +102,7 @@ def test_a_vertical_speed_that_an_older_autopilot_counts_upwards_is_turned_by_wh
 
 
 @pytest.mark.parametrize("count", [19, 20])
-def test_speed_is_read_off_the_first_source_that_has_enough_when_no_velocity_is_there(count: int) -> None:
+def test_without_velocity_the_speed_comes_from_the_first_source_with_enough_samples(count: int) -> None:
     found = SampleStore("log", "ms")
     for k in range(30):
         if k < count:
@@ -113,7 +113,7 @@ def test_speed_is_read_off_the_first_source_that_has_enough_when_no_velocity_is_
 
 
 @pytest.mark.parametrize(("cutoff", "known"), [(0.0, False), (-1.0, False), (0.5, True), (1.0, True), (20.0, True)])
-def test_a_gyros_filter_is_told_with_its_delay_where_there_is_one(cutoff: float, known: bool) -> None:
+def test_a_gyro_filter_is_recorded_with_its_delay(cutoff: float, known: bool) -> None:
     found = filters_of({"INS_GYRO_FILTER": cutoff}, {"r": "imu", "q": "ekf", "u": "gps"})
     assert set(found) == ({"r", "q"} if known else set())
     if known:

@@ -1,4 +1,4 @@
-"""CSV files from elsewhere: heads with all sorts of units, and names of their own."""
+"""CSV files of other tools: headers with various units and names."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def csv(path: Path, head: str, *rows: str) -> Path:
     return path
 
 
-def test_units_of_ordinary_heads_come_out_in_si(tmp_path: Path) -> None:
+def test_units_of_ordinary_headers_are_converted_to_si(tmp_path: Path) -> None:
     head = "t[ms],psi[deg],r[deg/s],delta[deg],n[rev/s],pwm_left[us],servo3[us],lat[deg],U[kn]"
     run = load_trial(csv(tmp_path / "a.csv", head, "1500,180,90,-10,2,1510,1490,60,10"))
     assert run["psi"].t[0] == 1.5
@@ -39,7 +39,7 @@ def test_units_of_ordinary_heads_come_out_in_si(tmp_path: Path) -> None:
     }
 
 
-def test_a_file_with_names_of_its_own_is_told_what_they_mean(tmp_path: Path) -> None:
+def test_foreign_column_names_are_mapped_by_the_user(tmp_path: Path) -> None:
     path = csv(tmp_path / "a.csv", "time_ms,heading,cmd", "100,90,0.5", "200,180,-0.5")
     (run,) = load_runs(path, columns=parse_columns("time_ms=t[ms], heading=psi[deg],cmd=N"))
     assert list(run["psi"].t) == [0.1, 0.2]
@@ -48,23 +48,23 @@ def test_a_file_with_names_of_its_own_is_told_what_they_mean(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("text", ["a", "a=", "=psi[deg]", "a=psi,b=psi", "a=psi,a=r", "a=psi[deg"])
-def test_a_mapping_that_makes_no_sense_is_refused(text: str) -> None:
+def test_an_invalid_mapping_is_rejected(text: str) -> None:
     with pytest.raises((UsageError, BadFile)):
         parse_columns(text)
 
 
-def test_a_column_that_is_not_there_is_a_usage_error_that_lists_those_that_are(tmp_path: Path) -> None:
+def test_a_missing_column_is_a_usage_error_that_lists_the_columns(tmp_path: Path) -> None:
     path = csv(tmp_path / "a.csv", "t[s],heading", "1,2")
     with pytest.raises(UsageError, match=r"no column course\. Its columns are t, heading"):
         load_runs(path, columns={"course": "psi[deg]"})
 
 
-def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:
+def test_two_columns_with_the_same_name_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="more than one column called psi"):
         load_trial(csv(tmp_path / "a.csv", "t[s],psi[rad],psi[deg]", "1,2,3"))
 
 
-def test_a_channel_that_has_a_unit_keeps_its_numbers_and_takes_no_other_unit(tmp_path: Path) -> None:
+def test_a_channel_with_a_unit_keeps_its_values_and_rejects_another_unit(tmp_path: Path) -> None:
     run = load_trial(csv(tmp_path / "a.csv", "t[s],heading[deg],cmd", "1,180,40", "2,90,20"))
     there = renamed(run, {"heading": "psi[rad]", "cmd": "N[%]"})
     assert there["psi"].values[0] == pytest.approx(math.pi)
@@ -77,7 +77,7 @@ def test_a_channel_that_has_a_unit_keeps_its_numbers_and_takes_no_other_unit(tmp
 
 @needs_data
 @pytest.mark.parametrize("folder", ["kvlcc2_hsva", "blueboat"])
-def test_measured_sets_load_with_their_own_heads(folder: str) -> None:
+def test_measured_sets_load_with_their_own_headers(folder: str) -> None:
     runs = load_runs(DATA / folder)
     assert len(runs) > 1
     for run in runs:
@@ -87,7 +87,7 @@ def test_measured_sets_load_with_their_own_heads(folder: str) -> None:
 
 
 @needs_data
-def test_measured_sets_are_identified_without_doubt_about_their_units() -> None:
+def test_measured_sets_are_identified_without_doubts_about_units() -> None:
     found = fit_axis(load_trial(DATA / "kvlcc2_hsva" / "Z_20_10_P.csv"), dof="yaw")
     assert not {d.slug for d in found.doubts} & {"unit", "sign", "clipped"}
     assert found.parameters["alpha_r"].value < 0.0  # positive rudder turns to port there
@@ -95,7 +95,7 @@ def test_measured_sets_are_identified_without_doubt_about_their_units() -> None:
 
 @pytest.mark.slow
 @needs_data
-def test_a_recorders_own_columns_are_identified_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_foreign_columns_are_identified_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     columns = "t_sim=t[s],heading_deg=psi[deg],yawrate_dps=r[deg/s],cmd=N"
     path = DATA / "ardupilot_sitl" / "rover_relay_C0.2_h5.csv"
     assert main(["identify", str(path), "--columns", columns, "--no-check", "--no-page"]) == 0

@@ -1,4 +1,4 @@
-"""From blocks of messages to samples by boot: units and signs of every kind, stamps, boots, arming, what is counted."""
+"""From blocks of messages to samples by boot: units and signs of every kind, stamps, boots, arming, counts."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ TO_EKF = {"x": 1.0, "y": -2.0, "z": 3.0, "vn": 0.4, "ve": -0.5, "w": 0.6}
         ("RCIN", {"C1": 1500.0, "C3": 1600.0}, "rc", {"1": 1500.0, "3": 1600.0}),
     ],
 )
-def test_other_numbers_stay_what_they_are_and_altitudes_become_depths(
+def test_other_numbers_are_unchanged_and_altitudes_become_depths(
     kind: str, told: dict[str, float], sensor: str, expected: dict[str, float]
 ) -> None:
     found = signals_of(kind, columns(**{name: [v, v] for name, v in told.items()}))
     assert {n: v.tolist() for n, v in found.items()} == {f"{sensor}.{n}": [v, v] for n, v in expected.items()}
 
 
-def test_a_gps_tells_a_velocity_only_with_a_fix_in_three_dimensions() -> None:
+def test_a_gps_velocity_requires_a_3d_fix() -> None:
     found = signals_of(
         "GPS", columns(Lat=[45.0] * 3, Lng=[5.0] * 3, Status=[2, 3, 4], Spd=[2.0] * 3, GCrs=[120.0, 120.0, -30.0])
     )
@@ -78,7 +78,7 @@ def test_a_gps_tells_a_velocity_only_with_a_fix_in_three_dimensions() -> None:
 
 
 @pytest.mark.parametrize("name", ["C", "I"])
-def test_of_several_instances_the_first_is_read(name: str) -> None:
+def test_the_first_of_several_instances_is_read(name: str) -> None:
     found = signals_of("BARO", columns(Alt=[-1.0, -2.0, -3.0], **{name: [0, 1, 0]}))
     assert found["baro.z"][[0, 2]].tolist() == [1.0, 3.0]
     assert math.isnan(found["baro.z"][1])
@@ -86,14 +86,14 @@ def test_of_several_instances_the_first_is_read(name: str) -> None:
     assert words["baro.z"].tolist() == [1.0, 2.0]
 
 
-def test_a_column_that_is_missing_or_holds_words_is_said_to_be() -> None:
-    for told in (columns(Roll=[1.0]), columns(Roll=["x"], Pitch=[1.0], Yaw=[1.0])):
+def test_a_missing_or_text_column_is_reported() -> None:
+    for reported in (columns(Roll=[1.0]), columns(Roll=["x"], Pitch=[1.0], Yaw=[1.0])):
         with pytest.raises(Missing):
-            signals_of("ATT", told)
+            signals_of("ATT", reported)
 
 
 @dataclass
-class Told:
+class Block:
     """A block of messages of one kind; ``order`` are their numbers in the file."""
 
     kind: str
@@ -112,28 +112,28 @@ def at(*seconds: float) -> list[float]:
     return [1e6 * t for t in seconds]
 
 
-def depths(*pairs: tuple[int, float, float]) -> Told:
+def depths(*pairs: tuple[int, float, float]) -> Block:
     """BARO messages: number in the file, time [s], depth [m]."""
     order, t, z = zip(*pairs, strict=True)
-    return Told("BARO", order, {"TimeUS": at(*t), "Alt": [-v for v in z]})
+    return Block("BARO", order, {"TimeUS": at(*t), "Alt": [-v for v in z]})
 
 
-def decoded(*pieces: list[Told]) -> tuple[_Decoder, list[SampleStore]]:
+def decoded(*pieces: list[Block]) -> tuple[_Decoder, list[SampleStore]]:
     decoder = _Decoder("log")
     for piece in pieces:
         decoder.write(piece)  # type: ignore[arg-type]
     return decoder, decoder.stores()
 
 
-def test_samples_of_all_kinds_and_pieces_come_into_one_store_with_what_was_counted() -> None:
+def test_samples_of_all_kinds_and_pieces_go_into_one_store_with_their_counts() -> None:
     decoder, (store,) = decoded(
         [
-            Told("XXXX", [0], {"TimeUS": at(10.0), "A": [1.0]}),
+            Block("XXXX", [0], {"TimeUS": at(10.0), "A": [1.0]}),
             depths((1, 10.0, 1.0), (3, 10.2, 2.0)),
-            Told("FMTU", [2, 4], {"Units": ["a", "b"]}),
-            Told("CTUN", [5], {"TimeUS": at(10.25), "Alt": [-7.0]}),
+            Block("FMTU", [2, 4], {"Units": ["a", "b"]}),
+            Block("CTUN", [5], {"TimeUS": at(10.25), "Alt": [-7.0]}),
         ],
-        [depths((6, 10.4, 3.0)), Told("FMTU", [7], {"Units": ["c"]})],
+        [depths((6, 10.4, 3.0)), Block("FMTU", [7], {"Units": ["c"]})],
     )
     assert (decoder.blocks, decoder.strays) == (6, 0)
     assert [column.tolist() for column in store.series("baro.z")] == [
@@ -149,11 +149,9 @@ def test_samples_of_all_kinds_and_pieces_come_into_one_store_with_what_was_count
 
 @pytest.mark.parametrize(("back", "boots"), [(4.9, 1), (5.1, 2)])
 @pytest.mark.parametrize("together", [True, False])
-def test_a_clock_that_starts_again_begins_another_boot_with_the_same_vehicle(
-    back: float, boots: int, together: bool
-) -> None:
-    named = Told("VER", [0], {"TimeUS": at(100.0), "FWS": ["ArduSub V4.6.0"]})
-    known = Told("PARM", [1], {"TimeUS": at(100.0), "Name": ["P"], "Value": [0.5]})
+def test_a_restarted_clock_begins_another_boot_of_the_same_vehicle(back: float, boots: int, together: bool) -> None:
+    named = Block("VER", [0], {"TimeUS": at(100.0), "FWS": ["ArduSub V4.6.0"]})
+    known = Block("PARM", [1], {"TimeUS": at(100.0), "Name": ["P"], "Value": [0.5]})
     first = [(k, 100.0 + 0.1 * k, 1.0) for k in range(2, 12)]
     again = [(k, 101.1 - back + 0.1 * (k - 12), 2.0) for k in range(12, 30)]
     pieces = (
@@ -171,13 +169,16 @@ def test_a_clock_that_starts_again_begins_another_boot_with_the_same_vehicle(
     assert boots == 1 or stores[0].parameters == {"P": 0.5}
 
 
-def test_a_piece_that_begins_exactly_five_seconds_back_is_of_the_same_boot() -> None:
+def test_a_piece_that_begins_exactly_five_seconds_back_belongs_to_the_same_boot() -> None:
     _, stores = decoded([depths((0, 100.0, 1.0), (1, 101.0, 1.0))], [depths((2, 96.0, 2.0), (3, 96.5, 2.0))])
     assert len(stores) == 1
 
 
-def test_boots_are_told_by_the_order_in_the_file_over_all_kinds() -> None:
-    blocks = [depths((0, 50.0, 0.0), (4, 3.0, 0.0)), Told("CTUN", [2, 6], {"TimeUS": at(50.5, 3.5), "Alt": [0.0, 0.0]})]
+def test_boots_are_separated_by_file_order_over_all_kinds() -> None:
+    blocks = [
+        depths((0, 50.0, 0.0), (4, 3.0, 0.0)),
+        Block("CTUN", [2, 6], {"TimeUS": at(50.5, 3.5), "Alt": [0.0, 0.0]}),
+    ]
     stamps = {"BARO": np.array([50.0, 3.0]), "CTUN": np.array([50.5, 3.5])}
     assert _boots(blocks, stamps) == [(-math.inf, 4.0), (4.0, math.inf)]  # type: ignore[arg-type]
     stamps["CTUN"][0] = np.nan
@@ -187,7 +188,7 @@ def test_boots_are_told_by_the_order_in_the_file_over_all_kinds() -> None:
     assert _boots(blocks, {}) == []  # type: ignore[arg-type]
 
 
-def test_the_first_message_of_a_boot_is_of_it_and_none_of_both() -> None:
+def test_every_message_belongs_to_exactly_one_boot() -> None:
     _, stores = decoded(
         [depths(*((k, 50.0 + 0.1 * k, 1.0) for k in range(9)), *((k, 0.1 * k, 2.0) for k in range(9, 20)))]
     )
@@ -204,28 +205,28 @@ def test_a_stray_stamp_is_left_out_and_counted() -> None:
     assert decoder.census.seen["BARO"] == [49, 10.0, pytest.approx(14.9)]
 
 
-def test_a_kind_whose_stamps_are_all_nothing_is_as_old_as_the_message_before_it() -> None:
-    rates = Told("RATE", [0, 3, 5], {"TimeUS": [0.0] * 3, "R": [0.0] * 3, "P": [0.0] * 3, "Y": [1.0, 2.0, 3.0]})
+def test_a_kind_with_zero_stamps_gets_the_time_of_the_preceding_message() -> None:
+    rates = Block("RATE", [0, 3, 5], {"TimeUS": [0.0] * 3, "R": [0.0] * 3, "P": [0.0] * 3, "Y": [1.0, 2.0, 3.0]})
     depth = depths((1, 10.0, 1.0), (2, 10.1, 1.0), (4, 10.2, 1.0))
     decoder, (store,) = decoded([rates, depth])
     t, r = store.series("rate.r")
     assert t == pytest.approx([10.0, 10.1, 10.2])
     assert r == pytest.approx([DEG, 2.0 * DEG, 3.0 * DEG])
     assert (store.dated_by_arrival, decoder.unstamped, decoder.strays) == ({"rate"}, {"RATE"}, 0)
-    _, (alone,) = decoded([Told("RATE", [0], {"TimeUS": [0.0], "R": [0.0], "P": [0.0], "Y": [1.0]})])
+    _, (alone,) = decoded([Block("RATE", [0], {"TimeUS": [0.0], "R": [0.0], "P": [0.0], "Y": [1.0]})])
     assert alone.series("rate.r")[0].tolist() == [0.0], "with nothing else to go by it is left as it is"
     assert alone.dated_by_arrival == set()
-    _, (both,) = decoded([depths((0, 0.0, 1.0), (1, 0.1, 1.0)), Told("CTUN", [2], {"TimeUS": at(0.2), "Alt": [0.0]})])
+    _, (both,) = decoded([depths((0, 0.0, 1.0), (1, 0.1, 1.0)), Block("CTUN", [2], {"TimeUS": at(0.2), "Alt": [0.0]})])
     assert both.dated_by_arrival == set(), "one that begins at nothing has stamps"
 
 
-def test_kinds_without_a_stamp_or_with_words_for_one_tell_nothing() -> None:
+def test_kinds_without_numeric_stamps_are_ignored() -> None:
     decoder, (store,) = decoded(
         [
-            Told("BARO", [0], {"Alt": [-1.0]}),
-            Told("CTUN", [1], {"TimeUS": ["x"], "Alt": [-1.0]}),
-            Told("ATT", [2], {"TimeUS": at(3.0), "Roll": [1.0]}),
-            Told("IMU", [3], {"TimeUS": at(3.1), "GyrX": [0.1], "GyrY": [0.1], "GyrZ": [0.1]}),
+            Block("BARO", [0], {"Alt": [-1.0]}),
+            Block("CTUN", [1], {"TimeUS": ["x"], "Alt": [-1.0]}),
+            Block("ATT", [2], {"TimeUS": at(3.0), "Roll": [1.0]}),
+            Block("IMU", [3], {"TimeUS": at(3.1), "GyrX": [0.1], "GyrY": [0.1], "GyrZ": [0.1]}),
         ]
     )
     assert "baro.z" not in store and "control.z" not in store and "attitude.phi" not in store
@@ -244,7 +245,7 @@ def test_kinds_without_a_stamp_or_with_words_for_one_tell_nothing() -> None:
         ([(8.0, False), (5.0, True)], {}, [(1.0, False), (5.0, True), (8.0, False)]),
     ],
 )
-def test_before_the_first_word_of_arming_it_was_the_other_way_and_without_any_it_was_armed(
+def test_arming_before_the_first_event_is_its_opposite_and_without_events_armed(
     arming: list[tuple[float, bool]], parameters: dict[str, float], expected: list[tuple[float, bool]]
 ) -> None:
     decoder = _Decoder("log")
@@ -255,24 +256,24 @@ def test_before_the_first_word_of_arming_it_was_the_other_way_and_without_any_it
     assert store.modes == [(2.0, 9), (3.0, 1)]
 
 
-def test_every_boot_gets_its_own_word_of_arming() -> None:
+def test_every_boot_has_its_own_arming_state() -> None:
     _, stores = decoded(
         [depths(*((k, 50.0 + 0.1 * k, 1.0) for k in range(9)), *((k, 0.1 * k, 2.0) for k in range(9, 20)))]
     )
     assert [store.arming for store in stores] == [[(50.0, True)], [(pytest.approx(0.9), True)]]
 
 
-def test_events_need_a_stamp_but_parameters_do_not_and_nothing_is_no_value() -> None:
+def test_events_need_a_stamp_and_parameters_only_a_value() -> None:
     store, nan = SampleStore("log", "its"), math.nan
     _events(store, "PARM", np.array([nan, 1.0, 2.0]), columns(Name=["P", "I", "P"], Value=[0.5, nan, 0.7]))
     _events(store, "ARM", np.array([nan, 2.0]), columns(ArmState=[1.0, 0.0]))
     assert (store.parameters, store.arming) == ({"P": 0.7}, [(2.0, False)])
-    for kind, told in (("PARM", columns(Value=[1.0])), ("MSG", columns(Text=["x"]))):
+    for kind, reported in (("PARM", columns(Value=[1.0])), ("MSG", columns(Text=["x"]))):
         with pytest.raises(Missing):
-            _events(store, kind, np.array([1.0]), told)
+            _events(store, kind, np.array([1.0]), reported)
 
 
-def test_a_message_is_left_out_whole_without_a_stamp_or_with_a_number_missing() -> None:
+def test_a_message_without_stamp_or_with_a_missing_number_is_left_out() -> None:
     nan = math.nan
     t, values = _whole(np.array([1.0, nan, 3.0, 4.0]), columns(a=[1.0, 2.0, nan, 4.0], b=[5.0, 6.0, 7.0, 8.0]))
     assert t.tolist() == [1.0, 4.0]
@@ -306,7 +307,7 @@ class Log:
     ],
 )
 @pytest.mark.parametrize("binary", [True, False])
-def test_a_log_is_read_piece_by_piece_and_its_damage_is_doubted(
+def test_a_log_is_read_in_pieces_and_its_damage_is_a_doubt(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: int, is_stray: bool, words: str, binary: bool
 ) -> None:
     path = tmp_path / "a.bin"
@@ -326,7 +327,7 @@ def test_a_log_is_read_piece_by_piece_and_its_damage_is_doubted(
     assert found.census.seen["BARO"][0] == 31 - is_stray
 
 
-def test_what_begins_with_neither_or_holds_nothing_is_no_log(tmp_path: Path) -> None:
+def test_a_file_without_a_valid_start_or_messages_is_not_a_log(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     path.write_bytes(b"hello")
     with pytest.raises(BadFile, match="does not start with a binary message or an FMT line"):

@@ -72,7 +72,7 @@ def test_a_log_on_board_is_identified(tmp_path: Path) -> None:
         assert found.parameters[name].value == pytest.approx(truth, abs=4.0 * found.parameters[name].std)
 
 
-def test_arming_parts_a_log_that_began_before_it(tmp_path: Path) -> None:
+def test_arming_splits_a_log_that_began_before_it(tmp_path: Path) -> None:
     runs = load_runs(text_log(tmp_path / "a.log", arm=((12.0, 0), (20.0, 1))))
     assert [r.name for r in runs] == ["a#1 MANUAL 0-12 s", "a#2 MANUAL 20-40 s"]
 
@@ -81,7 +81,7 @@ def test_arming_parts_a_log_that_began_before_it(tmp_path: Path) -> None:
     "text", [b"", b"\xa3\x95", b"\xa3\x95\x80\x59" * 40, b"hello", b"FMT, 128\n", bytes(range(256))]
 )
 @pytest.mark.parametrize("suffix", [".bin", ".BIN", ".log"])
-def test_what_is_no_log_is_an_error_that_says_so(tmp_path: Path, text: bytes, suffix: str) -> None:
+def test_a_file_that_is_not_a_log_is_an_error(tmp_path: Path, text: bytes, suffix: str) -> None:
     (tmp_path / f"x{suffix}").write_bytes(text)
     with pytest.raises((BadFile, NotInformative)):
         load_runs(tmp_path / f"x{suffix}")
@@ -89,7 +89,7 @@ def test_what_is_no_log_is_an_error_that_says_so(tmp_path: Path, text: bytes, su
 
 @pytest.mark.slow
 @pytest.mark.skipif(not REAL.exists(), reason="the shared data folder is not beside this checkout")
-def test_a_real_log_is_read_whole_cut_and_spoilt(tmp_path: Path) -> None:
+def test_a_real_log_is_read_intact_truncated_and_damaged(tmp_path: Path) -> None:
     (run,) = load_runs(REAL)
     assert run.name == "small#1 MANUAL 0-9 s"
     assert run.meta["vehicle"].startswith("ArduSub V4.1.0")
@@ -121,7 +121,7 @@ def test_a_real_log_is_read_whole_cut_and_spoilt(tmp_path: Path) -> None:
         ("MSG", {"Message": "EKF3 active"}, None),
     ],
 )
-def test_the_firmware_is_known_by_what_it_says_of_itself(kind: str, m: dict[str, str], name: str | None) -> None:
+def test_the_firmware_is_identified_from_its_messages(kind: str, m: dict[str, str], name: str | None) -> None:
     store = SampleStore("a log", "its own")
     _event(store, kind, 3.0, m)
     assert (store.firmware.name if store.firmware else None) == name
@@ -133,7 +133,7 @@ def test_the_firmware_is_known_by_what_it_says_of_itself(kind: str, m: dict[str,
         assert store.vehicle == next(iter(m.values())), "the first counts"
 
 
-def test_modes_and_arming_are_noted_with_their_times() -> None:
+def test_modes_and_arming_are_recorded_with_their_times() -> None:
     store = SampleStore("a log", "its own")
     for t, kind, m in (
         (1.0, "MODE", {"ModeNum": 15}),
@@ -150,7 +150,7 @@ def test_modes_and_arming_are_noted_with_their_times() -> None:
     assert store.arming == [(4.0, True), (5.0, False), (6.0, True), (7.0, False)]
 
 
-def test_kinds_that_nobody_reads_and_kinds_that_lack_a_column_leave_the_others_alone(tmp_path: Path) -> None:
+def test_unknown_or_incomplete_message_kinds_do_not_affect_others(tmp_path: Path) -> None:
     lines = text_log(tmp_path / "a.log").read_text().splitlines()
     us = round(BOOT * 1e6)
     strange = ["FMT, 200, 40, AAAA, Qf, TimeUS,X", "FMT, 201, 40, ARM, QB, TimeUS,Nothing"]

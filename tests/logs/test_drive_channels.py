@@ -1,4 +1,4 @@
-"""What drove a craft, read off a log: outputs dated midway, sticks and RC input without them, and which source."""
+"""The inputs of a craft from a log: outputs dated midway, else sticks or RC input, and their source."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def logged(
 SERVOS = {"servo.1": [1500.0, 1500.0, 1700.0, 1700.0, 1100.0], "servo.3": [1500.0, 1500.0, 1500.0, 1900.0, 1900.0]}
 
 
-def test_outputs_become_shares_of_full_and_a_change_is_dated_midway() -> None:
+def test_outputs_are_normalised_and_a_change_is_dated_midway() -> None:
     channels, source, notes = drive_channels(logged({**SERVOS, "servo.2": [0.0] * 5, "servo.4": [1200.0] * 5}))
     assert (source, notes) == ("servo outputs", [])
     assert channels["N"].values == pytest.approx([0.0, 0.0, 0.5, 0.5, -1.0])
@@ -49,13 +49,13 @@ def test_outputs_become_shares_of_full_and_a_change_is_dated_midway() -> None:
 
 
 @pytest.mark.parametrize(("gap", "at"), [(0.375, 1.1875), (0.4375, 1.21875), (0.5, 1.5), (2.0, 3.0)])
-def test_after_half_a_second_of_silence_a_change_is_dated_by_its_message(gap: float, at: float) -> None:
+def test_after_a_gap_of_half_a_second_a_change_is_dated_by_its_message(gap: float, at: float) -> None:
     times = [0.0, 0.5, 1.0, 1.0 + gap]
     found = drive_channels(logged({n: [*v[:1] * 3, 1700.0] for n, v in SERVOS.items()}, t=times))[0]
     assert found["N"].t.tolist() == [0.0, 0.5, 1.0, at]
 
 
-def test_two_thrusters_that_steer_by_their_difference_are_both_read() -> None:
+def test_both_thrusters_of_skid_steering_are_read() -> None:
     channels, source, _ = drive_channels(logged({"servo.1": [1900.0, 1900.0], "servo.3": [1900.0, 1100.0]}, SKID))
     assert source == "servo outputs"
     assert channels["X"].values == pytest.approx([1.0, 0.0])
@@ -76,11 +76,11 @@ PILOT = {"rc.1": [1700.0, 1300.0], "rc.3": [1500.0, 1900.0]}
         ({}, "", "no input could be read"),
     ],
 )
-def test_without_all_outputs_the_sticks_count_then_rc_input_with_a_doubt(
+def test_without_all_outputs_sticks_or_rc_input_are_used_with_a_doubt(
     values: dict[str, list[float]], source: str, words: str
 ) -> None:
-    channels, told, notes = drive_channels(logged(values))
-    assert told == source
+    channels, reported, notes = drive_channels(logged(values))
+    assert reported == source
     ((slug, cause, cure),) = notes
     assert slug == ("input-is-command" if source else "no-inputs")
     assert words in cause
@@ -93,7 +93,7 @@ def test_without_all_outputs_the_sticks_count_then_rc_input_with_a_doubt(
     assert ("servo3" in channels) is ("servo.3" in values)
 
 
-def test_outputs_that_came_at_unlike_times_are_not_put_together() -> None:
+def test_outputs_with_different_stamps_are_not_combined() -> None:
     store = logged({"servo.1": [1500.0, 1700.0, 1700.0]})
     for t in (0.0, 0.2):
         store.take(t, {"servo.3": 1500.0})
@@ -102,14 +102,14 @@ def test_outputs_that_came_at_unlike_times_are_not_put_together() -> None:
     assert set(channels) == {"servo1", "servo3"}
 
 
-def test_outputs_whose_wiring_is_not_told_are_no_forces_and_that_is_said() -> None:
+def test_outputs_with_unknown_functions_are_not_used_and_this_is_reported() -> None:
     _, source, (note,) = drive_channels(logged({**SERVOS, **{n: v * 3 for n, v in STICKS.items()}}, {}))
     assert source == "the pilot's sticks"
     assert "the log contains no parameters, so the functions of its outputs are unknown" in note[1]
     assert "--parameters FILE" in note[2]
 
 
-def test_a_log_of_some_functions_says_how_many_it_holds_and_nothing_of_a_link() -> None:
+def test_a_log_with_some_servo_functions_reports_their_number_without_mention_of_a_link() -> None:
     store = logged(SERVOS, {"SERVO1_FUNCTION": 26.0, "SERVO2_FUNCTION": 0.0, "ATC_STR_RAT_P": 0.2})
     _, source, (note,) = drive_channels(store)
     assert source == ""
@@ -138,7 +138,7 @@ def test_a_log_of_an_unknown_autopilot_has_outputs_and_no_inputs() -> None:
         ({"RC1_REVERSED": 0.0}, [0.5, -0.5, 1.0, -1.0]),
     ],
 )
-def test_rc_input_is_a_share_of_its_own_range_to_either_side_of_its_trim(
+def test_rc_input_is_normalised_by_its_range_on_each_side_of_trim(
     limits: dict[str, float], shares: list[float]
 ) -> None:
     found = drive_channels(logged({"rc.1": [1700.0, 1300.0, 1900.0, 1100.0]}, limits))[0]
@@ -146,7 +146,7 @@ def test_rc_input_is_a_share_of_its_own_range_to_either_side_of_its_trim(
     assert set(found) == {"N"}
 
 
-def test_pulses_that_are_none_are_left_out_of_rc_input() -> None:
+def test_invalid_pulses_are_left_out_of_rc_input() -> None:
     found = drive_channels(logged({"rc.1": [500.0, 501.0, 2499.0, 2500.0, 0.0], "rc.3": [0.0] * 5}, {}))[0]
     assert found["N"].t.tolist() == pytest.approx([0.2, 0.4])
     assert "X" not in found
@@ -167,7 +167,7 @@ def moving(count: int = 30, **sources: float) -> SampleStore:
     return store
 
 
-def test_turn_rates_with_stamps_of_their_own_come_before_those_dated_by_arrival() -> None:
+def test_stamped_turn_rates_are_preferred_to_those_dated_by_arrival() -> None:
     store = moving(attitude__r=0.1, rate__r=0.2, imu__r=0.3)
     assert motion_channels(store)[1]["r"] == "attitude"
     store.dated_by_arrival.add("attitude")
@@ -178,7 +178,7 @@ def test_turn_rates_with_stamps_of_their_own_come_before_those_dated_by_arrival(
     assert channels["r"].values[-1] == pytest.approx(0.29)
 
 
-def test_the_second_estimate_of_the_attitude_serves_where_the_first_is_not_there() -> None:
+def test_the_second_attitude_estimate_replaces_a_missing_first_one() -> None:
     store = SampleStore("log", "its own")
     for k in range(25):
         store.take(0.1 * k, {"ahrs2.phi": 0.1, "ahrs2.theta": 0.2, "ahrs2.psi": 0.3})
@@ -189,7 +189,7 @@ def test_the_second_estimate_of_the_attitude_serves_where_the_first_is_not_there
     assert set(sources.values()) == {"ahrs2"}
 
 
-def test_the_first_position_that_moves_is_taken_alone() -> None:
+def test_only_the_first_moving_position_is_used() -> None:
     store = SampleStore("log", "its own")
     for k in range(25):
         store.take(0.1 * k, {"local.x": 1.0, "local.y": 2.0})
@@ -212,7 +212,7 @@ def test_latitude_and_longitude_become_metres_from_the_first() -> None:
 
 
 @pytest.mark.parametrize(("heads", "turned"), [(0, False), (20, True), (21, True)])
-def test_a_velocity_is_turned_by_the_heading_where_that_is_known_within_a_second(heads: int, turned: bool) -> None:
+def test_a_velocity_is_rotated_by_a_heading_within_a_second(heads: int, turned: bool) -> None:
     store = SampleStore("log", "its own")
     for k in range(60):
         store.take(0.125 * k, {"local.x": float(k), "local.y": 0.0, "local.vn": 1.0, "local.ve": 0.0})
@@ -227,7 +227,7 @@ def test_a_velocity_is_turned_by_the_heading_where_that_is_known_within_a_second
         assert channels["v"].values == pytest.approx(-np.ones(len(channels["v"])))
 
 
-def test_nothing_tells_nothing_and_a_climb_rate_comes_with_its_own_depth() -> None:
+def test_an_empty_store_has_no_channels_and_a_climb_rate_keeps_its_depth_source() -> None:
     assert motion_channels(SampleStore("log", "its own")) == ({}, {})
     store = moving(global__z=0.1, global__w=0.0, local__w=0.5)
     channels, sources = motion_channels(store)

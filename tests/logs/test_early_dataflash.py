@@ -1,4 +1,4 @@
-"""Logs on board of before 2015: stamps in milliseconds, none on PARM and MSG, outputs under other names."""
+"""Onboard logs from before 2015: stamps in milliseconds, none on PARM and MSG, outputs under other names."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from gcs_autotune.logs import cut_runs, load_runs, record, survey
 
 
 @pytest.mark.parametrize("form", ["text", "binary"])
-@pytest.mark.parametrize("said", ["ArduRover v2.46 (00000000)", "APM:Rover v3.1"])
+@pytest.mark.parametrize("firmware", ["ArduRover v2.46 (00000000)", "APM:Rover v3.1"])
 def test_milliseconds_are_read_and_the_outputs_mapped_by_the_rc_parameters(
-    tmp_path: Path, form: str, said: str
+    tmp_path: Path, form: str, firmware: str
 ) -> None:
     path = tmp_path / ("old.log" if form == "text" else "old.bin")
-    path.write_bytes(as_text(sailed(said)).encode() if form == "text" else as_binary(sailed(said)))
+    path.write_bytes(as_text(sailed(firmware)).encode() if form == "text" else as_binary(sailed(firmware)))
     log = record(path)
     assert log is not None
     (store,) = log.stores
     assert store.clock == "vehicle (TimeMS)"
-    assert store.vehicle == said
+    assert store.vehicle == firmware
     assert store.parameters == pytest.approx(PARAMETERS)
     assert store.span == pytest.approx((8.8, 48.7))
     (run,) = load_runs(path)
@@ -34,7 +34,7 @@ def test_milliseconds_are_read_and_the_outputs_mapped_by_the_rc_parameters(
     assert log.meta["damaged_stamps"] == 0
 
 
-def test_lines_above_the_log_name_the_firmware_and_are_no_damage(tmp_path: Path) -> None:
+def test_lines_above_the_log_name_the_firmware_and_are_not_damage(tmp_path: Path) -> None:
     path = tmp_path / "terminal.log"
     rows = [row for row in sailed() if row[0] != "MSG"]
     path.write_text(as_text(rows, "ArduRover V2.45 (a1b2)\nFree RAM: 2341\nAPM 2\n\n"), encoding="utf-8")
@@ -45,7 +45,7 @@ def test_lines_above_the_log_name_the_firmware_and_are_no_damage(tmp_path: Path)
     assert len(load_runs(path)) == 1
 
 
-def test_a_log_without_any_stamp_is_named_as_one(tmp_path: Path) -> None:
+def test_a_log_without_stamps_is_reported_as_such(tmp_path: Path) -> None:
     path = tmp_path / "first.log"
     text = as_text([("MSG", ("ArduRover v2.40",)), *(("ATT", (k, 0.0, 0.0, 10.0)) for k in range(50))])
     path.write_text(text.replace("IccC, TimeMS,Roll", "IccC, Nr,Roll"), encoding="utf-8")
@@ -53,7 +53,7 @@ def test_a_log_without_any_stamp_is_named_as_one(tmp_path: Path) -> None:
         record(path)
 
 
-def test_a_log_of_px4s_old_logger_is_named_as_one(tmp_path: Path) -> None:
+def test_a_log_of_the_old_px4_logger_is_reported_as_such(tmp_path: Path) -> None:
     path = tmp_path / "sess001.bin"
     heads = "FMT, 129, 11, TIME, Q, StartTime\nFMT, 130, 9, ATT, fff, Roll,Pitch,Yaw\n"
     path.write_text(heads + "TIME, 123456\nATT, 0.1, 0.1, 0.3\n" * 40, encoding="utf-8")
@@ -61,14 +61,14 @@ def test_a_log_of_px4s_old_logger_is_named_as_one(tmp_path: Path) -> None:
         record(path)
 
 
-def test_a_log_of_a_copter_says_so(tmp_path: Path) -> None:
+def test_a_copter_log_is_reported_as_such(tmp_path: Path) -> None:
     path = tmp_path / "copter.log"
     path.write_text(as_text(sailed("APM:Copter V3.2.1 (36b405fb)")), encoding="utf-8")
     with pytest.raises(NotInformative, match=r"copter\.log .*is of APM:Copter V3\.2\.1.*neither ArduRover nor ArduSub"):
         load_runs(path)
 
 
-def test_a_log_without_parameters_names_the_option_and_no_link(tmp_path: Path) -> None:
+def test_a_log_without_parameters_names_the_option(tmp_path: Path) -> None:
     path = tmp_path / "bare.log"
     path.write_text(as_text([row for row in sailed() if row[0] != "PARM"]), encoding="utf-8")
     with pytest.raises(NotInformative, match=r"bare\.log .*no parameters.*--parameters FILE") as refused:

@@ -1,4 +1,4 @@
-"""The tlog a run leaves behind tells of the same craft as its trials: flown by the simulator, read as a stranger's."""
+"""The tlog of a simulated run, read like a foreign one, describes the same craft as its trials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of other tools: recognised by their content, read where a library reads them, else named with the way on."""
+"""Files of other tools: recognised by their content, read if a library supports them, else named with a conversion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from gcs_autotune.errors import BadFile
 from gcs_autotune.logs import FORMATS, load_runs, record
 
 
-def test_a_ulog_gives_its_armed_stretch_with_the_set_points_as_inputs(tmp_path: Path) -> None:
+def test_a_ulog_gives_its_armed_segment_with_set_points_as_inputs(tmp_path: Path) -> None:
     path = tmp_path / "boat.ulg"
     path.write_bytes(ulog())
     log = record(path)
@@ -43,7 +43,7 @@ def test_a_ulog_gives_its_armed_stretch_with_the_set_points_as_inputs(tmp_path: 
 
 
 @pytest.mark.parametrize("nested", [False, True])
-def test_a_matlab_file_gives_the_vectors_beside_its_times(tmp_path: Path, nested: bool) -> None:
+def test_a_matlab_file_gives_the_vectors_with_its_times(tmp_path: Path, nested: bool) -> None:
     path = tmp_path / "log.mat"
     columns = {"t": T, "psi": PSI, "r": R, "N": N}
     path.write_bytes(
@@ -66,7 +66,7 @@ def test_the_columns_of_a_matlab_file_are_named_by_the_user(tmp_path: Path) -> N
     assert run["psi"].values == pytest.approx(PSI)
 
 
-def test_a_ros_bag_is_turned_from_east_north_up_to_north_east_down(tmp_path: Path) -> None:
+def test_a_ros_bag_is_converted_from_enu_to_ned(tmp_path: Path) -> None:
     folder = bag2(tmp_path)
     (run,) = load_runs(folder)
     assert np.unwrap(run["psi"].values) == pytest.approx(PSI, abs=1e-9)
@@ -82,7 +82,7 @@ def test_a_ros_bag_is_turned_from_east_north_up_to_north_east_down(tmp_path: Pat
     assert alone["N"].values == pytest.approx(N)
 
 
-def test_pulses_of_motors_in_a_ros_bag_are_columns(tmp_path: Path) -> None:
+def test_motor_pulses_in_a_ros_bag_are_columns(tmp_path: Path) -> None:
     (run,) = load_runs(bag2(tmp_path))
     assert run["motors_1"].values == pytest.approx(1500.0 + np.round(100.0 * N))
     assert run["motors_2"].values == pytest.approx(1500.0)
@@ -95,7 +95,7 @@ def test_pulses_of_motors_in_a_ros_bag_are_columns(tmp_path: Path) -> None:
         ("rosbags", b"#ROSBAG V2.0\n" + bytes(100), "is a ROS bag, and rosbags is not installed.*formats"),
     ],
 )
-def test_without_its_library_one_line_says_what_to_install(
+def test_a_missing_library_is_reported_with_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str, content: bytes, words: str
 ) -> None:
     for name in [n for n in sys.modules if n.partition(".")[0] == library]:
@@ -169,7 +169,7 @@ FOREIGN: Sequence[tuple[bytes, str]] = (
 
 @pytest.mark.parametrize("case", range(len(FOREIGN)))
 @pytest.mark.parametrize("name", ["mine.csv", "mine.tlog", "mine.bin", "mine"])
-def test_what_no_reader_knows_is_named_whatever_it_is_called(tmp_path: Path, name: str, case: int) -> None:
+def test_a_file_of_unknown_format_is_rejected_under_any_name(tmp_path: Path, name: str, case: int) -> None:
     content, words = FOREIGN[case]
     path = tmp_path / name
     path.write_bytes(content)
@@ -180,7 +180,7 @@ def test_what_no_reader_knows_is_named_whatever_it_is_called(tmp_path: Path, nam
         assert "\n" not in str(refused.value)
 
 
-def test_mavlink_without_stamps_and_a_database_are_named(tmp_path: Path) -> None:
+def test_mavlink_without_stamps_and_a_database_are_recognised(tmp_path: Path) -> None:
     for content, words in (
         (frames(tmp_path), "MAVProxy's .raw.: use the telemetry log"),
         (database(tmp_path), "SQLite"),
@@ -192,7 +192,7 @@ def test_mavlink_without_stamps_and_a_database_are_named(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["mine.csv", "mine.txt", "mine.log", "mine.bin"])
-def test_a_log_and_a_table_are_read_by_any_name(tmp_path: Path, name: str) -> None:
+def test_a_log_and_a_table_are_read_under_any_name(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(frames(tmp_path, stamped=True))
     log = record(path)
@@ -206,7 +206,7 @@ def test_a_log_and_a_table_are_read_by_any_name(tmp_path: Path, name: str) -> No
     assert load_runs(path)[0]["psi"].t.tolist() == [0.0, 1.0]
 
 
-def test_a_folder_without_runs_says_what_it_holds(tmp_path: Path) -> None:
+def test_the_contents_of_a_folder_without_runs_are_listed(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match=r"is a folder without a recorded run.*\. It is empty"):
         load_runs(tmp_path)
     (tmp_path / "notes.txt").write_text("x")
@@ -214,19 +214,19 @@ def test_a_folder_without_runs_says_what_it_holds(tmp_path: Path) -> None:
         load_runs(tmp_path)
 
 
-def test_an_empty_file_of_any_kind_is_called_empty(tmp_path: Path) -> None:
+def test_an_empty_file_of_any_kind_is_reported_as_empty(tmp_path: Path) -> None:
     for name in ("a.csv", "a.tlog", "a.bin", "a.ulg", "a.mat"):
         (tmp_path / name).touch()
         with pytest.raises(BadFile, match=rf"{name} is empty"):
             load_runs(tmp_path / name)
 
 
-def test_every_kind_of_file_is_either_read_or_says_how_to_convert_it() -> None:
+def test_every_file_format_is_read_or_has_conversion_advice() -> None:
     wrong = [form.name for form in FORMATS if (form.record is None and form.runs is None) is not bool(form.advice)]
     assert wrong == []
 
 
-def test_a_ros_bag_of_one_missing_part_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_ros_bag_with_a_missing_part_is_rejected_in_one_line(tmp_path: Path) -> None:
     folder = bag2(tmp_path)
     for file in folder.glob("*.db3"):
         file.unlink()

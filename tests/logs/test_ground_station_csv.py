@@ -1,4 +1,4 @@
-"""CSV files of ground stations: the same runs as the telemetry log they were made of, or why there are none."""
+"""CSV files of ground stations: the same runs as the original telemetry log, or the reason there are none."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def planner(flown: Path, stamp: str, head: Callable[[Any], str], number: Callable[[object], str]) -> str:
-    """Return what Mission Planner makes of a log; its form as told in its public sources and users' posts."""
+    """Return the Mission Planner CSV of a log; its format follows its public sources and users' posts."""
     lines = []
     for r in read_tlog(flown):
         m = r.frame.message
@@ -70,7 +70,7 @@ def agree(ours: Trial, theirs: Trial) -> None:
      ("%Y-%m-%dT%H:%M:%S.%f", new_head, True)],
     ids=["MAVLink 2", "MAVLink 1", "decimal comma"],
 )  # fmt: skip
-def test_mission_planners_csv_gives_the_runs_of_its_tlog(
+def test_a_mission_planner_csv_gives_the_runs_of_its_tlog(
     tmp_path: Path, flown: Path, stamp: str, head: Callable[[Any], str], comma: bool
 ) -> None:
     def number(value: object) -> str:
@@ -85,7 +85,7 @@ def test_mission_planners_csv_gives_the_runs_of_its_tlog(
     assert any("EKF3 IMU0, is using GPS" in str(m.detail.get("text")) for m in run.marks)
 
 
-def test_mavlogdumps_csv_gives_the_runs_of_its_tlog(tmp_path: Path, flown: Path) -> None:
+def test_a_mavlogdump_csv_gives_the_runs_of_its_tlog(tmp_path: Path, flown: Path) -> None:
     kinds = ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE")
     fields = [(k, n) for k in kinds for n in getattr(mavlink, f"MAVLink_{k.lower()}_message").fieldnames]
     lines = [",".join(["timestamp", *(f"{k}.{n}" for k, n in fields)])]
@@ -99,7 +99,7 @@ def test_mavlogdumps_csv_gives_the_runs_of_its_tlog(tmp_path: Path, flown: Path)
     agree(run, load_runs(flown)[0])
 
 
-def test_a_csv_that_is_mostly_nonsense_is_refused_with_what_to_do(tmp_path: Path, flown: Path) -> None:
+def test_a_mostly_damaged_csv_is_rejected_with_advice(tmp_path: Path, flown: Path) -> None:
     text = planner(flown, "%Y-%m-%dT%H:%M:%S.%f", new_head, str)
     spoilt = "\n".join(line[: len(line) // 3] if i % 3 else line for i, line in enumerate(text.splitlines()))
     (tmp_path / "dive.csv").write_text(spoilt)
@@ -117,7 +117,7 @@ def qgc(path: Path, width: int = 0) -> Path:
     return path
 
 
-def test_qgroundcontrols_csv_is_motion_without_its_cause_and_says_so(tmp_path: Path) -> None:
+def test_a_qgroundcontrol_csv_is_reported_to_lack_actuator_outputs(tmp_path: Path) -> None:
     log = record(qgc(tmp_path / "2026-05-01 12-00-00 vehicle1.csv"))
     assert log is not None
     (left,) = cut_runs(log).left_out
@@ -128,7 +128,7 @@ def test_qgroundcontrols_csv_is_motion_without_its_cause_and_says_so(tmp_path: P
         load_runs(tmp_path / "2026-05-01 12-00-00 vehicle1.csv")
 
 
-def test_shifted_columns_of_qgroundcontrol_are_not_believed(tmp_path: Path) -> None:
+def test_shifted_columns_of_qgroundcontrol_are_detected(tmp_path: Path) -> None:
     log = record(qgc(tmp_path / "q.csv", width=3))
     assert log is not None
     assert log.meta["shifted_rows"] == 60

@@ -1,4 +1,4 @@
-"""Damaged, cut and random files of every kind: our own errors or fewer samples, never anything else."""
+"""Damaged, cut and random files of every kind: only our own errors or fewer samples result."""
 
 from __future__ import annotations
 
@@ -86,9 +86,7 @@ def spoilt(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
     [(".tlog", tlog), (".bin", on_board), (".log", as_text), (".csv", planner_csv), (".csv", qgc_csv)],
     ids=["tlog", "bin", "log", "planner", "qgc"],
 )
-def test_whatever_is_in_a_file_it_is_read_or_refused_in_our_own_words(
-    tmp_path: Path, suffix: str, make: object
-) -> None:
+def test_any_file_is_read_or_rejected_with_our_own_error(tmp_path: Path, suffix: str, make: object) -> None:
     assert callable(make)
     data = make(tmp_path)
     path = tmp_path / f"spoilt{suffix}"
@@ -96,19 +94,19 @@ def test_whatever_is_in_a_file_it_is_read_or_refused_in_our_own_words(
     whole = record(path)
     assert whole is not None
     assert cut_runs(whole).runs or cut_runs(whole).left_out
-    said = 0
+    reported = 0
     for bad in spoilt(data, np.random.default_rng(20)):
         path.write_bytes(bad)
         try:
             log = record(path)
             if log is None:
-                said += 1  # that it is no ground station's CSV
+                reported += 1  # that it is no ground station's CSV
             else:
                 survey(log, cut_runs(log))
         except AutotuneError as error:
-            said += 1
+            reported += 1
             assert str(path.name) in str(error) or str(path) in str(error)
-    assert said >= CASES // 8
+    assert reported >= CASES // 8
 
 
 def table(folder: Path) -> bytes:
@@ -126,7 +124,7 @@ WORDS = [
     b"\n", b"\r", b"\t", b"#", b"[", b"]", b"2024-05-02", b"--", b"1,5", b"\xff\xfe", b"\xb0", b"FMT, 1, 2, X",
     b"t[s]", b"N[us]",
 ]  # fmt: skip
-"""What stands in the cells of tables that nobody meant for us."""
+"""Cell contents of tables that are not runs."""
 
 
 def misspelt(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
@@ -144,7 +142,7 @@ def misspelt(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
 
 
 def damaged_heads(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
-    """Yield a file with a few bytes in its first hundreds changed, where it says what it is and how it lies."""
+    """Yield a file with a few bytes of its first hundreds changed, where format and layout are defined."""
     for _ in range(CASES):
         torn = bytearray(data)
         for i in rng.integers(0, min(600, len(torn)), int(rng.integers(1, 5))):
@@ -165,7 +163,7 @@ def damaged_heads(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
     ],
     ids=["csv", "early text", "early binary", "tlog", "ulog", "mat", "rosbag"],
 )
-def test_a_spoilt_run_is_refused_by_its_name_or_holds_believable_numbers_only(
+def test_a_damaged_run_is_rejected_by_name_or_contains_plausible_numbers(
     tmp_path: Path, suffix: str, make: Callable[[Path], bytes], capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = make(tmp_path)
@@ -184,4 +182,4 @@ def test_a_spoilt_run_is_refused_by_its_name_or_holds_believable_numbers_only(
             continue
         for channel in (c for run in runs for c in run.channels.values()):
             assert np.all(np.isfinite(channel.t)) and np.all(np.abs(channel.values) <= 1e12)
-    assert capsys.readouterr().out == "", "nothing else may stand beside JSON on standard output"
+    assert capsys.readouterr().out == "", "standard output contains only JSON"

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs_autotune.logs import load_runs, record
 
 
-def test_microseconds_that_wrap_after_71_minutes_stay_on_the_axis_of_the_milliseconds(tmp_path: Path) -> None:
+def test_microseconds_that_wrap_after_71_minutes_stay_aligned_with_milliseconds(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, BOAT)
     beats(log, 0.0, 40.0, armed=True)
@@ -31,7 +31,7 @@ def test_microseconds_that_wrap_after_71_minutes_stay_on_the_axis_of_the_millise
     assert np.allclose(np.diff(run["servo1"].t), 0.05, atol=1e-5)
 
 
-def test_uneven_stamps_are_kept_as_the_vehicle_told_them(tmp_path: Path) -> None:
+def test_uneven_stamps_of_the_vehicle_are_unchanged(tmp_path: Path) -> None:
     """40 Hz of ArduRover come as 20 and 40 ms by turns; the ground hears them later, and jittered."""
     log = Tlog()
     parameters(log, BOAT)
@@ -46,7 +46,7 @@ def test_uneven_stamps_are_kept_as_the_vehicle_told_them(tmp_path: Path) -> None
     assert set(np.round(np.diff(run["psi"].t), 3)) == {0.02, 0.04}
 
 
-def test_what_carries_no_stamp_is_named(tmp_path: Path) -> None:
+def test_sources_without_stamps_are_listed(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, BOAT)
     beats(log, 0.0, 20.0, armed=True)
@@ -58,7 +58,7 @@ def test_what_carries_no_stamp_is_named(tmp_path: Path) -> None:
     assert run.meta["sources"]["U"] == "hud"
 
 
-def test_a_silence_parts_a_run_and_a_shorter_one_does_not(tmp_path: Path) -> None:
+def test_a_long_gap_splits_a_run_and_a_short_one_does_not(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, BOAT)
     beats(log, 0.0, 60.0, armed=True)
@@ -71,7 +71,7 @@ def test_a_silence_parts_a_run_and_a_shorter_one_does_not(tmp_path: Path) -> Non
         assert len(load_runs(heard.write(tmp_path / f"{runs}.tlog"))) == runs
 
 
-def test_arming_is_dated_by_what_the_vehicle_says_before_its_next_heartbeat(tmp_path: Path) -> None:
+def test_arming_is_dated_by_the_status_text_before_the_next_heartbeat(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, BOAT)
     sail(log, swing(30.0))
@@ -98,7 +98,7 @@ def test_the_simulators_truth_is_listed_and_never_read(tmp_path: Path) -> None:
     assert float(np.max(np.abs(found.stores[0].series("attitude.psi")[1]))) < 1.0
 
 
-def test_the_second_estimate_stands_in_for_the_first(tmp_path: Path) -> None:
+def test_the_second_estimate_replaces_a_missing_first_one(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, BOAT)
     beats(log, 0.0, 20.0, armed=True)

@@ -1,4 +1,4 @@
-"""``gcs-autotune logs``: what is in a log is shown, its runs are written, and other commands take them."""
+"""``gcs-autotune logs``: the contents of a log are shown, its runs are written, and other commands read them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def dive(tmp_path: Path) -> Path:
     return log.write(tmp_path / "dive.tlog")
 
 
-def test_what_was_imported_is_identified_like_the_log_itself(
+def test_imported_runs_are_identified_like_the_log_itself(
     tmp_path: Path, dive: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["logs", "import", str(dive), "--out", str(tmp_path / "runs")]) == 0
@@ -43,7 +43,7 @@ def test_what_was_imported_is_identified_like_the_log_itself(
         assert found.parameters[name].value == pytest.approx(p.value, rel=1e-3, abs=1e-5), name
 
 
-def test_a_list_writes_nothing_and_says_what_runs_may_tell(
+def test_a_list_writes_nothing_and_shows_what_runs_may_identify(
     tmp_path: Path, dive: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -60,13 +60,15 @@ def test_a_list_writes_nothing_and_says_what_runs_may_tell(
     ):
         assert text in shown
     assert main(["logs", "import", str(dive), "--dry-run", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert [run["name"] for run in told["logs"][0]["runs"]] == ["dive#1 MANUAL 0-40 s", "dive#2 GUIDED 40-60 s"]
-    assert told["written"] == []
+    document = json.loads(capsys.readouterr().out)
+    assert [run["name"] for run in document["logs"][0]["runs"]] == ["dive#1 MANUAL 0-40 s", "dive#2 GUIDED 40-60 s"]
+    assert document["written"] == []
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_log_of_a_vehicle_that_was_never_armed_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_of_a_vehicle_that_was_never_armed_is_reported_as_such(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = Tlog()
     parameters(log, BOAT)
     sail(log, swing(30.0))
@@ -77,7 +79,7 @@ def test_a_log_of_a_vehicle_that_was_never_armed_says_so(tmp_path: Path, capsys:
     assert "Timeline: MANUAL; disarmed." in shown
 
 
-def test_a_parameter_file_gives_the_servo_map_that_a_log_lacks(
+def test_a_parameter_file_supplies_the_missing_servo_functions(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = Tlog()
@@ -94,7 +96,7 @@ def test_a_parameter_file_gives_the_servo_map_that_a_log_lacks(
     assert set(np.unique(run["N"].values)) == {-0.4, 0.4}
 
 
-def test_runs_are_never_written_over_and_names_never_collide(
+def test_runs_are_never_overwritten_and_names_never_collide(
     tmp_path: Path, dive: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = tmp_path / "other" / "dive.tlog"
@@ -107,9 +109,7 @@ def test_runs_are_never_written_over_and_names_never_collide(
     assert "already contains runs" in capsys.readouterr().err
 
 
-def test_stretches_that_tell_nothing_are_written_only_when_asked_for(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_uninformative_segments_are_written_only_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     head = "Timestamp,roll,pitch,heading,groundSpeed\n"
     rows = "".join(f"2026-05-01 12:00:{s:02d}.000,1,2,{s},0.5\n" for s in range(60))
     (tmp_path / "vehicle1.csv").write_text(head + rows)

@@ -1,4 +1,4 @@
-"""The reader of logs on board: what another reader reads of the same file, and what damage does to it."""
+"""The reader of onboard logs: compared with another reader, and on damaged files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ REAL = Path(__file__).parents[2] / "../shared/data/ardusub_logs/small.BIN"
 
 
 def boat(start: float = 100.0, seconds: float = 20.0, course: float | None = None) -> Board:
-    """A boat that turns; with a *course* [deg] relative to her bow a receiver tells her speed of 1.5 m/s, after 1 s."""
+    """A turning boat; with a *course* [deg] relative to the bow a GPS reports its speed of 1.5 m/s after 1 s."""
     board = Board()
     board.boat(t=start)
     motion = swing(seconds)
@@ -34,7 +34,7 @@ def boat(start: float = 100.0, seconds: float = 20.0, course: float | None = Non
     return board
 
 
-def test_a_binary_log_becomes_a_run_with_its_first_imu_and_without_the_simulators_truth(tmp_path: Path) -> None:
+def test_a_binary_log_becomes_a_run_with_its_first_imu_and_no_simulator_truth(tmp_path: Path) -> None:
     (run,) = load_runs(boat().write(tmp_path / "00000007.BIN"))
     assert run.name == "00000007#1 MANUAL 0-20 s"
     assert (run.meta["format"], run.meta["clock"]) == ("onboard log (binary)", "vehicle (TimeUS)")
@@ -44,7 +44,7 @@ def test_a_binary_log_becomes_a_run_with_its_first_imu_and_without_the_simulator
     assert not run.meta["notes"]
 
 
-def test_without_an_estimator_speed_ahead_and_aside_come_from_the_receivers_course(tmp_path: Path) -> None:
+def test_without_an_estimator_surge_and_sway_come_from_the_gps_course(tmp_path: Path) -> None:
     (run,) = load_runs(boat(course=30.0).write(tmp_path / "00000007.BIN"))
     assert run.meta["sources"]["u"] == "gps"
     known = np.isfinite(run["u"].values)
@@ -77,7 +77,7 @@ def test_a_real_log_reads_as_pymavlink_reads_it() -> None:
     assert record(REAL).meta["damaged_stamps"] == 0
 
 
-def test_what_lies_between_messages_is_stepped_over_and_counted(tmp_path: Path) -> None:
+def test_bytes_between_messages_are_skipped_and_counted(tmp_path: Path) -> None:
     board = boat()
     whole = len(board.pieces)
     board.pieces[60:60] = [b"\xa3\x95\xff nothing of a message \xa3\x95"]
@@ -88,7 +88,7 @@ def test_what_lies_between_messages_is_stepped_over_and_counted(tmp_path: Path) 
     assert log.notes[0][0] == "damaged-log"
 
 
-def test_a_damaged_stamp_is_left_out_and_a_sparse_log_is_not_damage(tmp_path: Path) -> None:
+def test_a_damaged_stamp_is_left_out_and_a_sparse_log_is_not_damaged(tmp_path: Path) -> None:
     board = boat()
     spoilt = bytearray(board.pieces[200])
     spoilt[9] ^= 0x40
@@ -101,7 +101,7 @@ def test_a_damaged_stamp_is_left_out_and_a_sparse_log_is_not_damage(tmp_path: Pa
     assert log.stores[0].span == pytest.approx((100.0, 119.95))
 
 
-def test_values_no_craft_can_have_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_impossible_values_are_left_out_and_counted(tmp_path: Path) -> None:
     board = boat()
     board.row("IMU", 120.0, 0, 0.0, 0.0, 1e30)
     board.row("IMU", 120.1, 0, 0.0, 0.0, math.nan)
@@ -117,8 +117,8 @@ def test_two_boots_in_one_file_are_two_runs(tmp_path: Path) -> None:
     assert (first["psi"].t[0], second["psi"].t[0]) == pytest.approx((400.0, 30.0))
 
 
-def test_a_message_without_stamps_is_as_old_as_the_one_before_it(tmp_path: Path) -> None:
-    """ArduSub 4.7 writes 0 into the TimeUS of RATE; as long as something else tells the rate that is taken."""
+def test_a_message_without_stamps_gets_the_time_of_the_preceding_one(tmp_path: Path) -> None:
+    """ArduSub 4.7 writes 0 into the TimeUS of RATE; another source of the rate is preferred."""
     board = Board()
     board.boat()
     for i in range(100):
@@ -136,11 +136,11 @@ def test_a_message_without_stamps_is_as_old_as_the_one_before_it(tmp_path: Path)
     assert run.meta["sources"]["r"] == "imu"
 
 
-def test_a_run_tells_what_the_gyro_filter_did_to_its_rates(tmp_path: Path) -> None:
+def test_a_run_records_the_gyro_filter_of_its_rates(tmp_path: Path) -> None:
     board = boat()
     board.row("PARM", 120.0, "INS_GYRO_FILTER", 4.0, 4.0)
     (run,) = load_runs(board.write(tmp_path / "a.bin"))
-    told = run.meta["filters"]["r"]
-    assert (told["parameter"], told["cutoff_hz"], told["order"]) == ("INS_GYRO_FILTER", 4.0, 2)
-    assert told["delay_s"] == pytest.approx(0.0563, abs=1e-4)
+    reported = run.meta["filters"]["r"]
+    assert (reported["parameter"], reported["cutoff_hz"], reported["order"]) == ("INS_GYRO_FILTER", 4.0, 2)
+    assert reported["delay_s"] == pytest.approx(0.0563, abs=1e-4)
     assert "psi" not in run.meta["filters"]

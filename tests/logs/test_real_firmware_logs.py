@@ -1,4 +1,4 @@
-"""An unmodified ArduRover told one session twice, over the link and into its log on board: both give the same run."""
+"""One session of an unmodified ArduRover, recorded over the link and on board: both give the same run."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def test_heading_and_rate_agree_within_their_stamps(both: tuple[Trial, Trial]) -
         assert float(np.max(np.abs(a - b))) < fastest * TRUE_TIME + bias, name
 
 
-def test_the_inputs_agree_but_for_how_often_each_was_told(both: tuple[Trial, Trial]) -> None:
-    """Outputs are told at 40 Hz over the link and logged on board at 10 Hz, so a switch is known to 50 ms there."""
+def test_the_inputs_agree_within_their_message_rates(both: tuple[Trial, Trial]) -> None:
+    """Outputs are sent at 40 Hz and logged on board at 10 Hz, so a switch is known to 50 ms there."""
     link, board = both
     t = np.arange(board.start + 1.0, board.end - 1.0, 0.01)
     for name in ("N", "X"):
@@ -68,7 +68,7 @@ def test_they_are_identified_as_the_same_craft(both: tuple[Trial, Trial]) -> Non
         assert a.value == pytest.approx(b.value, rel=0.03)
 
 
-def test_each_run_says_where_it_comes_from(both: tuple[Trial, Trial]) -> None:
+def test_each_run_records_its_origin(both: tuple[Trial, Trial]) -> None:
     link, board = both
     assert link.meta["vehicle"] == "ArduRover (system 1)"
     assert board.meta["vehicle"].startswith("ArduRover V4.7.0-dev")

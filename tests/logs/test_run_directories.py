@@ -36,7 +36,7 @@ def trial(start: float, meta: dict[str, object]) -> Trial:
     return Trial("relay-1", channels, meta=meta)
 
 
-def test_a_relay_brings_what_its_inputs_were_during_the_lead_in(tmp_path: Path) -> None:
+def test_a_relay_includes_the_inputs_of_its_lead_in(tmp_path: Path) -> None:
     folder = tmp_path / "trials"
     folder.mkdir()
     save_trial(trial(10.0, {"manoeuvre": "relay"}), folder / "01-relay-1.csv")
@@ -58,7 +58,7 @@ def leave(folder: Path, *runs: tuple[str, str, str]) -> Path:
     return folder
 
 
-def test_every_manoeuvre_says_what_it_is_flown_for() -> None:
+def test_every_manoeuvre_has_a_purpose() -> None:
     flown = [
         Relay(RelaySettings("psi", "N"), "r"),
         ThrottleSteps(ThrottleStepsSettings(0.5), "t"),
@@ -68,23 +68,23 @@ def test_every_manoeuvre_says_what_it_is_flown_for() -> None:
         TurnAbout(TurnAboutSettings(0.5)),
         Dive(DiveSettings(1.5)),
     ]
-    said = [Trial(m.name, {}, meta=m.settings).purpose for m in flown]
-    assert said == ["identification", "identification", "proof", "check", "check", "transit", "transit"]
+    purposes = [Trial(m.name, {}, meta=m.settings).purpose for m in flown]
+    assert purposes == ["identification", "identification", "proof", "check", "check", "transit", "transit"]
 
 
-def test_a_directory_is_identified_from_what_was_flown_for_it_whatever_it_is_called(tmp_path: Path) -> None:
+def test_a_directory_is_identified_from_runs_flown_for_identification_under_any_name(tmp_path: Path) -> None:
     runs = [("check", "check", "completed"), ("steps", "identification", "completed"), ("proof", "proof", "completed")]
     (run,) = load_runs(leave(tmp_path, *runs))
     assert run.name == "steps"
     assert "notes" not in run.meta
 
 
-def test_an_experiment_that_was_cut_off_yields_to_a_whole_one(tmp_path: Path) -> None:
+def test_a_complete_experiment_is_preferred_to_an_aborted_one(tmp_path: Path) -> None:
     runs = load_runs(leave(tmp_path, ("a", "identification", "completed"), ("b", "identification", "aborted")))
     assert [run.name for run in runs] == ["a"]
 
 
-def test_of_an_aborted_run_what_was_cut_off_and_its_steps_are_taken_with_a_doubt_each(tmp_path: Path) -> None:
+def test_incomplete_records_and_steps_of_an_aborted_run_are_used_with_doubts(tmp_path: Path) -> None:
     runs = [("pulse", "check", "completed"), ("step", "proof", "completed"), ("swing", "identification", "aborted")]
     found = load_runs(leave(tmp_path, *runs))
     assert [run.name for run in found] == ["step", "swing"]
@@ -92,18 +92,18 @@ def test_of_an_aborted_run_what_was_cut_off_and_its_steps_are_taken_with_a_doubt
     assert "is incomplete" in found[1].meta["notes"][0][1]
 
 
-def test_of_a_run_that_got_no_further_than_its_check_the_pulses_are_taken(tmp_path: Path) -> None:
+def test_the_pulses_of_a_run_that_ended_at_its_check_are_used(tmp_path: Path) -> None:
     (run,) = load_runs(leave(tmp_path, ("pulse", "check", "aborted"), ("turn", "transit", "completed")))
     assert run.name == "pulse"
     assert run.meta["dof"] == "yaw"
 
 
-def test_a_directory_in_which_nothing_was_driven_says_what_it_holds(tmp_path: Path) -> None:
+def test_a_directory_without_driven_runs_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="no run in which an actuator is driven"):
         load_runs(leave(tmp_path, ("turn", "transit", "completed")))
 
 
-def test_a_record_older_than_purposes_is_told_by_its_manoeuvre() -> None:
-    said = [Trial("", {}, meta={"manoeuvre": m}).purpose for m in ("relay", "throttle-steps", "step", "sign-check")]
-    assert said == ["identification", "identification", "proof", "check"]
+def test_the_purpose_of_an_old_record_follows_from_its_manoeuvre() -> None:
+    purposes = [Trial("", {}, meta={"manoeuvre": m}).purpose for m in ("relay", "throttle-steps", "step", "sign-check")]
+    assert purposes == ["identification", "identification", "proof", "check"]
     assert Trial("", {}).purpose == ""

@@ -1,4 +1,4 @@
-"""Samples taken one by one and many at once: what is kept, what is counted and left out, and what is read back."""
+"""Samples taken one by one and many at once: kept, counted, left out and read back."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_samples_older_than_the_newest_of_their_kind_are_counted_and_left_out(st
     ("source", "most"),
     [("att.phi", 10.0), ("att.r", 200.0), ("gps.U", 200.0), ("ekf.z", 1e7), ("gps.lat", 90.0), ("servo.1", 1e5)],
 )
-def test_what_no_craft_can_have_is_counted_with_all_that_came_with_it(
+def test_impossible_values_are_counted_with_their_whole_message(
     source: str, most: float, store: SampleStore, take: Take
 ) -> None:
     bad = [math.nan, math.inf, -math.inf, 1.001 * most, -1.001 * most]
@@ -65,7 +65,7 @@ def test_what_no_craft_can_have_is_counted_with_all_that_came_with_it(
     assert store.series("att.psi")[1].tolist() == [1.0, 2.0]
 
 
-def test_many_samples_without_a_stamp_or_without_any_are_left_out(store: SampleStore) -> None:
+def test_samples_without_stamps_or_values_are_left_out(store: SampleStore) -> None:
     at_once(store, [], {"local.x": []})
     store.take(1.0, {})
     at_once(store, [math.nan, 1.0, math.inf], {"local.x": [1.0, 2.0, 3.0]})
@@ -75,7 +75,7 @@ def test_many_samples_without_a_stamp_or_without_any_are_left_out(store: SampleS
     assert store.series("local.x")[1].tolist() == [2.0]
 
 
-def test_a_column_that_stands_and_then_changes_is_read_back_whole(store: SampleStore, take: Take) -> None:
+def test_a_constant_column_that_changes_is_read_back_completely(store: SampleStore, take: Take) -> None:
     first, later = [5.0, 5.0, 5.0], [5.0, 6.0, 5.0]
     take(store, [0.0, 1.0, 2.0], {"servo.1": first})
     assert store.series("servo.1")[1].tolist() == first
@@ -86,7 +86,7 @@ def test_a_column_that_stands_and_then_changes_is_read_back_whole(store: SampleS
     assert t.tolist() == list(range(8))
 
 
-def test_a_source_that_two_messages_bring_is_read_in_order_of_time(store: SampleStore) -> None:
+def test_a_source_of_two_messages_is_read_in_order_of_time(store: SampleStore) -> None:
     one_by_one(store, [1.0, 3.0], {"ekf.z": [1.0, 3.0]})
     one_by_one(store, [0.0, 2.0, 3.0], {"ekf.z": [0.0, 2.0, 4.0], "ekf.x": [0.0, 0.0, 0.0]})
     t, z = store.series("ekf.z")
@@ -95,7 +95,7 @@ def test_a_source_that_two_messages_bring_is_read_in_order_of_time(store: Sample
     assert "ekf.x" in store and "ekf.y" not in store
 
 
-def test_numbers_span_and_silences_go_over_all_that_was_heard(store: SampleStore) -> None:
+def test_channel_numbers_span_and_gaps_cover_all_messages(store: SampleStore) -> None:
     assert (store.span, store.silences(1.0), store.numbered("servo")) == ((0.0, 0.0), [], [])
     one_by_one(store, [2.0, 2.5, 6.0], {"servo.10": [1.0] * 3, "servo.2": [1.0] * 3, "servox": [1.0] * 3})
     one_by_one(store, [1.0, 4.0, 7.0, 9.1], {"servo.3": [1.0] * 4})
@@ -116,16 +116,16 @@ def test_a_census_counts_kinds_and_their_rates() -> None:
     assert (census.rate("ONCE"), census.rate("NEVER")) == (0.0, 0.0)
 
 
-def test_parameters_of_a_log_are_those_it_tells() -> None:
-    told = RecordedParameters({"P": 0.2, "I": 0.1})
-    assert (told.read("P"), told.read_all(["I", "P"])) == (0.2, {"I": 0.1, "P": 0.2})
-    assert told.read_existing(["P", "D"]) == {"P": 0.2}
+def test_parameters_of_a_log_are_those_it_contains() -> None:
+    reported = RecordedParameters({"P": 0.2, "I": 0.1})
+    assert (reported.read("P"), reported.read_all(["I", "P"])) == (0.2, {"I": 0.1, "P": 0.2})
+    assert reported.read_existing(["P", "D"]) == {"P": 0.2}
     with pytest.raises(ParameterMissing, match="D, FF") as caught:
-        told.read_all(["P", "D", "FF"])
+        reported.read_all(["P", "D", "FF"])
     assert caught.value.name == "D"
 
 
-def test_columns_of_one_message_share_their_stamps_which_grow_with_them() -> None:
+def test_columns_of_one_message_share_their_stamps() -> None:
     store = SampleStore("a log", "its own")
     for t in (1.0, 2.0):
         store.take(t, {"a.psi": 0.1 * t, "a.r": 0.2})

@@ -64,7 +64,7 @@ def test_a_slow_motor_is_reported_and_its_reversal_has_the_right_direction() -> 
     assert float(np.max(np.abs(np.diff(slow.values)))) < 0.2  # the thrust passes zero without a jump
 
 
-def test_speeds_that_do_not_follow_the_commands_are_a_doubt() -> None:
+def test_shaft_speeds_that_do_not_follow_the_commands_raise_a_doubt() -> None:
     store = SampleStore("log", "its own", firmware=FIRMWARE["ardurover"], parameters=dict(SKID))
     t = np.arange(0.0, 30.0, DT)
     store.take_all(t, {"servo.1": 1500.0 + 200.0 * np.sin(t), "servo.3": 1500.0 - 200.0 * np.sin(t)})

@@ -1,4 +1,4 @@
-"""Telemetry logs: what was told of one vehicle becomes runs that can be identified; everything else is said."""
+"""Telemetry logs: messages of one vehicle become runs for identification; everything else is reported."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_the_command_line_identifies_a_log(tmp_path: Path, capsys: pytest.Captur
 
 
 @pytest.mark.slow
-def test_only_stretches_armed_and_driven_become_runs_one_per_mode(tmp_path: Path) -> None:
+def test_only_armed_and_driven_segments_become_runs_one_per_mode(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, BOAT)
     sail(log, swing(90.0))
@@ -88,7 +88,7 @@ def test_vehicles_are_never_mixed(tmp_path: Path) -> None:
         load_runs(path, system=9)
 
 
-def test_damage_is_stepped_over_counted_and_doubted(tmp_path: Path) -> None:
+def test_damage_is_skipped_counted_and_reported_as_a_doubt(tmp_path: Path) -> None:
     def spoil(pieces: list[bytes]) -> list[bytes]:
         rng = np.random.default_rng(1)
         hit = {int(i) for i in rng.integers(60, len(pieces), 60)}
@@ -102,14 +102,14 @@ def test_damage_is_stepped_over_counted_and_doubted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("share", [0.3, 0.71, 0.999])
-def test_a_truncated_log_gives_what_came_before(tmp_path: Path, share: float) -> None:
+def test_a_truncated_log_is_read_up_to_its_end(tmp_path: Path, share: float) -> None:
     whole = plain().write(tmp_path / "whole.tlog").read_bytes()
     (tmp_path / "cut.tlog").write_bytes(whole[: int(share * len(whole))])
     (run,) = load_runs(tmp_path / "cut.tlog")
     assert run.duration == pytest.approx(40.0 * share, abs=1.5)
 
 
-def test_a_reboot_parts_the_log(tmp_path: Path) -> None:
+def test_a_reboot_splits_the_log(tmp_path: Path) -> None:
     log = plain(30.0)
     again = Tlog()
     sail(again, swing(30.0, seed=1))
@@ -120,7 +120,7 @@ def test_a_reboot_parts_the_log(tmp_path: Path) -> None:
     assert is_right(fit_axis([first, second], dof="yaw", structure="linear"))
 
 
-def test_side_thrusters_give_surge_and_yaw(tmp_path: Path) -> None:
+def test_skid_steering_gives_surge_and_yaw(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, SKID)
     beats(log, 0.0, 40.0, armed=True)
@@ -144,7 +144,7 @@ def test_a_vectored_rov_is_unmixed_by_its_frame(tmp_path: Path) -> None:
     assert is_right(fit_axis(run, dof="yaw", structure="linear"))
 
 
-def test_without_parameters_the_sticks_are_taken_with_a_doubt(tmp_path: Path) -> None:
+def test_without_parameters_the_sticks_are_used_with_a_doubt(tmp_path: Path) -> None:
     log = Tlog()
     beats(log, 0.0, 40.0, armed=True, mode=19, kind=12)
     motion = swing(40.0)
@@ -158,7 +158,7 @@ def test_without_parameters_the_sticks_are_taken_with_a_doubt(tmp_path: Path) ->
     assert found.parameters["alpha_r"].value == pytest.approx(ALPHA, rel=0.05)
 
 
-def test_without_any_input_the_log_is_refused_with_what_to_record(tmp_path: Path) -> None:
+def test_a_log_without_inputs_is_rejected_with_what_to_record(tmp_path: Path) -> None:
     log = Tlog()
     beats(log, 0.0, 40.0, armed=True)
     sail(log, swing(40.0), outputs=False)
@@ -166,7 +166,7 @@ def test_without_any_input_the_log_is_refused_with_what_to_record(tmp_path: Path
         load_runs(log.write(tmp_path / "mute.tlog"))
 
 
-def test_a_log_without_a_vehicles_clock_is_dated_by_the_ground(tmp_path: Path) -> None:
+def test_a_log_without_vehicle_clock_is_dated_by_the_ground_station(tmp_path: Path) -> None:
     log = Tlog()
     parameters(log, BOAT)
     beats(log, 0.0, 40.0, armed=True)
@@ -178,7 +178,7 @@ def test_a_log_without_a_vehicles_clock_is_dated_by_the_ground(tmp_path: Path) -
     assert run["U"].t[1] - run["U"].t[0] == pytest.approx(0.25, abs=1e-4)
 
 
-def test_velocity_over_ground_is_turned_into_the_body(tmp_path: Path) -> None:
+def test_velocity_over_ground_is_rotated_into_the_body_frame(tmp_path: Path) -> None:
     log = plain()
     motion = swing(40.0)
     for t, psi in zip(motion["t"], motion["psi"], strict=True):
@@ -192,13 +192,13 @@ def test_velocity_over_ground_is_turned_into_the_body(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [b"\x00" * 300, b"not a log at all, but long enough to be looked at twice", b""])
-def test_what_is_no_log_is_a_bad_file(tmp_path: Path, text: bytes) -> None:
+def test_a_file_that_is_not_a_log_is_a_bad_file(tmp_path: Path, text: bytes) -> None:
     (tmp_path / "x.tlog").write_bytes(text)
     with pytest.raises(BadFile):
         load_runs(tmp_path / "x.tlog")
 
 
-def test_a_log_of_a_ground_station_alone_says_that_no_vehicle_was_heard(tmp_path: Path) -> None:
+def test_a_log_without_an_autopilot_heartbeat_is_rejected(tmp_path: Path) -> None:
     log = Tlog()
     log.heard(0.0, heartbeat(armed=False, kind=6, autopilot=8), 255, 190)
     with pytest.raises(BadFile, match="no autopilot's HEARTBEAT"):
@@ -207,7 +207,7 @@ def test_a_log_of_a_ground_station_alone_says_that_no_vehicle_was_heard(tmp_path
 
 @pytest.mark.slow
 @needs_real_logs
-def test_a_real_log_that_was_never_armed_says_so() -> None:
+def test_a_real_log_that_was_never_armed_is_reported_as_such() -> None:
     with pytest.raises(NotInformative, match=r"316 s of ArduSub .* never armed"):
         load_runs(REAL / "2023-04-18_11-03-34.tlog")
 

@@ -1,4 +1,4 @@
-"""A pond with one toy craft in it, for testing manoeuvres and the sequencer without any link.
+"""A toy craft for testing manoeuvres and the sequencer without any link.
 
 One line of dynamics, nothing shared with ``sitl`` or ``gcs_autotune.models``: yaw acceleration follows the
 demand and is damped; in the hold modes a plain PD loop steers to the target.
@@ -187,7 +187,7 @@ class BeforeWall(PondCraft):
 
 
 class Pushed(PondCraft):
-    """Somebody pushes it down after 8 s: it swings with *omega* [rad/s] and *zeta*, about a list of 0.02 rad."""
+    """A push after 8 s: the craft rolls with *omega* [rad/s] and *zeta*, about a list of 0.02 rad."""
 
     omega, zeta = 2.5, 0.12
 
@@ -204,7 +204,7 @@ class Pushed(PondCraft):
 class Buoyant(PondCraft):
     """ArduPilot's own submarine, *buoyancy* [N] light: thrust and drag with the square, a dead band, and a surface.
 
-    Its depth is told with a noise that wanders (3 s), as an estimator's does.
+    Its reported depth has slowly varying noise (3 s), as an estimator's has.
     """
 
     def __init__(self, buoyancy: float, depth: float, seed: int, *, sign: float = 1.0) -> None:
@@ -240,7 +240,7 @@ def turned(degrees: float) -> float:
 def answered(
     manoeuvre: Manoeuvre, seen: Callable[[float, Any], Observation], *, tick: float = 0.5, most: float = 400.0
 ) -> list[tuple[Observation, Any]]:
-    """Return what is seen and what *manoeuvre* commands to it, until it ends; *seen* tells of a time and a command."""
+    """Return observations and the commands of *manoeuvre* until it ends; *seen* maps time and command to one."""
     now = seen(0.0, Actuate())
     commands = manoeuvre.commands(now)
     rows, k = [(now, next(commands))], 0

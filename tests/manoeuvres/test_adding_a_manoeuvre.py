@@ -1,4 +1,4 @@
-"""A manoeuvre from outside the package: one class, one row, and it is listed, previewed and flown like the others."""
+"""A user's manoeuvre is one class and one row; it is listed, previewed and flown like the others."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ KIND = ManoeuvreKind(
 
 
 @pytest.mark.slow
-def test_one_row_in_the_table_and_the_command_lists_previews_and_flies_it(
+def test_a_manoeuvre_added_to_the_table_is_listed_previewed_and_flown(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Any
 ) -> None:
     monkeypatch.setitem(MANOEUVRES, "wiggle", KIND)  # type: ignore[arg-type]
@@ -70,7 +70,7 @@ def test_one_row_in_the_table_and_the_command_lists_previews_and_flies_it(
     assert preview(Wiggle(8.0), paper, Envelope()).seconds == pytest.approx(8.1, abs=0.1)
 
 
-def test_the_sequencer_needs_nothing_but_the_generator() -> None:
+def test_the_sequencer_only_needs_the_generator() -> None:
     free = Envelope(heading_excursion=math.inf)
     flown = Sequencer(PondCraft(), free, SilentObserver(), lambda trial: None).fly(Wiggle(5.0))
     assert flown.reason == "wiggled"

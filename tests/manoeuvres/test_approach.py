@@ -1,4 +1,4 @@
-"""What ship manoeuvres begin with: steady or not, how noisy, on which course; and a helm held until it is steady."""
+"""The approach of ship manoeuvres: steadiness, noise and course; and a rudder held until the turn is steady."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_halves_of_a_full_window_are_compared() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_signal_may_rise_or_fall_and_is_unsteady_either_way(sign: float) -> None:
+def test_a_rising_or_falling_signal_is_unsteady(sign: float) -> None:
     steady = Steadiness(2.0)
     for k in range(5):
         steady.update(0.5 * k, sign * k)
@@ -36,7 +36,7 @@ def test_a_signal_may_rise_or_fall_and_is_unsteady_either_way(sign: float) -> No
     assert steady.is_within(2.6)
 
 
-def test_a_value_unknown_makes_no_halves_and_is_left_out_of_the_mean() -> None:
+def test_unknown_values_are_left_out_of_the_mean() -> None:
     steady = Steadiness(1.0)
     assert math.isnan(steady.mean)
     assert steady.halves is None
@@ -50,7 +50,7 @@ def test_a_value_unknown_makes_no_halves_and_is_left_out_of_the_mean() -> None:
 
 
 def approach(speed, *, needs_way: bool = True, noise: float = 0.0) -> tuple[Approach, float]:
-    """Return the approach and when it was done; *speed* is told of a time."""
+    """Return the approach and its end time; *speed* is a function of time."""
     own, rng = Approach("psi", needs_way=needs_way), np.random.default_rng(1)
     own.start(at_rest(t=10.0))
     for k in range(1, 801):
@@ -81,7 +81,7 @@ def test_the_noise_is_that_of_a_heading_that_turns_steadily_and_the_speed_is_the
     ],
     ids=["none", "astern", "unknown", "gains", "two cm", "more", "then steady"],
 )
-def test_way_is_waited_for_until_it_is_steady_ahead_and_not_for_ever(speed, when: float) -> None:
+def test_the_approach_waits_a_limited_time_for_steady_headway(speed, when: float) -> None:
     assert approach(speed)[1] == pytest.approx(when, abs=0.3)
     assert approach(speed, needs_way=False)[1] == pytest.approx(LEAST_TIME, abs=0.06)
 
@@ -103,7 +103,7 @@ class Ahead(UnderWay):
         yield self._command(0.0, now)
 
 
-def test_a_craft_that_needs_way_goes_on_for_as_long_as_it_took_and_keeps_its_heading_lightly() -> None:
+def test_a_craft_that_needs_headway_approaches_twice_as_long_with_light_heading_control() -> None:
     ahead = Ahead(Steering(0.5, throttle=0.4))
     rows = answered(ahead, lambda t, c: at_rest(t=t, psi=0.1 * (t > 0.0), speed=min(0.2 * t, 1.0), u=1.0), tick=0.1)
     assert ahead.approached == pytest.approx(14.7, abs=0.3), "twice the time until three seconds differ by 3 % only"
@@ -128,7 +128,7 @@ def test_a_craft_that_needs_way_goes_on_for_as_long_as_it_took_and_keeps_its_hea
     ],
     ids=["at once", "at least", "after its lag", "never"],
 )
-def test_a_helm_is_held_until_the_turn_is_steady_and_for_as_long_again(side: float, rate, least, held) -> None:
+def test_the_rudder_is_held_for_twice_the_time_to_a_steady_turn(side: float, rate, least, held) -> None:
     ahead = Ahead(Steering(0.5), helm=0.5 * side, least=least)
     rows = answered(
         ahead, lambda t, c: at_rest(t=t, r=0.0 if c.N == 0.0 else side * rate(t - ahead.approached)), tick=0.1
@@ -142,12 +142,12 @@ def test_a_helm_is_held_until_the_turn_is_steady_and_for_as_long_again(side: flo
     assert rows[-1][1].N == 0.0
 
 
-def test_how_it_is_steered_is_read_from_the_options_and_told() -> None:
+def test_steering_options_are_read_and_recorded() -> None:
     options = {"steering": 0.3, "side": -1.0, "throttle": 0.6, "full-rudder": 0.5, "keep-still": 1.0}
     steering = Steering.of(options)
     assert steering == Steering(0.3, -1, 0.6, 0.5, True)
-    told = Ahead(steering).settings
-    assert (told["steering"], told["full_rudder"], told["throttle"]) == (-0.3, 0.5, 0.6)
+    settings = Ahead(steering).settings
+    assert (settings["steering"], settings["full_rudder"], settings["throttle"]) == (-0.3, 0.5, 0.6)
     plain = Steering.of({"side": 1.0, "throttle": 0.0, "keep-still": 0.0})
     assert plain == Steering(0.0)
     assert "full_rudder" not in Ahead(plain).settings

@@ -1,4 +1,4 @@
-"""A boat comes back to where it began, or says why not; rough water is not called calm."""
+"""A boat returns to its start or reports why it did not; rough water is not reported as calm."""
 
 from __future__ import annotations
 
@@ -20,9 +20,7 @@ FREE = Envelope(heading_excursion=math.inf)
 
 @pytest.mark.parametrize("bearing", [0.0, 1.5, 3.1, -2.0])
 @pytest.mark.parametrize(("gain", "lag"), [(0.2, 3.3), (0.6, 0.6), (1.5, 2.0)])
-def test_from_any_bearing_quick_and_slow_boats_come_back_without_weaving(
-    gain: float, lag: float, bearing: float
-) -> None:
+def test_fast_and_slow_boats_return_from_any_bearing_without_weaving(gain: float, lag: float, bearing: float) -> None:
     boat = NominalPlant(SingleDof("yaw", "1", lag / gain, 1.0 / gain), 1.0, "a test")
     seen = preview(ComeBack(50.0 * math.cos(bearing), 50.0 * math.sin(bearing), 0.5), boat, FREE)
     assert seen.outcome is not None
@@ -31,7 +29,7 @@ def test_from_any_bearing_quick_and_slow_boats_come_back_without_weaving(
     assert np.count_nonzero(np.diff(np.sign(N[np.abs(N) > 0.1]))) <= 2
 
 
-def test_a_boat_without_a_position_and_one_that_makes_no_way_say_so() -> None:
+def test_a_missing_position_and_missing_headway_are_reported() -> None:
     lost = ComeBack(10.0, 0.0, 0.5)
     next(lost.commands(at_rest(x=math.nan)))
     assert lost.outcome is not None
@@ -43,7 +41,7 @@ def test_a_boat_without_a_position_and_one_that_makes_no_way_say_so() -> None:
 
 
 @pytest.mark.parametrize(("roll", "ending"), [(1.0, "completed"), (6.0, "aborted")])
-def test_rolling_water_is_waited_for_and_then_refused(roll: float, ending: str) -> None:
+def test_the_calm_check_waits_for_rolling_to_stop_and_then_aborts(roll: float, ending: str) -> None:
     check = CalmCheck()
     commands = check.commands(at_rest(phi=0.0, theta=0.0))
     command = next(commands)
@@ -58,7 +56,7 @@ def test_rolling_water_is_waited_for_and_then_refused(roll: float, ending: str) 
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_rudder_turns_the_bow_towards_the_place_by_the_shorter_way_damped_and_limited(side: float) -> None:
+def test_the_rudder_turns_the_bow_to_the_target_the_short_way_with_damping_and_a_limit(side: float) -> None:
     def steering(**seen: float) -> Actuate:
         command = next(ComeBack(0.0, 20.0 * side, 0.5).commands(at_rest(**seen)))
         assert isinstance(command, Actuate)
@@ -74,7 +72,7 @@ def test_the_rudder_turns_the_bow_towards_the_place_by_the_shorter_way_damped_an
     assert steering(psi=math.nan).N == 0.0
 
 
-def test_a_boat_is_back_within_a_few_metres_and_given_the_time_that_the_distance_takes() -> None:
+def test_a_return_ends_within_a_few_metres_and_its_timeout_grows_with_distance() -> None:
     near = ComeBack(3.0, 4.0, 0.5)
     next(near.commands(at_rest()))
     assert near.outcome is not None
@@ -84,12 +82,12 @@ def test_a_boat_is_back_within_a_few_metres_and_given_the_time_that_the_distance
     assert rows[-1][0].t == math.floor(2.0 * (SPARE + 50.0 / LEAST_WAY)) / 2.0 + 0.5
     driven = ComeBack(0.0, 0.0, 0.5)
     rows = answered(driven, lambda t, command: at_rest(t=t, x=60.0 if t >= 5.0 else 6.0))
-    assert rows[-1][0].t == SPARE + 60.0 / LEAST_WAY + 0.5, "farther away it is given more"
+    assert rows[-1][0].t == SPARE + 60.0 / LEAST_WAY + 0.5, "the timeout grows with the distance"
 
 
 @pytest.mark.parametrize("axis", ["phi", "theta"])
 @pytest.mark.parametrize(("share", "ending"), [(0.98, "completed"), (1.02, "aborted")])
-def test_water_is_calm_when_roll_and_pitch_are_about_their_means(axis: str, share: float, ending: str) -> None:
+def test_water_is_calm_when_roll_and_pitch_stay_near_their_means(axis: str, share: float, ending: str) -> None:
     check = CalmCheck()
     rows = answered(check, lambda t, command: at_rest(t=t, **{axis: 0.3 + share * CALM * (-1.0) ** round(2.0 * t)}))
     assert check.outcome is not None
@@ -103,7 +101,7 @@ def test_water_is_calm_when_roll_and_pitch_are_about_their_means(axis: str, shar
 
 
 @pytest.mark.parametrize("rate", [0.6, -0.6])
-def test_a_craft_with_hardly_any_drag_is_brought_to_rest_by_a_light_hand(rate: float) -> None:
+def test_a_craft_with_little_drag_is_brought_to_rest_gently(rate: float) -> None:
     pond = PondCraft(gain=1.5, drag=0.0)
     pond.mode, pond.r = "MANUAL", rate
     rest, begun = ComeToRest(), pond.clock.now()
@@ -117,7 +115,7 @@ def test_a_craft_with_hardly_any_drag_is_brought_to_rest_by_a_light_hand(rate: f
     assert 2.0 < pond.clock.now() - begun < REST
 
 
-def test_what_comes_to_rest_before_a_step_in_depth_tells_its_depth_and_what_drives_that() -> None:
+def test_coming_to_rest_before_a_depth_step_shows_depth_and_vertical_output() -> None:
     now = replace(at_rest(z=2.5), output={"N": 0.1, "Z": 0.3})
     assert ComeToRest("z", "Z").progress(now).signal == "z"
     assert (ComeToRest("z", "Z").progress(now).value, ComeToRest("z", "Z").progress(now).output) == (2.5, 0.3)
@@ -128,9 +126,7 @@ def test_what_comes_to_rest_before_a_step_in_depth_tells_its_depth_and_what_driv
     ("seen", "seconds"),
     [({"r": 0.0, "w": 0.0}, 1.0), ({"r": 0.0, "w": math.nan}, 1.0), ({"r": 0.05}, REST), ({"w": 0.1}, REST)],
 )
-def test_a_craft_that_lies_still_is_not_waited_for_and_one_that_never_does_not_for_ever(
-    seen: dict[str, float], seconds: float
-) -> None:
+def test_the_wait_for_rest_is_short_when_at_rest_and_limited_otherwise(seen: dict[str, float], seconds: float) -> None:
     rest = ComeToRest()
     commands = rest.commands(at_rest(**seen))
     next(commands)
@@ -142,7 +138,7 @@ def test_a_craft_that_lies_still_is_not_waited_for_and_one_that_never_does_not_f
     assert 0.1 * ticks == pytest.approx(seconds, abs=0.15)
 
 
-def test_single_readings_of_a_craft_that_swings_about_rest_in_a_dead_band_keep_nobody_waiting() -> None:
+def test_small_oscillations_about_rest_do_not_prolong_the_wait() -> None:
     rest = ComeToRest()
     rows = answered(rest, lambda t, command: at_rest(t=t, r=1.2 * STILL[0] * math.sin(6.0 * t)))
     assert rest.outcome is not None

@@ -15,7 +15,7 @@ from .pond import PondCraft, answered, at_rest
 
 
 class Loop(PondCraft):
-    """A depth loop that holds *offset* [m] beside what it is told, and swings *swing* [m] about it every 8 s."""
+    """A depth loop with an offset of *offset* [m] and an oscillation of *swing* [m], period 8 s."""
 
     def __init__(self, offset: float, swing: float) -> None:
         super().__init__()
@@ -38,53 +38,53 @@ def dive(offset: float = 0.0, swing: float = 0.0) -> Trial:
     return Sequencer(Loop(offset, swing), envelope, SilentObserver(), lambda trial: None).fly(Dive(DiveSettings(1.5)))
 
 
-def test_a_craft_that_follows_is_there_at_once() -> None:
+def test_a_craft_that_follows_its_depth_command_completes_the_dive_quickly() -> None:
     flown = dive()
     assert flown.ending == "completed"
     assert flown.reason == "1.5 m deep"
     assert flown.duration < 15.0
 
 
-def test_one_whose_loop_swings_or_holds_another_depth_is_deep_enough_when_it_stays_off_the_surface() -> None:
+def test_an_oscillating_or_offset_depth_is_accepted_if_the_craft_stays_submerged() -> None:
     for offset, swing in ((0.0, 0.45), (0.4, 0.0), (-0.3, 0.0)):
         flown = dive(offset, swing)
         assert flown.ending == "completed", (offset, swing)
         assert flown.reason.endswith("deep enough, but the depth has not settled")
 
 
-def test_one_that_stays_up_is_said_to_with_what_its_thrusters_do() -> None:
+def test_a_failed_dive_reports_depth_and_thrust() -> None:
     flown = dive(offset=-1.2)
     assert flown.ending == "aborted"
     assert "is 0.3 m deep and did not reach 1.5 m within 60 s, with +0.30 of full thrust down" in flown.reason
     assert "Check buoyancy" in flown.reason
 
 
-def test_one_that_sinks_beyond_is_not_said_to_be_buoyant() -> None:
+def test_a_craft_that_sinks_too_deep_is_not_reported_as_buoyant() -> None:
     flown = dive(offset=4.0)
     assert flown.ending == "aborted"
     assert "Check its buoyancy" in flown.reason
     assert "buoyant" not in flown.reason
 
 
-def test_one_that_swings_up_to_the_surface_is_refused() -> None:
+def test_a_craft_that_oscillates_up_to_the_surface_is_rejected() -> None:
     assert dive(swing=1.6).ending == "aborted"
 
 
-def told(depth: Callable[[float], float], **changes: float) -> tuple[Dive, list]:
+def dive_at(depth: Callable[[float], float], **changes: float) -> tuple[Dive, list]:
     manoeuvre = Dive(DiveSettings(4.0, **changes))
     return manoeuvre, answered(manoeuvre, lambda t, command: at_rest(t=t, z=depth(t)))
 
 
-def test_the_depth_commanded_goes_down_a_ramp_from_where_it_is_and_stops_at_the_one_wanted() -> None:
-    manoeuvre, rows = told(lambda t: 1.0, patience=30.0)
+def test_the_commanded_depth_ramps_from_the_present_depth_to_the_target() -> None:
+    manoeuvre, rows = dive_at(lambda t: 1.0, patience=30.0)
     assert [c.z for _, c in rows] == pytest.approx([min(4.0, 1.0 + RAMP * row.t) for row, _ in rows])
     assert rows[-1][1].z == 4.0
     assert manoeuvre.target == 4.0
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_being_there_counts_from_when_the_band_was_last_left_on_either_side(side: float) -> None:
-    manoeuvre, rows = told(lambda t: 4.0 + side * (0.25 if t == 1.5 else 0.19))
+def test_settling_time_restarts_when_the_depth_leaves_the_band(side: float) -> None:
+    manoeuvre, rows = dive_at(lambda t: 4.0 + side * (0.25 if t == 1.5 else 0.19))
     assert rows[-1][0].t == 3.5
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.ending == "completed"
@@ -101,8 +101,8 @@ def test_being_there_counts_from_when_the_band_was_last_left_on_either_side(side
     ],
     ids=["long", "shallow", "deep", "just long", "too short"],
 )
-def test_after_its_patience_it_is_enough_to_have_been_deep_for_long(depth, until: float, ending: str) -> None:
-    manoeuvre, rows = told(depth)
+def test_after_the_timeout_an_unsettled_dive_completes_if_it_stayed_deep(depth, until: float, ending: str) -> None:
+    manoeuvre, rows = dive_at(depth)
     assert rows[-1][0].t == until
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.ending == ending

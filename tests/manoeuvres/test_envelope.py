@@ -51,7 +51,7 @@ def anchor_for(name: str):
 
 
 @pytest.mark.parametrize("guard", GUARDS, ids=lambda g: g.name)
-def test_every_guard_trips_beyond_its_limit_and_says_which(guard):
+def test_every_guard_trips_beyond_its_limit_and_is_identified(guard):
     anchor = anchor_for(guard.name)
     with pytest.raises(GuardTripped) as caught:
         Watch(replace(TIGHT, area=POND), anchor).check(at_rest(**{"z": anchor.z, **BROKEN[guard.name]}))
@@ -60,22 +60,22 @@ def test_every_guard_trips_beyond_its_limit_and_says_which(guard):
     assert "neutral" in str(caught.value)
 
 
-def test_every_guard_has_a_case_here():
+def test_every_guard_has_a_test_case():
     assert {g.name for g in GUARDS} == set(BROKEN)
 
 
-def test_inside_the_envelope_the_nearest_guard_is_named_with_its_share():
+def test_inside_the_envelope_the_nearest_guard_is_reported_with_its_used_fraction():
     name, share = Watch(TIGHT, at_rest()).check(at_rest(t=33.0, psi=math.radians(10.0)))
     assert (name, share) == ("time", pytest.approx(0.55))
 
 
-def test_signals_the_craft_does_not_have_trip_nothing_and_use_up_nothing():
+def test_missing_signals_trip_no_guard():
     nan = math.nan
     blind = at_rest(x=nan, y=nan, z=nan, speed=nan, phi=nan, theta=nan, battery_remaining=nan)
     assert Watch(TIGHT, blind).check(blind) == ("", 0.0)
 
 
-def test_limits_set_to_infinity_are_off():
+def test_infinite_limits_are_disabled():
     inf = math.inf
     wide = Envelope(inf, 0.0, inf, inf, inf, inf, inf, inf, 0.0, 0.0, inf)
     far = at_rest(t=1e6, psi=1e3, z=1e4, speed=1e3, x=1e6, phi=3.0, theta=3.0, battery_remaining=0.5)
@@ -92,7 +92,7 @@ TWO_SIDED = {
 
 @pytest.mark.parametrize("sign", [1.0, -1.0], ids=["positive", "negative"])
 @pytest.mark.parametrize("name", TWO_SIDED)
-def test_a_guard_of_a_signal_with_a_sign_trips_on_both_sides_of_where_the_manoeuvre_started(name, sign):
+def test_a_guard_of_a_signed_signal_trips_on_both_sides_of_its_start_value(name, sign):
     signal, limit = TWO_SIDED[name]
     start = {"psi": 0.7, "z": 4.0, "phi": 0.0, "theta": 0.0}
     watch = Watch(TIGHT, at_rest(**start))
@@ -106,7 +106,7 @@ def test_a_guard_of_a_signal_with_a_sign_trips_on_both_sides_of_where_the_manoeu
 
 
 @pytest.mark.parametrize(("north", "east"), [(25.0, 20.0), (-25.0, 20.0), (-25.0, -20.0), (25.0, -20.0)])
-def test_the_distance_is_watched_in_every_direction_and_counts_from_home(north, east):
+def test_distance_is_monitored_in_every_direction_and_measured_from_home(north, east):
     home = at_rest(x=100.0, y=-50.0)
     started_elsewhere = at_rest(x=110.0, y=-40.0, psi=1.0)
     watch = Watch(TIGHT, started_elsewhere, home)
@@ -116,7 +116,7 @@ def test_the_distance_is_watched_in_every_direction_and_counts_from_home(north, 
         watch.check(at_rest(x=100.0 + north, y=-50.0 + east, psi=1.0))
 
 
-def test_all_but_the_position_counts_from_where_the_manoeuvre_started_not_from_home():
+def test_all_limits_except_position_are_relative_to_the_start_of_the_manoeuvre():
     home = at_rest(t=-500.0, psi=-3.0, z=0.6)
     assert Watch(TIGHT, at_rest(), home).check(at_rest()) == ("least depth", pytest.approx(0.5))
 
@@ -124,29 +124,29 @@ def test_all_but_the_position_counts_from_where_the_manoeuvre_started_not_from_h
 @pytest.mark.parametrize(
     ("cruise", "speed", "distance"), [(0.0, 4.0, 300.0), (2.0, 4.0, 300.0), (4.0, 6.0, 400.0), (10.0, 15.0, 1000.0)]
 )
-def test_a_fast_boat_gets_the_speed_and_the_room_its_cruise_takes_unless_they_are_given(cruise, speed, distance):
-    asked = Envelope(cruise=cruise)
-    assert (asked.speed_limit, asked.distance_limit) == (speed, distance)
-    given = Envelope(cruise=cruise, speed=1.5, distance=20.0)
-    assert (given.speed_limit, given.distance_limit) == (1.5, 20.0)
+def test_default_speed_and_distance_limits_grow_with_cruise_speed(cruise, speed, distance):
+    default = Envelope(cruise=cruise)
+    assert (default.speed_limit, default.distance_limit) == (speed, distance)
+    explicit = Envelope(cruise=cruise, speed=1.5, distance=20.0)
+    assert (explicit.speed_limit, explicit.distance_limit) == (1.5, 20.0)
 
 
 @pytest.mark.parametrize(
     ("name", "signal", "limit"), [("battery voltage", "battery_voltage", 11.0), ("least depth", "z", 0.5)]
 )
-def test_a_lower_limit_is_used_up_as_the_value_falls_to_it_and_broken_below(name, signal, limit):
+def test_a_lower_limit_trips_below_its_value(name, signal, limit):
     guard = next(g for g in GUARDS if g.name == name)
     for value, share in ((4.0 * limit, 0.25), (limit, 1.0), (0.999 * limit, math.inf), (0.0, math.inf)):
         assert guard.share(TIGHT, at_rest(), at_rest(**{signal: value})) == share
 
 
-def test_a_limit_of_nothing_is_broken_by_anything():
+def test_a_limit_of_zero_trips_at_any_larger_value():
     with pytest.raises(GuardTripped, match="speed"):
         Watch(Envelope(speed=0.0), at_rest()).check(at_rest(speed=0.01))
     assert Watch(Envelope(speed=0.0), at_rest()).check(at_rest()) == ("", 0.0)
 
 
-def test_what_tripped_is_said_in_the_units_of_people():
+def test_a_tripped_guard_is_reported_in_everyday_units():
     with pytest.raises(GuardTripped, match=r"'roll' tripped: 34\.4 deg, limit 28\.6 deg"):
         Watch(TIGHT, at_rest()).check(at_rest(phi=-0.6))
     with pytest.raises(GuardTripped, match=r"'battery remaining' tripped: 19 %, limit 20 %"):
@@ -157,7 +157,7 @@ def test_what_tripped_is_said_in_the_units_of_people():
         Watch(TIGHT, at_rest()).check(at_rest(speed=2.1))
 
 
-def test_a_depth_and_a_position_that_come_late_are_counted_from_where_they_came():
+def test_late_depth_and_position_are_measured_from_their_first_values():
     nan = math.nan
     watch = Watch(TIGHT, at_rest(x=nan, y=nan, z=nan))
     assert watch.check(at_rest(x=nan, y=nan, z=nan)) == ("", 0.0)
@@ -174,14 +174,14 @@ def test_a_depth_and_a_position_that_come_late_are_counted_from_where_they_came(
 
 
 @pytest.mark.parametrize("guard", [g for g in GUARDS if g.name != "outside the area"], ids=lambda g: g.name)
-def test_a_guard_that_tripped_names_its_own_option_of_the_command_line(guard):
+def test_a_tripped_guard_names_its_command_line_option(guard):
     anchor = anchor_for(guard.name)
     with pytest.raises(GuardTripped) as tripped:
         Watch(TIGHT, anchor).check(replace(anchor, **BROKEN[guard.name]))
     assert f"(--{guard.option})" in str(tripped.value)
     assert guard.option in GUARDING
-    given = argparse.ArgumentParser()
-    add_envelope(given)
+    parser = argparse.ArgumentParser()
+    add_envelope(parser)
     row = limit_of(guard.option)
     other = row.greatest if row.default != row.greatest else row.least
-    assert envelope_from(given.parse_args([f"--{guard.option}", f"{other:g}"])) != envelope_from(given.parse_args([]))
+    assert envelope_from(parser.parse_args([f"--{guard.option}", f"{other:g}"])) != envelope_from(parser.parse_args([]))

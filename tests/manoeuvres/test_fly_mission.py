@@ -37,7 +37,7 @@ def flown(x: Callable[[float], float], output: float) -> tuple[float, Outcome]:
     ("output", "cause"),
     [(0.97, "The current or the wind is stronger than the boat"), (0.4, "Tune speed and heading first")],
 )
-def test_a_waypoint_that_is_not_reached_ends_it_with_the_speed_and_the_thrust(output: float, cause: str) -> None:
+def test_a_missed_waypoint_ends_the_mission_and_reports_speed_and_thrust(output: float, cause: str) -> None:
     ended, outcome = flown(lambda t: 0.1 * t, output)
     assert outcome.ending == "aborted"
     assert 200.0 < ended < 250.0  # 30 s and 100 m at 0.5 m/s
@@ -45,7 +45,7 @@ def test_a_waypoint_that_is_not_reached_ends_it_with_the_speed_and_the_thrust(ou
     assert cause in outcome.reason
 
 
-def test_a_position_that_jumps_ends_it_at_once_with_the_distance() -> None:
+def test_a_position_jump_ends_the_mission_at_once_and_reports_the_distance() -> None:
     ended, outcome = flown(lambda t: t + (9.0 if t > 20.0 else 0.0), 0.5)
     assert ended == pytest.approx(20.0, abs=0.2)
     assert "jumped by 9.1 m" in outcome.reason

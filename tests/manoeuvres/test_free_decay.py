@@ -1,4 +1,4 @@
-"""Let go by hand: the rest it lay at, the push that begins the decay, when the decay is over."""
+"""Free decay: the rest before it, the push that starts it, and when it ends."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WAYS = [("K", "phi", "roll"), ("M", "theta", "pitch")]
 
 
 def tilted(force: str, swing: Callable[[float], float], duration: float = 60.0) -> tuple[FreeDecay, list]:
-    """Fly one that swings by ``swing(t)`` [rad] about its list."""
+    """Fly a craft that rolls by ``swing(t)`` [rad] about its list."""
     signal = {"K": "phi", "M": "theta"}[force]
 
     def seen(t: float, command: object) -> Observation:
@@ -35,7 +35,7 @@ def tilted(force: str, swing: Callable[[float], float], duration: float = 60.0) 
 
 @pytest.mark.parametrize(("force", "signal", "dof"), WAYS)
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_decay_counts_from_the_rest_before_it_and_ends_once_it_has_died_away(
+def test_a_decay_is_measured_from_the_rest_angle_and_ends_when_it_has_died_away(
     force: str, signal: str, dof: str, side: float
 ) -> None:
     sizes = {10.0: 0.2, 11.0: 0.3, 12.0: 0.032, 14.5: 0.028}
@@ -55,7 +55,7 @@ def test_a_decay_counts_from_the_rest_before_it_and_ends_once_it_has_died_away(
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("degrees", "ending"), [(4.9, "aborted"), (5.1, "completed")])
-def test_a_push_is_larger_than_what_handling_does_and_is_waited_for_so_long(
+def test_only_a_push_above_the_threshold_counts_and_the_wait_for_it_is_limited(
     side: float, degrees: float, ending: str
 ) -> None:
     manoeuvre, rows = tilted("K", lambda t: side * math.radians(degrees) * (t >= 10.0), duration=8.0)
@@ -66,7 +66,7 @@ def test_a_push_is_larger_than_what_handling_does_and_is_waited_for_so_long(
     assert ("no push within 120 s: phi stayed at rest" in manoeuvre.outcome.reason) is (degrees < 5.0)
 
 
-def test_exactly_five_degrees_are_no_push_and_exactly_a_tenth_is_no_swing() -> None:
+def test_thresholds_of_push_and_decay_are_exclusive() -> None:
     manoeuvre = FreeDecay("K", 20.0)
     sizes = {5.0: math.radians(5.0), 10.0: 0.5, 11.0: 0.1 * 0.5}
     rows = answered(
@@ -76,7 +76,7 @@ def test_exactly_five_degrees_are_no_push_and_exactly_a_tenth_is_no_swing() -> N
     assert rows[-1][0].t == 10.5 + 3.0
 
 
-def test_where_it_stands_is_told_to_who_pushes() -> None:
+def test_each_phase_shows_its_instruction_to_the_operator() -> None:
     manoeuvre, phases = FreeDecay("K", 8.0), {}
 
     def seen(t: float, command: object) -> Observation:
@@ -89,7 +89,7 @@ def test_where_it_stands_is_told_to_who_pushes() -> None:
     )
 
 
-def test_an_angle_that_nobody_tells_is_no_push() -> None:
+def test_an_unknown_angle_is_not_a_push() -> None:
     manoeuvre = FreeDecay("K", 8.0)
     answered(manoeuvre, lambda t, command: at_rest(t=t, phi=0.0 if t < 5.0 else math.nan))
     assert manoeuvre.outcome is not None
@@ -97,7 +97,7 @@ def test_an_angle_that_nobody_tells_is_no_push() -> None:
 
 
 @pytest.mark.parametrize(("force", "signal", "dof"), WAYS)
-def test_its_row_is_of_roll_or_pitch_which_nothing_drives(force: str, signal: str, dof: str) -> None:
+def test_its_table_row_excites_roll_or_pitch_and_drives_no_force(force: str, signal: str, dof: str) -> None:
     row = KIND.of(force)
     assert (row.excites, row.drives, row.options) == ({dof}, frozenset(), ("duration",))
     assert row.turns and not row.identifies
@@ -110,7 +110,7 @@ def test_its_row_is_of_roll_or_pitch_which_nothing_drives(force: str, signal: st
             row.of(other)
 
 
-def test_without_a_force_it_is_of_roll() -> None:
+def test_free_decay_is_in_roll_by_default() -> None:
     assert KIND.excites == {"roll"}
     assert KIND.of("") is KIND
 

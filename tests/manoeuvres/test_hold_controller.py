@@ -1,4 +1,4 @@
-"""A light hand on what is not being tried: a PID with limits, and a rudder that calms down where it swings."""
+"""Light control of the other axes: a PID with limits, and a rudder whose gain falls when it oscillates."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GAINS = HoldGains("z", "w", "Z", P=0.4, I=0.03, D=0.2, most=0.5)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_value_found_first_is_held_by_error_rate_and_integral(sign: float) -> None:
+def test_the_initial_value_is_held_by_proportional_derivative_and_integral_action(sign: float) -> None:
     own = HoldController(GAINS)
     assert own.demand(at_rest(t=1.0, z=2.0, w=0.0)) == 0.0
     assert own.demand(at_rest(t=3.0, z=2.0 - 0.5 * sign, w=0.1 * sign)) == pytest.approx(
@@ -45,14 +45,14 @@ def test_output_and_integral_are_limited(sign: float) -> None:
     assert own.demand(at_rest(t=103.0, z=1.0 * sign, w=0.0)) == pytest.approx(sign * (0.5 - 0.03 - 0.4))
 
 
-def test_without_a_signal_it_idles_and_without_a_rate_it_does_without() -> None:
+def test_without_a_signal_the_output_is_zero_and_a_missing_rate_is_ignored() -> None:
     own = HoldController(GAINS)
     assert own.demand(at_rest(t=0.0, z=math.nan)) == 0.0
     assert own.demand(at_rest(t=5.0, z=3.0, w=math.nan)) == 0.0
     assert own.demand(at_rest(t=6.0, z=2.0, w=math.nan)) == pytest.approx(0.4 + 0.03)
 
 
-def test_held_forces_take_the_place_of_the_commands() -> None:
+def test_held_forces_replace_the_commanded_forces() -> None:
     own = HoldController(HELD_DURING["psi"][0])
     own.demand(at_rest(z=1.0))
     command = hold(Actuate(N=0.5, Z=0.9), [own], at_rest(z=1.0))
@@ -62,7 +62,7 @@ def test_held_forces_take_the_place_of_the_commands() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_rudder_goes_against_the_error_less_the_faster_the_boat_and_never_far(sign: float) -> None:
+def test_the_rudder_opposes_the_error_less_at_speed_and_is_limited(sign: float) -> None:
     own = HeadingHold()
     own.start(at_rest(psi=1.0))
     for speed, share in ((0.5, 1.0), (1.0, 1.0), (4.0, 0.25), (math.nan, 1.0)):
@@ -72,7 +72,7 @@ def test_the_rudder_goes_against_the_error_less_the_faster_the_boat_and_never_fa
 
 
 def swings(own: HeadingHold, *peaks: float) -> float:
-    """Swing through each of *peaks* [deg], and return the share of its gain that is left."""
+    """Oscillate through each of *peaks* [deg]; return the remaining fraction of the gain."""
     for peak in peaks:
         for part in (0.5, 1.0, 0.5):
             own.steer(at_rest(psi=-math.radians(part * peak), speed=0.0))
@@ -88,9 +88,9 @@ def swings(own: HeadingHold, *peaks: float) -> float:
         ((20, -19, 18, -18, 17), CALMING**3),
         ((20, -20) * 8, LEAST_SHARE),
     ],
-    ids=["swinging", "dying away", "small", "goes on", "forever"],
+    ids=["oscillating", "decaying", "small", "continuing", "endless"],
 )
-def test_it_calms_down_by_every_swing_that_is_not_clearly_smaller_than_the_one_before(peaks, share: float) -> None:
+def test_the_gain_falls_with_every_oscillation_that_does_not_decay(peaks, share: float) -> None:
     own = HeadingHold()
     own.start(at_rest(psi=0.0))
     assert swings(own, *peaks) == pytest.approx(share)

@@ -1,4 +1,4 @@
-"""A row of the table: the force it is asked for, the craft it suits, what a preset is called."""
+"""A row of the table: its force, the craft it suits, the names of its presets."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def row(force: str = "N", **changes: object) -> ManoeuvreKind:
     return replace(kind, **changes)  # type: ignore[arg-type]
 
 
-def test_a_row_is_itself_for_its_own_force_or_none_and_another_for_one_that_it_can_make() -> None:
+def test_a_row_is_returned_unchanged_for_its_own_force_and_adapted_for_another() -> None:
     kind = row(for_force=row)
     assert kind.of("") is kind
     assert kind.of("N") is kind
@@ -46,20 +46,20 @@ def test_a_row_is_itself_for_its_own_force_or_none_and_another_for_one_that_it_c
         (row("Z", needs_way=True), False, False),
     ],
 )
-def test_it_suits_a_craft_that_has_what_it_drives_and_goes_ahead_or_stays_as_it_must(
+def test_a_manoeuvre_suits_a_craft_with_the_required_forces_and_motion(
     kind: ManoeuvreKind, boat: bool, rov: bool
 ) -> None:
     assert (kind.suits(ROVER), kind.suits(SUB)) == (boat, rov)
 
 
-def test_a_row_says_nothing_of_what_it_was_not_given() -> None:
+def test_fields_of_a_row_default_to_empty() -> None:
     kind = row()
     assert kind.identifies
     assert not (kind.turns or kind.needs_way or kind.stays or kind.tied)
     assert (kind.make, kind.needs, kind.axis, kind.command, kind.presets, kind.shrinks) == (None, "", "", "fly", (), {})
 
 
-def test_a_preset_is_called_by_its_title_without_signs_and_drives_each_of_its_forces() -> None:
+def test_a_preset_name_is_its_plain_title_and_it_drives_its_forces() -> None:
     def about(seconds: float) -> TurnAbout:
         return TurnAbout(TurnAboutSettings(0.5))
 

@@ -1,4 +1,4 @@
-"""Layered manoeuvres on the nominal plant: each keeps its path, and what a craft cannot do ends with the number."""
+"""Layered manoeuvres on the nominal plant: each keeps its path, and an infeasible one ends with the number."""
 
 from __future__ import annotations
 
@@ -219,21 +219,21 @@ def why(seen: Preview) -> str:
     return seen.outcome.reason
 
 
-def test_a_trajectory_faster_than_the_craft_is_refused_with_both_speeds() -> None:
+def test_a_trajectory_faster_than_the_craft_is_rejected_with_a_speed_limit() -> None:
     assert "m/s. Use at most --speed" in why(on_water(Trajectory(read_points("5,20,0")), VECTORED))
 
 
-def test_a_corner_tighter_than_the_turning_circle_is_refused_with_both_radii() -> None:
+def test_a_corner_tighter_than_the_turning_circle_is_rejected_with_both_radii() -> None:
     reason = why(on_water(Trajectory(read_points("20,20,0 40,0,0.5")), RUDDER))
     assert "tighter than the turning circle of" in reason
 
 
-def test_a_point_inside_the_turning_circle_is_refused_with_the_nearest() -> None:
+def test_a_point_inside_the_turning_circle_is_rejected_with_the_nearest_reachable_one() -> None:
     assert "Use a point at least" in why(flown("goto", RUDDER, ahead=0.5, starboard=1.0, speed=1.2))
 
 
 @pytest.mark.parametrize("lost", ["x", "psi", "u", "v", "r"])
-def test_a_lost_signal_ends_it_neutral(lost: str) -> None:
+def test_a_lost_signal_ends_the_manoeuvre_with_neutral_outputs(lost: str) -> None:
     kind = MANOEUVRES["hover"]
     assert kind.make is not None
     manoeuvre = kind.make({"duration": 20.0})
@@ -246,7 +246,7 @@ def test_a_lost_signal_ends_it_neutral(lost: str) -> None:
     assert manoeuvre.outcome.ending == "aborted"
 
 
-def test_a_craft_that_a_current_carries_away_is_stopped() -> None:
+def test_a_craft_carried_away_by_a_current_is_stopped() -> None:
     kind = MANOEUVRES["hover"]
     assert kind.make is not None
     manoeuvre = kind.make({"duration": 60.0})
@@ -260,6 +260,6 @@ def test_a_craft_that_a_current_carries_away_is_stopped() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "10,1", "a,b,c", "10,1,nan", "10,1,1 5,2,2", "0,1,1"])
-def test_points_that_are_none_are_refused(text: str) -> None:
+def test_invalid_points_are_rejected(text: str) -> None:
     with pytest.raises(UsageError, match="--points"):
         read_points(text)

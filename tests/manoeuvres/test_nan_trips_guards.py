@@ -57,7 +57,7 @@ def only(name: str) -> Envelope:
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("guard", GUARDS, ids=lambda g: g.name)
-def test_a_guarded_signal_that_is_no_number_any_more_trips_its_guard(guard, value):
+def test_a_guarded_signal_that_becomes_nan_trips_its_guard(guard, value):
     watch = Watch(only(guard.name), at_rest(**CHARGED))
     watch.check(at_rest(**CHARGED))
     with pytest.raises(GuardTripped) as caught:
@@ -67,19 +67,19 @@ def test_a_guarded_signal_that_is_no_number_any_more_trips_its_guard(guard, valu
 
 
 @pytest.mark.parametrize("guard", GUARDS, ids=lambda g: g.name)
-def test_the_same_signal_trips_nothing_where_its_limit_is_off(guard):
+def test_nan_in_a_signal_without_a_limit_trips_no_guard(guard):
     watch = Watch(WIDE, at_rest(**CHARGED))
     name, share = watch.check(at_rest(**{**CHARGED, SIGNALS[guard.name]: math.nan}))
     assert (name, share) == ("", 0.0)
 
 
-def test_what_was_known_at_the_beginning_of_the_visit_is_guarded_in_every_manoeuvre():
+def test_a_signal_known_at_connection_is_guarded_in_every_manoeuvre():
     blind = at_rest(battery_remaining=math.nan)
     with pytest.raises(GuardTripped, match="battery remaining"):
         Watch(only("battery remaining"), blind, home=at_rest(battery_remaining=0.9)).check(blind)
 
 
-def test_a_step_in_a_signal_that_is_no_number_is_aborted_and_blamed_on_no_gains():
+def test_a_step_in_a_nan_signal_is_aborted_without_blaming_the_gains():
     step = Step(StepSettings("z", 1.0, 5.0))
     commands = step.commands(at_rest(z=1.0))
     next(commands)
@@ -89,7 +89,7 @@ def test_a_step_in_a_signal_that_is_no_number_is_aborted_and_blamed_on_no_gains(
     assert "does not report" in step.outcome.reason
 
 
-def test_a_depth_that_is_no_number_is_not_the_depth_wanted():
+def test_a_nan_depth_does_not_reach_the_target():
     dive = Dive(DiveSettings(1.5))
     commands = dive.commands(at_rest(z=0.0))
     next(commands)

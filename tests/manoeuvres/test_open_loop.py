@@ -62,7 +62,7 @@ def test_a_multisine_has_its_lines_in_the_band_and_a_low_peak() -> None:
         flown("multisine", duration=5.0, f_start=0.01, f_stop=0.1)
 
 
-def test_a_prbs_is_as_long_as_its_register_allows_and_has_two_levels() -> None:
+def test_a_prbs_has_the_full_length_of_its_register_and_two_levels() -> None:
     t, N = flown("prbs", duration=127.0, shortest=1.0)
     bits = [math.copysign(1.0, N[np.searchsorted(t, 0.02 * 127.0 + 0.5 + 0.98 * k)]) for k in range(127)]
     assert set(np.round(N[t > 3.0], 9)) == {0.5, -0.5}
@@ -72,8 +72,8 @@ def test_a_prbs_is_as_long_as_its_register_allows_and_has_two_levels() -> None:
 
 
 @pytest.mark.parametrize("length", [3, 4, 5, 6, 7, 9, 10, 11])
-def test_every_register_gives_the_longest_sequence_there_is(length: int) -> None:
-    """All states but none are passed once, so every window of so many levels is another one (Ljung1999, 13.3)."""
+def test_every_register_gives_a_maximum_length_sequence(length: int) -> None:
+    """Every state except zero occurs once, so all windows of register length differ (Ljung1999, 13.3)."""
     count = 2**length - 1
     level = prbs({"duration": float(count), "shortest": 1.0})
     bits = [level((k + 0.5) / count) > 0.0 for k in range(count)]
@@ -82,13 +82,15 @@ def test_every_register_gives_the_longest_sequence_there_is(length: int) -> None
 
 
 @pytest.mark.parametrize(("duration", "shortest", "bits"), [(8.0, 1.0, 8), (7.5, 1.0, 8), (0.5, 1.0, 1), (4.0, 0.5, 8)])
-def test_a_sequence_has_a_level_for_every_shortest_time_begun(duration: float, shortest: float, bits: int) -> None:
+def test_the_sequence_length_is_the_duration_over_the_shortest_level_rounded_up(
+    duration: float, shortest: float, bits: int
+) -> None:
     level = prbs({"duration": duration, "shortest": shortest})
     whole = prbs({"duration": 15.0, "shortest": 1.0})
     assert [level((k + 0.5) / bits) for k in range(bits)] == [whole((k + 0.5) / 15.0) for k in range(bits)]
 
 
-def test_steps_of_thrust_are_of_six_levels_with_none_and_full_among_them_and_change_widely() -> None:
+def test_thrust_steps_have_six_distinct_levels_including_zero_and_full() -> None:
     _, X = flown("steps", "X", duration=60.0)
     levels = X[np.flatnonzero(np.diff(X, prepend=9.0))][1:] / 0.5
     assert len(levels) == len(set(levels)) == 6
@@ -96,7 +98,7 @@ def test_steps_of_thrust_are_of_six_levels_with_none_and_full_among_them_and_cha
     assert np.abs(np.diff(levels)).min() > 0.35
 
 
-def test_a_boat_is_kept_on_her_course_by_thrust_and_not_while_she_coasts() -> None:
+def test_a_boat_is_steered_under_thrust_and_not_while_coasting() -> None:
     kind = MANOEUVRES["staircase"].of("X")
     assert kind.make is not None
     commands = kind.make({**PLAIN, "duration": 40.0, "levels": 2.0}).commands(at_rest(psi=0.0))
@@ -110,7 +112,7 @@ def test_a_boat_is_kept_on_her_course_by_thrust_and_not_while_she_coasts() -> No
     assert len(steered[True]) == 1 and min(steered[True]) > 0.01
 
 
-def test_a_staircase_goes_up_and_down_to_either_side_and_a_boats_thrust_ahead_only() -> None:
+def test_a_staircase_is_two_sided_in_yaw_and_ahead_only_in_a_boats_thrust() -> None:
     _, N = flown("staircase", duration=40.0, levels=2)
     assert list(np.round(N[np.flatnonzero(np.diff(N, prepend=9.0))], 9)) == [
         0.0, 0.25, 0.5, 0.25, 0.0, -0.25, -0.5, -0.25, 0.0,
@@ -120,7 +122,7 @@ def test_a_staircase_goes_up_and_down_to_either_side_and_a_boats_thrust_ahead_on
     assert X.max() == 0.5
 
 
-def test_after_the_push_the_craft_is_let_go() -> None:
+def test_the_output_is_zero_after_the_push() -> None:
     t, Z = flown("free-decay", "Z", duration=30.0, push=5.0)
     assert (Z[(t > 1.0) & (t < 5.0)] == 0.5).all()
     assert not Z[t > 6.0].any()
@@ -128,7 +130,7 @@ def test_after_the_push_the_craft_is_let_go() -> None:
         flown("free-decay", "Z", duration=5.0, push=5.0)
 
 
-def test_the_s_manoeuvre_goes_ahead_and_where_it_may_astern_with_the_moment_either_way() -> None:
+def test_the_s_manoeuvre_combines_thrust_ahead_and_astern_with_moments_of_both_signs() -> None:
     kind = MANOEUVRES["s-manoeuvre"]
     assert kind.make is not None
     legs = {}
@@ -145,7 +147,7 @@ def test_the_s_manoeuvre_goes_ahead_and_where_it_may_astern_with_the_moment_eith
     assert legs[1.0] == [*legs[0.0], (-0.6, 0.5), (-0.6, -0.5)]
 
 
-def test_where_it_stands_is_told_level_by_level_and_jumps_are_marked_not_curves() -> None:
+def test_each_level_is_shown_and_only_jumps_are_marked() -> None:
     programme = lambda t: {"N": 0.3 if t < 2.0 else (-0.4 if t < 4.0 else -0.4 + 0.09 * (t - 4.0))}  # noqa: E731
     run = OpenLoopProgramme("levels", programme, 8.0)
     commands, phases = run.commands(at_rest()), {}
@@ -160,7 +162,7 @@ def test_where_it_stands_is_told_level_by_level_and_jumps_are_marked_not_curves(
     assert run.outcome.reason == "flown for 8 s"
 
 
-def test_each_acceleration_takes_a_little_more_than_half_of_its_share_of_the_time() -> None:
+def test_each_acceleration_takes_slightly_more_than_half_of_its_time_slot() -> None:
     programme = coasting("stopping", (0.5, 1.0))(20.0)._programme
     assert [programme(t)["X"] for t in (0.0, 5.4, 5.6, 9.9, 10.1, 15.4, 15.6, 19.9)] == [
         *(0.5, 0.5, 0.0, 0.0),
@@ -168,7 +170,7 @@ def test_each_acceleration_takes_a_little_more_than_half_of_its_share_of_the_tim
     ]
 
 
-def test_the_end_of_a_level_is_marked_so_that_the_neutral_after_it_is_no_shortfall() -> None:
+def test_the_end_of_a_level_is_marked_so_that_neutral_is_not_a_shortfall() -> None:
     kind = MANOEUVRES["prbs"].of("N")
     assert kind.make is not None
     manoeuvre = kind.make({**PLAIN, "duration": 20.0, "shortest": 1.0})
@@ -181,7 +183,7 @@ def test_the_end_of_a_level_is_marked_so_that_the_neutral_after_it_is_no_shortfa
     assert (last.t, last.kind, last.detail) == (pytest.approx(20.0, abs=0.06), "level", {"N": 0.0})
 
 
-def test_a_craft_that_is_tied_up_may_swing_on_its_line() -> None:
+def test_a_moored_craft_may_turn_on_its_line() -> None:
     assert all(MANOEUVRES["bollard-staircase"].of(force).turns for force in "NXYZ")
 
 

@@ -1,4 +1,4 @@
-"""Manoeuvres under our own controllers: a signal that is lost ends them without an output that is not a number."""
+"""Manoeuvres under our own controllers: a lost signal ends them without a NaN output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A craft on paper: gains its speed, turns late, slides along its forces, leaves the room it is given."""
+"""Previews on the nominal plant: it gains speed, turns after a delay, sways and leaves its envelope."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def held(seconds: float = 20.0, **forces: float) -> OpenLoopProgramme:
     return OpenLoopProgramme("held", lambda t: forces, seconds, force=next(iter(forces)))
 
 
-def test_thrust_ahead_brings_a_craft_to_its_speed_as_quickly_as_one_of_a_few_metres_and_none_takes_it_off() -> None:
+def test_the_nominal_plant_gains_and_loses_speed_with_one_time_constant() -> None:
     craft = NominalPlant(YAW, 1.5, "a test")
     seen = preview(held(X=0.4), craft, FREE)
     u, t = seen.trial["u"].values, seen.trial["u"].t
@@ -36,7 +36,7 @@ def test_thrust_ahead_brings_a_craft_to_its_speed_as_quickly_as_one_of_a_few_met
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
+def test_the_nominal_plant_turns_as_its_model_after_its_delay(sign: float) -> None:
     seen = preview(held(N=0.3 * sign), NominalPlant(YAW, 0.0, "a test"), FREE)
     r, t = seen.trial["r"].values, seen.trial["r"].t
     late = np.maximum(t - 0.5, 0.0)
@@ -47,7 +47,7 @@ def test_it_turns_as_its_model_says_after_its_delay(sign: float) -> None:
     assert "deg of turning at up to 17 deg/s (predicted from" in seen.summary()
 
 
-def test_a_manoeuvre_that_turns_faster_than_its_limit_is_refused_on_paper() -> None:
+def test_a_preview_beyond_the_turn_rate_limit_is_rejected() -> None:
     craft = NominalPlant(YAW, 0.0, "a test")
     slow = replace(FREE, turn_rate=math.radians(15.0))
     assert "'turn rate' tripped" in preview(held(N=0.3), craft, slow).refusal
@@ -56,9 +56,7 @@ def test_a_manoeuvre_that_turns_faster_than_its_limit_is_refused_on_paper() -> N
 
 @pytest.mark.parametrize(("force", "signal"), [("Y", "y"), ("Z", "z")])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_it_slides_along_a_force_that_it_is_known_to_answer_to_and_along_no_other(
-    force: str, signal: str, sign: float
-) -> None:
+def test_the_nominal_plant_moves_only_along_forces_it_has_a_model_for(force: str, signal: str, sign: float) -> None:
     along = SingleDof({"Y": "sway", "Z": "heave"}[force], "1", 2.0, 1.0, 0.5, delta=0.1)
     answers = NominalPlant(YAW, 1.0, "a test", others={force: along})
     seen = preview(held(**{force: 0.4 * sign}), answers, FREE, floats=False)
@@ -71,7 +69,7 @@ def test_it_slides_along_a_force_that_it_is_known_to_answer_to_and_along_no_othe
     assert np.ptp(still.trial[signal].values) == 0.0
 
 
-def test_going_ahead_on_a_bearing_is_north_and_east_of_it() -> None:
+def test_going_ahead_on_a_bearing_moves_north_and_east() -> None:
     def turn_then_go(t: float) -> dict[str, float]:
         return {"N": 0.5 if t < 4.0 else 0.0, "X": 1.0}
 
@@ -82,7 +80,7 @@ def test_going_ahead_on_a_bearing_is_north_and_east_of_it() -> None:
     assert psi > 1.0
 
 
-def test_what_leaves_the_envelope_is_refused_with_the_limit_and_ends_there() -> None:
+def test_a_preview_that_leaves_the_envelope_ends_there_and_names_the_limit() -> None:
     seen = preview(held(X=1.0), NominalPlant(YAW, 1.0, "a test"), Envelope(distance=5.0))
     assert seen.outcome is None
     assert "distance from start" in seen.refusal
@@ -96,7 +94,7 @@ def test_what_leaves_the_envelope_is_refused_with_the_limit_and_ends_there() -> 
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_heading_asked_for_is_turned_to_at_the_thrust_that_its_speed_takes(known: bool) -> None:
+def test_a_heading_target_is_reached_with_the_thrust_for_its_speed(known: bool) -> None:
     ahead = SingleDof("surge", "1", 3.0, 0.2, 0.1)
     craft = NominalPlant(YAW, 1.0, "a test", others={"X": ahead} if known else {})
     for psi, side in ((0.3, -1.0), (0.5, 0.0), (0.7, 1.0)):
@@ -108,7 +106,7 @@ def test_a_heading_asked_for_is_turned_to_at_the_thrust_that_its_speed_takes(kno
     assert _steered(DepthTarget(2.0), craft, 0.5, 0.0, 0.0) == Actuate()
 
 
-def test_the_gain_of_its_own_speed_loop_brings_a_craft_to_the_speed_asked_for_sooner() -> None:
+def test_the_gain_of_the_speed_loop_shortens_the_acceleration() -> None:
     surge = {"X": SingleDof("surge", "1", 1.0, 0.2, 0.1)}
     plain = NominalPlant(YAW, 1.5, "a test", others=surge)
     first = [
@@ -118,7 +116,7 @@ def test_the_gain_of_its_own_speed_loop_brings_a_craft_to_the_speed_asked_for_so
     assert 0 < first[1] < 0.7 * first[0]
 
 
-def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to_rest() -> None:
+def test_a_hand_push_heels_by_17_degrees_and_the_roll_decays() -> None:
     t = np.linspace(10.0, 40.0, 3001)
     tilt = np.array([_pushed(float(v)) for v in t])
     assert (_pushed(9.99), tilt[0], float(np.max(np.abs(tilt)))) == (0.0, 0.3, 0.3)
@@ -126,7 +124,7 @@ def test_a_craft_that_is_pushed_by_hand_heels_by_17_degrees_and_swings_itself_to
     assert abs(tilt[-1]) < 1e-4
 
 
-def test_a_craft_that_is_driven_up_to_the_surface_is_told_of() -> None:
+def test_surfacing_in_a_preview_is_reported() -> None:
     up = NominalPlant(YAW, 0.0, "a test", others={"Z": SingleDof("heave", "1", 1.0, 1.0)})
     seen = preview(held(Z=-0.5), up, FREE, floats=False, depth=2.0)
     assert seen.refusal == "the craft would surface from 2.0 m. Start deeper, or use less output"
@@ -138,7 +136,7 @@ def relay_of(output: float) -> Relay:
     return Relay(RelaySettings("psi", "N", output=output, hysteresis=math.radians(10.0)))
 
 
-def test_the_preview_of_a_relay_tells_its_limit_cycle_if_the_model_is_known() -> None:
+def test_the_preview_of_a_relay_shows_its_limit_cycle_if_the_model_is_known() -> None:
     seen = preview(relay_of(0.4), NominalPlant(YAW, 0.0, "a test"), FREE)
     cycle = seen.cycle()
     assert cycle is not None

@@ -1,4 +1,4 @@
-"""Where a relay switches, grows, widens and gives up: tick by tick, on scripts instead of a craft."""
+"""When a relay switches, grows, widens and gives up: tick by tick, on scripts instead of a craft."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gcs_autotune.trial import Mark
 from .pond import answered, at_rest
 
 H = 0.05
-"""The hysteresis, where one is given."""
+"""The hysteresis, where one is set."""
 Script = Callable[[float, Relay], float]
 
 
@@ -28,7 +28,7 @@ def flown(script: Script, **settings: Any) -> tuple[Relay, list[tuple[Observatio
     return relay, rows, list(relay.take_marks())
 
 
-def told(marks: list[Mark], kind: str, name: str) -> list[tuple[float, float]]:
+def details(marks: list[Mark], kind: str, name: str) -> list[tuple[float, float]]:
     return [(m.t, m.detail[name]) for m in marks if m.kind == kind]  # type: ignore[misc]
 
 
@@ -37,12 +37,12 @@ def reason(relay: Relay) -> str:
     return f"{relay.outcome.ending}: {relay.outcome.reason}"
 
 
-def test_it_pushes_on_until_the_hysteresis_has_come_on_either_side_of_where_it_began() -> None:
+def test_the_relay_switches_beyond_the_hysteresis_on_either_side_of_its_reference() -> None:
     away = [0.0, 0.049, 0.05, -0.049, -0.05, 0.0, 0.051, 0.0]
     relay, rows, marks = flown(lambda t, _: 1.0 + away[min(int(2.0 * t), 7)], output=0.4, hysteresis=H)
     assert [command.N for _, command in rows[:8]] == [0.4, 0.4, -0.4, -0.4, 0.4, 0.4, -0.4, -0.4]
-    assert told(marks, "switch", "N")[:4] == [(0.0, 0.4), (1.0, -0.4), (2.0, 0.4), (3.0, -0.4)]
-    assert [x for _, x in told(marks, "switch", "x")[:4]] == pytest.approx([0.0, 0.05, -0.05, 0.051])
+    assert details(marks, "switch", "N")[:4] == [(0.0, 0.4), (1.0, -0.4), (2.0, 0.4), (3.0, -0.4)]
+    assert [x for _, x in details(marks, "switch", "x")[:4]] == pytest.approx([0.0, 0.05, -0.05, 0.051])
     assert relay.meta_fields == {
         "dof": "yaw", "signal": "psi", "force": "N", "C": 0.4, "x_a": H, "reference": 1.0, "throttle": 0.0,
         "noise_std": 0.0, "speed": pytest.approx(0.0), "from_t": 0.0, "enough": False,
@@ -50,48 +50,48 @@ def test_it_pushes_on_until_the_hysteresis_has_come_on_either_side_of_where_it_b
 
 
 @pytest.mark.parametrize(("noise", "degrees"), [(0.0, 10.0), (math.radians(1.9), 10.0), (math.radians(3.0), 15.0)])
-def test_a_hysteresis_that_is_not_given_is_ten_degrees_or_five_times_the_noise(noise: float, degrees: float) -> None:
+def test_the_default_hysteresis_is_ten_degrees_or_five_times_the_noise(noise: float, degrees: float) -> None:
     relay = Relay(RelaySettings("psi", "N", noise_std=noise))
     next(relay.commands(at_rest()))
     assert math.degrees(relay.meta_fields["x_a"]) == pytest.approx(degrees)
-    given = Relay(RelaySettings("psi", "N", noise_std=noise, hysteresis=0.01))
-    next(given.commands(at_rest()))
-    assert given.meta_fields["x_a"] == 0.01
+    explicit = Relay(RelaySettings("psi", "N", noise_std=noise, hysteresis=0.01))
+    next(explicit.commands(at_rest()))
+    assert explicit.meta_fields["x_a"] == 0.01
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_without_an_oscillation_it_grows_by_half_to_nine_tenths_and_gives_up(side: float) -> None:
+def test_without_oscillation_the_output_grows_by_half_up_to_90_percent(side: float) -> None:
     first = 0.0 if side > 0.0 else 0.5
     relay, rows, marks = flown(lambda t, _: 0.0 if side > 0.0 or t == 0.0 else H, hysteresis=H)
-    grown = told(marks, "grow", "C")
+    grown = details(marks, "grow", "C")
     assert [t - first for t, _ in grown] == [30.5, 61.0, 91.5]
     assert [C for _, C in grown] == pytest.approx([0.45, 0.675, 0.9])
-    assert [N for _, N in told(marks, "switch", "N")][-3:] == pytest.approx([side * C for C in (0.45, 0.675, 0.9)])
+    assert [N for _, N in details(marks, "switch", "N")][-3:] == pytest.approx([side * C for C in (0.45, 0.675, 0.9)])
     assert rows[-1][0].t == first + 122.0
     assert reason(relay).startswith("aborted: no oscillation at relay output 0.90")
-    given, rows, marks = flown(lambda t, _: 0.0, output=0.5)
-    assert (rows[-1][0].t, told(marks, "grow", "C")) == (30.5, [])
-    assert reason(given).startswith("aborted: no oscillation at relay output 0.50")
+    explicit, rows, marks = flown(lambda t, _: 0.0, output=0.5)
+    assert (rows[-1][0].t, details(marks, "grow", "C")) == (30.5, [])
+    assert reason(explicit).startswith("aborted: no oscillation at relay output 0.50")
     started = flown(lambda t, _: 0.0, first_output=0.8, growth=1.01, most_output=0.805)[2]
-    assert [C for _, C in told(started, "grow", "C")] == [0.805]
+    assert [C for _, C in details(started, "grow", "C")] == [0.805]
 
 
-def test_a_first_push_that_moves_it_the_wrong_way_grows_each_time_it_goes_another_hysteresis_further() -> None:
+def test_the_output_grows_for_each_hysteresis_of_motion_in_the_wrong_direction() -> None:
     falls = {0.0: 0.0, 2.0: -2.0, 4.0: -2.01, 6.0: -3.0, 8.0: -3.01, 10.0: -4.01, 12.0: -5.01}
     relay, rows, marks = flown(lambda t, _: H * next(v for k, v in reversed(falls.items()) if t >= k), hysteresis=H)
-    assert [t for t, _ in told(marks, "grow", "C")] == [4.0, 8.0, 10.0]
+    assert [t for t, _ in details(marks, "grow", "C")] == [4.0, 8.0, 10.0]
     assert rows[-1][0].t == 12.0
     assert "0.90 of full N output turned the craft the wrong way" in reason(relay)
-    given, rows, _ = flown(lambda t, _: -2.01 * H * (t >= 2.0), hysteresis=H, output=0.3)
-    assert (rows[-1][0].t, "the wrong way" in reason(given)) == (2.0, True)
+    explicit, rows, _ = flown(lambda t, _: -2.01 * H * (t >= 2.0), hysteresis=H, output=0.3)
+    assert (rows[-1][0].t, "the wrong way" in reason(explicit)) == (2.0, True)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("first", "seconds"), [(1.0, 5.0), (3.0, 9.0)])
-def test_one_that_drifts_on_against_the_relay_for_longer_than_momentum_explains_is_overwhelmed(
+def test_a_craft_drifting_against_the_relay_longer_than_momentum_explains_is_overwhelmed(
     side: float, first: float, seconds: float
 ) -> None:
-    """The first half lasts *first*; of a craft that drifts to port the second one is the one that does not end."""
+    """The first half lasts *first*. If the craft drifts to port, the second half does not end."""
     turn = first if side > 0.0 else first + 1.0
 
     def script(t: float, relay: Relay) -> float:
@@ -104,7 +104,7 @@ def test_one_that_drifts_on_against_the_relay_for_longer_than_momentum_explains_
     assert "disturbance is stronger than 0.30 of full N output: psi keeps drifting" in reason(relay)
 
 
-def test_one_that_comes_back_however_late_is_not_overwhelmed() -> None:
+def test_a_craft_that_returns_late_is_not_overwhelmed() -> None:
     def script(t: float, relay: Relay) -> float:
         return 0.0 if t < 1.0 else max(3.0 * H - 0.001 * (t - 1.0), 0.06)
 
@@ -125,10 +125,10 @@ def periods(ticks: int, peaks: tuple[float, ...], crossed: float = 1.02) -> Scri
 
 
 def switchings(marks: list[Mark]) -> list[float]:
-    return [t for t, x in told([m for m in marks if "x" in m.detail], "switch", "x") if x != 0.0]
+    return [t for t, x in details([m for m in marks if "x" in m.detail], "switch", "x") if x != 0.0]
 
 
-def test_five_periods_within_ten_percent_settle_it() -> None:
+def test_five_periods_within_ten_percent_are_settled() -> None:
     relay, rows, marks = flown(periods(4, (1.5,)), hysteresis=H)
     assert reason(relay) == "completed: 5 periods within 10 %"
     assert len(switchings(marks)) == 11
@@ -143,45 +143,43 @@ def test_five_periods_within_ten_percent_settle_it() -> None:
 ROUGH = (1.5, 1.5, 2.5, 2.5, 3.5, 3.5)
 
 
-def test_one_that_never_settles_is_widened_twice_and_then_given_up_and_a_given_hysteresis_is_kept() -> None:
+def test_an_unsettled_relay_is_widened_twice_then_aborted_and_a_user_hysteresis_is_kept() -> None:
     relay, _, marks = flown(periods(4, ROUGH), least_hysteresis=H)
-    assert [x for _, x in told(marks, "widen", "x_a")] == pytest.approx([1.5 * H, 2.25 * H])
-    at = [t for t, _ in told(marks, "widen", "x_a")]
+    assert [x for _, x in details(marks, "widen", "x_a")] == pytest.approx([1.5 * H, 2.25 * H])
+    at = [t for t, _ in details(marks, "widen", "x_a")]
     switched = switchings(marks)
     assert [sum(a < t <= b for t in switched) for a, b in ((0.0, at[0]), at, (at[1], math.inf))] == [20, 20, 60]
     assert reason(relay).startswith("aborted: the limit cycle did not settle in 30 periods: the last periods differ")
-    given, _, marks = flown(periods(4, ROUGH), hysteresis=H)
-    assert (told(marks, "widen", "x_a"), len(switchings(marks))) == ([], 60)
-    assert reason(given).startswith("aborted: the limit cycle did not settle")
+    explicit, _, marks = flown(periods(4, ROUGH), hysteresis=H)
+    assert (details(marks, "widen", "x_a"), len(switchings(marks))) == ([], 60)
+    assert reason(explicit).startswith("aborted: the limit cycle did not settle")
 
 
-def test_two_improper_periods_make_it_larger_and_where_it_outruns_the_ticks_wider() -> None:
+def test_two_improper_periods_raise_the_output_or_widen_the_hysteresis_near_the_tick_rate() -> None:
     slow, _, marks = flown(periods(6, ()), least_hysteresis=H)
-    assert [C for _, C in told(marks, "grow", "C")] == pytest.approx([0.45, 0.675, 0.9])
-    first = told(marks, "grow", "C")[0][0]
+    assert [C for _, C in details(marks, "grow", "C")] == pytest.approx([0.45, 0.675, 0.9])
+    first = details(marks, "grow", "C")[0][0]
     assert sum(t <= first for t in switchings(marks)) == 6
-    assert told(marks, "widen", "x_a") == []
+    assert details(marks, "widen", "x_a") == []
     assert reason(slow).startswith("aborted: the oscillation did not fulfil")
     quick, _, marks = flown(periods(4, ()), least_hysteresis=H)
-    assert [x for _, x in told(marks, "widen", "x_a")] == pytest.approx([1.5 * H, 2.25 * H])
-    assert told(marks, "grow", "C") == []
+    assert [x for _, x in details(marks, "widen", "x_a")] == pytest.approx([1.5 * H, 2.25 * H])
+    assert details(marks, "grow", "C") == []
     assert "within 5 control ticks of 0.50 s at relay output 0.30" in reason(quick)
-    given, _, marks = flown(periods(4, ()), hysteresis=H)
-    assert (told(marks, "widen", "x_a"), len(switchings(marks))) == ([], 6)
-    assert "within 5 control ticks" in reason(given)
+    explicit, _, marks = flown(periods(4, ()), hysteresis=H)
+    assert (details(marks, "widen", "x_a"), len(switchings(marks))) == ([], 6)
+    assert "within 5 control ticks" in reason(explicit)
 
 
 @pytest.mark.parametrize(("least", "factor"), [(4.4, 1.5), (8.0, 2.0), (40.0, 3.0)])
-def test_one_too_quick_for_the_link_is_widened_as_much_as_that_takes_within_reason_four_times(
-    least: float, factor: float
-) -> None:
+def test_a_relay_too_fast_for_the_link_is_widened_up_to_four_times(least: float, factor: float) -> None:
     relay, _, marks = flown(periods(4, (1.5,)), least_hysteresis=H, least_period=least)  # 4 s a period
-    assert [x for _, x in told(marks, "widen", "x_a")] == pytest.approx([H * factor**k for k in (1, 2, 3, 4)])
-    assert sum(t <= told(marks, "widen", "x_a")[0][0] for t in switchings(marks)) == 5
+    assert [x for _, x in details(marks, "widen", "x_a")] == pytest.approx([H * factor**k for k in (1, 2, 3, 4)])
+    assert sum(t <= details(marks, "widen", "x_a")[0][0] for t in switchings(marks)) == 5
     assert f"it oscillates with a period of 4.00 s. Periods below {least:.2f} s" in reason(relay)
-    given, _, marks = flown(periods(4, (1.5,)), hysteresis=H, least_period=least)
-    assert told(marks, "widen", "x_a") == []
-    assert "the link is too slow" in reason(given)
+    explicit, _, marks = flown(periods(4, (1.5,)), hysteresis=H, least_period=least)
+    assert details(marks, "widen", "x_a") == []
+    assert "the link is too slow" in reason(explicit)
     assert reason(flown(periods(4, (1.5,)), hysteresis=H, least_period=4.0)[0]).startswith("completed")
 
 
@@ -191,17 +189,17 @@ class Rule:
     counted_to = math.nan
 
     def __init__(self, enough: float) -> None:
-        self.enough, self.begun, self.asked = enough, 0, 0
+        self.enough, self.begun, self.updates = enough, 0, 0
 
     def begin(self) -> None:
         self.begun += 1
 
     def update(self, relay: Relay, reversals: int) -> str:
-        self.asked += 1
+        self.updates += 1
         return "that will do" if reversals >= self.enough else ""
 
 
-def test_a_stop_rule_is_asked_at_every_tick_while_the_oscillation_is_proper_and_begins_with_each_size() -> None:
+def test_a_stop_rule_is_evaluated_at_every_proper_tick_and_restarts_with_each_size() -> None:
     def by(rule: Rule, script: Script) -> tuple[Relay, list[tuple[Observation, Actuate]]]:
         relay = Relay(RelaySettings("psi", "N", noise_std=0.0, least_hysteresis=H), criterion=rule)
         return relay, answered(relay, lambda t, command: at_rest(t=t, psi=script(t, relay)))
@@ -209,15 +207,15 @@ def test_a_stop_rule_is_asked_at_every_tick_while_the_oscillation_is_proper_and_
     rule = Rule(4.0)
     relay, rows = by(rule, periods(4, (1.5,)))
     assert reason(relay) == "completed: that will do"
-    assert (rule.begun, rule.asked) == (1, len(rows))
+    assert (rule.begun, rule.updates) == (1, len(rows))
     never = Rule(math.inf)
     relay, rows = by(never, periods(6, ()))
     assert never.begun == 4  # the first and three that are larger
-    assert never.asked < len(rows)
+    assert never.updates < len(rows)
 
 
 @pytest.mark.parametrize(("signal", "speed", "force"), [("x", "u", "X"), ("y", "v", "Y")])
-def test_along_an_axis_the_speed_beyond_the_reference_is_summed_and_what_is_not_told_left_out(
+def test_along_an_axis_excess_speed_is_integrated_and_unknown_speeds_are_skipped(
     signal: str, speed: str, force: str
 ) -> None:
     relay = Relay(RelaySettings(signal, force, hysteresis=0.5, noise_std=0.0, reference_speed=0.8))
@@ -229,7 +227,7 @@ def test_along_an_axis_the_speed_beyond_the_reference_is_summed_and_what_is_not_
     assert (seen.value, seen.target) == (0.7, 0.8)
 
 
-def test_where_it_stands_is_told_with_periods_and_scatter() -> None:
+def test_progress_shows_periods_and_scatter() -> None:
     relay = Relay(RelaySettings("psi", "N", hysteresis=H, noise_std=0.0, periods=4))
     commands = relay.commands(at_rest(psi=1.0))
     assert relay.progress(at_rest()).manoeuvre == "approach"
@@ -244,7 +242,7 @@ def test_where_it_stands_is_told_with_periods_and_scatter() -> None:
     assert seen.scatter == pytest.approx(0.0, abs=1e-9)
 
 
-def test_before_a_wall_it_swings_ahead_first_and_ends_nearer_than_the_least_distance_or_blind() -> None:
+def test_a_wall_relay_starts_ahead_and_ends_when_too_near_or_blind() -> None:
     def before(distances: list[float]) -> tuple[WallRelay, list[tuple[Observation, Actuate]]]:
         relay = WallRelay(RelaySettings("d", "X", output=0.3, hysteresis=0.5, noise_std=0.0, least_distance=1.0))
         most = 0.5 * (len(distances) - 1)
@@ -260,7 +258,7 @@ def test_before_a_wall_it_swings_ahead_first_and_ends_nearer_than_the_least_dist
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_until_the_noise_is_known_a_boat_goes_ahead_and_nothing_swings(known: bool) -> None:
+def test_a_boat_goes_straight_ahead_until_the_noise_is_known(known: bool) -> None:
     relay = Relay(RelaySettings("psi", "N", throttle=0.4, noise_std=0.01 if known else None))
     commands = relay.commands(at_rest(speed=1.0))
     sent = [next(commands), *(commands.send(at_rest(t=0.5 * k, speed=1.0)) for k in range(1, 12))]
@@ -271,7 +269,7 @@ def test_until_the_noise_is_known_a_boat_goes_ahead_and_nothing_swings(known: bo
     assert relay.meta_fields["from_t"] == (0.0 if known else 3.5)
 
 
-def test_an_rovs_other_axes_are_held_and_its_depth_also_until_the_relay_begins() -> None:
+def test_other_axes_of_an_rov_are_held_and_its_depth_until_a_depth_relay_begins() -> None:
     yaw = Relay(RelaySettings("psi", "N", keep_still=True, noise_std=0.0))
     commands = yaw.commands(at_rest(z=2.0))
     next(commands)
@@ -289,7 +287,7 @@ def test_an_rovs_other_axes_are_held_and_its_depth_also_until_the_relay_begins()
 
 @pytest.mark.parametrize("name", ["output", "first_output", "most_output"])
 @pytest.mark.parametrize(("value", "good"), [(1.0, True), (0.01, True), (0.0, False), (1.01, False), (math.nan, False)])
-def test_an_output_is_a_share_of_full_above_none(name: str, value: float, good: bool) -> None:
+def test_an_output_must_be_a_positive_fraction_of_full(name: str, value: float, good: bool) -> None:
     if good:
         assert getattr(RelaySettings("psi", "N", **{name: value}), name) == value
         return
@@ -303,7 +301,7 @@ def test_an_output_is_a_share_of_full_above_none(name: str, value: float, good: 
 
 @pytest.mark.parametrize("name", ["hysteresis", "least_hysteresis"])
 @pytest.mark.parametrize("value", [0.0, -0.1, math.inf, math.nan])
-def test_a_relay_switches_at_a_finite_value_above_nothing(name: str, value: float) -> None:
+def test_switching_values_must_be_positive_and_finite(name: str, value: float) -> None:
     with pytest.raises(UsageError, match=f"relay: {name} is"):
         RelaySettings("psi", "N", **{name: value})
 
@@ -321,7 +319,7 @@ def test_a_relay_switches_at_a_finite_value_above_nothing(name: str, value: floa
         ({"reference_speed": math.nan, "throttle": 0.5}, False),
     ],
 )
-def test_throttle_and_speed_are_numbers_that_there_are(numbers: dict[str, float], good: bool) -> None:
+def test_throttle_and_speed_must_be_within_their_ranges(numbers: dict[str, float], good: bool) -> None:
     if good:
         RelaySettings("psi", "N", **numbers)  # type: ignore[arg-type]
         return

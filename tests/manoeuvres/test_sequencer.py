@@ -53,7 +53,7 @@ def test_a_step_is_flown_to_its_end_with_neutral_actuators_and_its_record():
 @pytest.mark.parametrize(
     "error", [LinkLost("gone"), OperatorStopped("enough"), TelemetryFault("NaN"), CommandDenied("no")], ids=repr
 )
-def test_whenever_it_is_interrupted_the_actuators_go_neutral_and_the_record_is_kept(tick, error):
+def test_any_interruption_sets_the_actuators_neutral_and_keeps_the_record(tick, error):
     craft, kept = PondCraft(), []
     craft.fail_at[tick] = error
     _, fly = flight(craft, kept)
@@ -63,7 +63,7 @@ def test_whenever_it_is_interrupted_the_actuators_go_neutral_and_the_record_is_k
     assert [(t.ending, t.reason) for t in kept] == [("aborted", str(error))]
 
 
-def test_a_bug_in_a_manoeuvre_still_ends_neutral_with_its_record():
+def test_a_bug_in_a_manoeuvre_ends_it_neutral_with_its_record():
     class Broken(Step):
         def _tick(self, observation):
             raise ZeroDivisionError("a bug")
@@ -90,7 +90,7 @@ SINKING = Envelope(heading_excursion=10.0, depth_excursion=1.0)
 
 @pytest.mark.parametrize(("firmware", "is_watched"), [("ardusub", True), ("ardurover", False)])
 @pytest.mark.parametrize("rate", [0.3, -0.3], ids=["down", "up"])
-def test_an_excursion_in_depth_ends_the_manoeuvre_of_an_rov_and_is_none_of_a_boats(firmware, is_watched, rate):
+def test_a_depth_excursion_ends_the_manoeuvre_of_an_rov_but_not_of_a_boat(firmware, is_watched, rate):
     class Drifting(PondCraft):
         def _advance(self, dt):
             super()._advance(dt)
@@ -108,7 +108,7 @@ def test_an_excursion_in_depth_ends_the_manoeuvre_of_an_rov_and_is_none_of_a_boa
     assert craft.log[-1] == "neutral"
 
 
-def test_the_distance_counts_from_where_the_visit_began_over_all_its_manoeuvres():
+def test_distance_is_measured_from_the_start_of_the_session_for_all_manoeuvres():
     craft, kept = PondCraft(), []
     sequencer, fly = flight(craft, kept, envelope=Envelope(distance=10.0))
     fly()
@@ -119,7 +119,7 @@ def test_the_distance_counts_from_where_the_visit_began_over_all_its_manoeuvres(
         sequencer.fly(Step(STEP))
 
 
-def test_home_is_the_first_place_that_is_known():
+def test_home_is_the_first_known_position():
     craft, kept = PondCraft(), []
     craft.x = math.nan
     sequencer, fly = flight(craft, kept, envelope=Envelope(distance=10.0))
@@ -131,14 +131,14 @@ def test_home_is_the_first_place_that_is_known():
         sequencer.fly(Step(STEP))
 
 
-def test_a_manoeuvres_own_envelope_takes_the_place_of_the_visits():
+def test_the_envelope_of_a_manoeuvre_replaces_that_of_the_session():
     craft, kept = PondCraft(), []
     sequencer, _ = flight(craft, kept)
     with pytest.raises(GuardTripped, match="heading excursion"):
         sequencer.fly(Step(STEP), envelope=Envelope(heading_excursion=math.radians(20.0)))
 
 
-def test_after_an_abort_nothing_more_is_flown():
+def test_nothing_is_flown_after_an_abort():
     craft, kept = PondCraft(), []
     craft.fail_at[5] = LinkLost("gone")
     sequencer, fly = flight(craft, kept)
@@ -149,7 +149,7 @@ def test_after_an_abort_nothing_more_is_flown():
     assert len(kept) == 1
 
 
-def test_an_error_keeps_its_name_even_when_neutral_cannot_be_confirmed():
+def test_an_error_keeps_its_type_when_neutral_cannot_be_confirmed():
     craft, kept, ear = PondCraft(), [], Ear()
     craft.fail_at[9] = TelemetryFault("frozen")
     craft.fail_neutral = LinkLost("gone")
@@ -159,7 +159,7 @@ def test_an_error_keeps_its_name_even_when_neutral_cannot_be_confirmed():
     assert kept[0].ending == "aborted"
 
 
-def test_a_visit_leaves_mode_and_armed_state_as_found():
+def test_mode_and_armed_state_are_restored_on_exit():
     craft = PondCraft()
     with restore_on_exit(craft, SilentObserver()):
         craft.arm()
@@ -168,7 +168,7 @@ def test_a_visit_leaves_mode_and_armed_state_as_found():
     assert craft.log[-4:] == ["neutral", "disarm", "mode STABILIZE", "release"]
 
 
-def test_a_craft_found_armed_stays_armed():
+def test_a_craft_armed_at_the_start_stays_armed():
     craft = PondCraft()
     craft.armed = True
     with restore_on_exit(craft, SilentObserver()):
@@ -176,7 +176,7 @@ def test_a_craft_found_armed_stays_armed():
     assert craft.armed
 
 
-def test_a_craft_found_armed_that_disarmed_itself_is_not_armed_again_and_that_is_said():
+def test_a_craft_that_disarmed_itself_is_not_rearmed_and_this_is_reported():
     craft, ear = PondCraft(), Ear()
     craft.armed = True
     with restore_on_exit(craft, ear):
@@ -186,7 +186,7 @@ def test_a_craft_found_armed_that_disarmed_itself_is_not_armed_again_and_that_is
     assert not any("armed state restored" in text for text in ear.heard)
 
 
-def test_the_operators_stop_does_not_stop_the_clean_up():
+def test_an_operator_stop_does_not_interrupt_the_restoration():
     craft = PondCraft()
     with pytest.raises(OperatorStopped), restore_on_exit(craft, SilentObserver()):
         craft.arm()
@@ -195,7 +195,7 @@ def test_the_operators_stop_does_not_stop_the_clean_up():
     assert not craft.armed
 
 
-def test_what_could_not_be_put_back_is_said():
+def test_values_that_could_not_be_restored_are_reported():
     craft = PondCraft()
 
     def refuse():
@@ -216,15 +216,15 @@ def test_what_could_not_be_put_back_is_said():
     [OperatorStopped("enough"), LinkLost("gone"), GuardTripped("too far"), ZeroDivisionError("a bug")],
     ids=repr,
 )
-def test_after_an_abort_too_what_could_not_be_put_back_leaves_the_journal_unsettled(error):
-    """Two failures at once: `restore` finds its work in the journal, so it must not be called done."""
+def test_a_failed_restoration_after_an_abort_leaves_the_journal_open(error):
+    """Two failures at once: `restore` reads the journal, so the entry must stay open."""
     craft, settled = PondCraft(), []
     mode = craft.set_mode
 
-    def refuse_to_go_back(wanted):
-        if wanted == "STABILIZE":
+    def deny_restoring(requested):
+        if requested == "STABILIZE":
             raise CommandDenied("mode refused")
-        mode(wanted)
+        mode(requested)
 
     with (
         pytest.raises(NotAsFound, match=r"Afterwards the vehicle could not be restored: mode: mode refused") as caught,
@@ -232,7 +232,7 @@ def test_after_an_abort_too_what_could_not_be_put_back_leaves_the_journal_unsett
     ):
         craft.arm()
         craft.set_mode("ALT_HOLD")
-        craft.set_mode = refuse_to_go_back
+        craft.set_mode = deny_restoring
         raise error
     assert settled == []
     assert caught.value.__cause__ is error
@@ -241,7 +241,7 @@ def test_after_an_abort_too_what_could_not_be_put_back_leaves_the_journal_unsett
     assert not craft.armed
 
 
-def test_after_an_abort_that_was_put_back_the_journal_is_settled_and_the_error_stays():
+def test_a_restored_abort_closes_the_journal_and_keeps_the_error():
     craft, settled = PondCraft(), []
     with (
         pytest.raises(GuardTripped, match="too far"),
@@ -253,7 +253,7 @@ def test_after_an_abort_that_was_put_back_the_journal_is_settled_and_the_error_s
     assert (craft.mode, craft.armed) == ("STABILIZE", False)
 
 
-def test_a_link_that_is_lost_while_putting_back_is_one_difference_and_nothing_more_is_tried():
+def test_a_link_lost_during_restoration_is_one_difference_and_ends_the_attempts():
     craft, settled = PondCraft(), []
     with (
         pytest.raises(NotAsFound) as caught,
@@ -267,7 +267,7 @@ def test_a_link_that_is_lost_while_putting_back_is_one_difference_and_nothing_mo
 
 
 @pytest.mark.parametrize("times", [1, 9])
-def test_a_mode_that_a_late_twin_of_a_command_undoes_is_restored_again_a_few_times(times):
+def test_a_mode_undone_by_a_late_duplicate_command_is_restored_again(times):
     class Twice(PondCraft):
         left = times
 
@@ -289,7 +289,7 @@ def test_a_mode_that_a_late_twin_of_a_command_undoes_is_restored_again_a_few_tim
     assert settled == []
 
 
-def test_a_loop_that_runs_away_stops_the_step_by_itself():
+def test_a_diverging_loop_stops_the_step():
     class Wild(PondCraft):
         def _demand(self):
             return (1.0, 0.0, 0.0)

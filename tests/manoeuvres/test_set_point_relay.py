@@ -16,10 +16,10 @@ from .pond import answered, at_rest
 C, X_A = 0.2, 0.05
 RELAYS = ((C, X_A), (0.5 * C, X_A))
 BEGUN = 3.5
-"""Half a second, which is one command here, after the noise of what is watched is known."""
+"""Half a second, which is one command here, after the noise of the signal is known."""
 AXIS_OF = {"psi": "heading", "z": "depth", "u": "speed"}
 BASE = {"psi": 1.0, "z": 4.0, "u": 0.8}
-"""What it swings about: the course, the depth it is at, the cruise of 1 m/s less the larger relay."""
+"""The centre of oscillation: the course, the present depth, the cruise of 1 m/s less the larger relay."""
 
 
 def relay(signal: str = "psi", relays: tuple[tuple[float, float], ...] = RELAYS, **changes: float) -> SetPointRelay:
@@ -27,15 +27,15 @@ def relay(signal: str = "psi", relays: tuple[tuple[float, float], ...] = RELAYS,
     return SetPointRelay(relays, changes.get("speed", speed), axis=AXES[AXIS_OF[signal]])
 
 
-def swung(manoeuvre: SetPointRelay, base: float) -> list:
-    """A loop that goes 0.03 a tick towards the side it was told to be at a tick ago: it swings by 0.09 about *base*."""
-    away, told = [0.0], [0.0, 0.0]
+def oscillate(manoeuvre: SetPointRelay, base: float) -> list:
+    """A loop that moves 0.03 per tick towards the last commanded side: it oscillates by 0.09 about *base*."""
+    away, commanded = [0.0], [0.0, 0.0]
 
     def seen(t: float, command: object) -> Observation:
-        wanted = getattr(command, {"psi": "psi", "z": "z", "u": "speed"}[manoeuvre.signal], base)
-        told.append(round(wanted - base, 9))
+        target = getattr(command, {"psi": "psi", "z": "z", "u": "speed"}[manoeuvre.signal], base)
+        commanded.append(round(target - base, 9))
         if t > BEGUN:
-            away.append(away[-1] + math.copysign(0.03, told[-2]))
+            away.append(away[-1] + math.copysign(0.03, commanded[-2]))
         now = {"psi": 1.0, "z": 4.0, "u": BASE["u"], "speed": 1.0}
         return at_rest(t=t, **({**now, manoeuvre.signal: base + away[-1]} if t > BEGUN else now))
 
@@ -43,9 +43,9 @@ def swung(manoeuvre: SetPointRelay, base: float) -> list:
 
 
 @pytest.mark.parametrize("signal", ["psi", "z", "u"])
-def test_each_relay_commands_its_size_to_either_side_of_the_middle_until_it_has_settled(signal: str) -> None:
+def test_each_relay_commands_its_amplitude_about_the_reference_until_it_settles(signal: str) -> None:
     base, manoeuvre = BASE[signal], relay(signal)
-    rows = swung(manoeuvre, base)
+    rows = oscillate(manoeuvre, base)
     marks = manoeuvre.take_marks()
     begun = [m for m in marks if m.kind == "relay"]
     at = list(marks).index(begun[1])
@@ -68,7 +68,7 @@ def test_each_relay_commands_its_size_to_either_side_of_the_middle_until_it_has_
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("share", "switches"), [(0.98, False), (1.0, True), (1.02, True)])
-def test_a_relay_switches_where_the_heading_passes_to_either_side_of_the_course(
+def test_a_relay_switches_beyond_the_hysteresis_on_either_side_of_the_course(
     side: float, share: float, switches: bool
 ) -> None:
     manoeuvre = relay(relays=((C, X_A),))
@@ -93,12 +93,12 @@ def test_a_relay_switches_where_the_heading_passes_to_either_side_of_the_course(
     )
 
 
-def test_one_that_does_not_settle_is_taken_as_it_is_after_so_many_periods_or_so_long() -> None:
+def test_an_unsettled_relay_ends_after_a_number_of_periods_or_a_time_limit() -> None:
     quick = relay(relays=((C, X_A),))
 
     def growing(period: float):
         def seen(t: float, command: object) -> Observation:
-            k = math.floor((t - BEGUN) / (0.5 * period))  # every half swings out differently far
+            k = math.floor((t - BEGUN) / (0.5 * period))  # every half has another amplitude
             return at_rest(t=t, psi=(0.06 + 0.05 * (k % 3)) * (-1.0) ** (k + 1) if t > BEGUN else 0.0)
 
         return seen
@@ -114,7 +114,7 @@ def test_one_that_does_not_settle_is_taken_as_it_is_after_so_many_periods_or_so_
     assert "1 did not settle" in slow.outcome.reason
 
 
-def test_one_that_has_switched_only_five_times_by_then_is_waited_for() -> None:
+def test_a_relay_with_only_five_switches_at_the_time_limit_continues() -> None:
     manoeuvre = relay(relays=((C, X_A),))
 
     def seen(t: float, command: object) -> Observation:
@@ -125,9 +125,9 @@ def test_one_that_has_switched_only_five_times_by_then_is_waited_for() -> None:
     assert rows[-1][0].t == BEGUN + 130.0
 
 
-def test_what_it_was_asked_and_found_is_kept() -> None:
+def test_settings_and_results_are_recorded() -> None:
     manoeuvre = relay("u")
-    swung(manoeuvre, BASE["u"])
+    oscillate(manoeuvre, BASE["u"])
     assert manoeuvre.meta_fields == {
         "dof": "surge", "signal": "u", "set_points": [C, 0.5 * C], "hystereses": [X_A, X_A], "speed": 1.0,
         "noise_std": 0.0,
@@ -136,12 +136,12 @@ def test_what_it_was_asked_and_found_is_kept() -> None:
 
 
 @pytest.mark.parametrize(("C", "x_a"), [(0.2, 0.2), (0.2, 0.21), (0.2, 0.0), (0.2, -0.1)])
-def test_a_relay_that_never_sees_the_heading_pass_is_refused(C: float, x_a: float) -> None:
+def test_a_relay_that_might_never_switch_is_rejected(C: float, x_a: float) -> None:
     with pytest.raises(UsageError, match="the heading may never cross"):
         relay(relays=((0.3, 0.1), (C, x_a)))
 
 
-def test_without_a_speed_a_craft_stays_where_it_is_and_nobody_waits_for_way() -> None:
+def test_without_a_speed_the_craft_stays_in_place_and_the_relay_starts_at_once() -> None:
     manoeuvre = SetPointRelay(RELAYS)
     rows = answered(manoeuvre, lambda t, command: at_rest(t=t, speed=0.1 * t), most=5.0)
     assert {command.speed for _, command in rows} == {0.0}
@@ -153,7 +153,7 @@ def test_without_a_speed_a_craft_stays_where_it_is_and_nobody_waits_for_way() ->
 
 
 @pytest.mark.parametrize(("speed", "refused"), [(0.4, True), (0.39, True), (0.41, False), (0.0, False)])
-def test_a_relay_on_speed_stays_ahead_of_standing_still(speed: float, refused: bool) -> None:
+def test_a_speed_relay_that_reaches_zero_speed_is_rejected(speed: float, refused: bool) -> None:
     assert relay("psi", speed=speed).meta_fields["set_points"] == [C, 0.5 * C]
     if refused:
         with pytest.raises(UsageError, match=r"of 0\.2 m/s about 0\.(2|19) m/s reaches zero speed"):
@@ -165,7 +165,7 @@ def test_a_relay_on_speed_stays_ahead_of_standing_still(speed: float, refused: b
 @pytest.mark.parametrize(
     ("force", "axis", "dof"), [("N", "heading", "yaw"), ("Z", "depth", "heave"), ("X", "speed", "surge")]
 )
-def test_the_row_of_a_force_makes_two_relays_on_its_loop(force: str, axis: str, dof: str) -> None:
+def test_the_row_of_a_force_creates_two_relays_on_its_loop(force: str, axis: str, dof: str) -> None:
     row = KIND.of(force)
     assert (row.axis, row.excites, row.drives, row.identifies) == (axis, {dof}, frozenset(), False)
     assert row.make is not None

@@ -28,7 +28,7 @@ def check(craft: PondCraft, signal: str = "psi", **changes: Any) -> tuple[SignCh
     return manoeuvre, flown
 
 
-def test_outputs_that_the_vehicle_does_not_report_are_not_followed() -> None:
+def test_unreported_outputs_count_as_not_followed() -> None:
     rest, forward, back = ([(0.1 * k, 0.001 * (k % 2), math.nan) for k in range(n, n + 20)] for n in (0, 19, 38))
     found = pulse_response(0.3, rest, forward, back, 0.05)
     assert found.unheeded is found.forward
@@ -37,7 +37,7 @@ def test_outputs_that_the_vehicle_does_not_report_are_not_followed() -> None:
 
 
 @pytest.mark.parametrize(("gain", "drag"), [(1.0, 0.8), (0.3, 0.1), (8.0, 10.0), (0.15, 0.0), (0.4, 0.4)])
-def test_an_actuator_that_acts_rightly_passes_whatever_the_craft(gain: float, drag: float) -> None:
+def test_a_correct_actuator_passes_on_any_craft(gain: float, drag: float) -> None:
     craft = PondCraft(gain=gain, drag=drag)
     manoeuvre, flown = check(craft)
     assert flown.ending == "completed"
@@ -49,7 +49,7 @@ def test_an_actuator_that_acts_rightly_passes_whatever_the_craft(gain: float, dr
 
 
 @pytest.mark.parametrize("bias", [0.0, 0.05, -0.05])
-def test_a_reversed_actuator_is_refused_with_its_cure_after_two_small_pulses(bias: float) -> None:
+def test_a_reversed_actuator_is_rejected_with_a_remedy_after_two_small_pulses(bias: float) -> None:
     craft = PondCraft(gain=-1.0, bias=bias)
     _, flown = check(craft)
     assert [m.detail["N"] for m in flown.marks] == [0.15, -0.15, 0.15, -0.15]
@@ -75,7 +75,7 @@ class Noisy(PondCraft):
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize(("gain", "signs"), [(0.06, (1, 1)), (-0.06, (-1, -1)), (0.0, (0, 0))])
-def test_noise_drift_and_a_turn_under_way_are_not_taken_for_an_answer(
+def test_noise_drift_and_an_initial_turn_are_not_taken_for_a_response(
     seed: int, gain: float, signs: tuple[int, int]
 ) -> None:
     # Like Charlie: a time constant of 3 s, 10 deg/s at full rudder.
@@ -85,7 +85,7 @@ def test_noise_drift_and_a_turn_under_way_are_not_taken_for_an_answer(
 
 
 @pytest.mark.parametrize(("gain", "signs"), [(150.0, (1, 1)), (-150.0, (-1, -1))])
-def test_a_craft_as_quick_as_the_link_is_late_is_understood(gain: float, signs: tuple[int, int]) -> None:
+def test_a_craft_as_fast_as_the_link_delay_passes_the_check(gain: float, signs: tuple[int, int]) -> None:
     class Late(PondCraft):
         """Turns 75 deg/s a tick after a pulse of 0.15 begins; its outputs are seen a tick later still."""
 
@@ -100,14 +100,14 @@ def test_a_craft_as_quick_as_the_link_is_late_is_understood(gain: float, signs: 
     assert manoeuvre.answer.signs == signs
 
 
-def test_a_dead_actuator_is_named_with_the_pulses_it_was_given() -> None:
+def test_a_dead_actuator_is_reported_with_its_pulses() -> None:
     _, flown = check(PondCraft(gain=0.0))
     assert flown.ending == "aborted"
     assert "SERVO1 went to 1800 us and 1200 us. The actuator is dead" in flown.reason
     assert [m.detail["N"] for m in flown.marks] == [0.15, -0.15, 0.3, -0.3, 0.6, -0.6]
 
 
-def test_a_drift_stronger_than_the_actuator_is_not_taken_for_an_answer() -> None:
+def test_a_drift_stronger_than_the_actuator_is_not_taken_for_a_response() -> None:
     class OneWay(PondCraft):
         def _advance(self, dt: float) -> None:
             held, self.gain = self.gain, 0.0 if self.command.N < 0.0 else self.gain  # type: ignore[union-attr]
@@ -129,7 +129,7 @@ HEAVE = {"signal": "z", "reach": 0.15, "least": 0.0225, "longest": 6.0}
 
 
 @pytest.mark.parametrize("buoyancy", [-10.0, -1.0, 0.6, 3.0, 6.3, 10.0])
-def test_a_craft_that_comes_up_or_sinks_by_itself_is_not_taken_for_a_reversed_one(buoyancy: float) -> None:
+def test_a_rising_or_sinking_craft_is_not_reported_as_reversed(buoyancy: float) -> None:
     for depth in (0.13, 0.8, 1.5, 5.0):
         for seed in range(3):
             _, flown = check(Buoyant(buoyancy, depth, seed), **HEAVE)
@@ -137,19 +137,19 @@ def test_a_craft_that_comes_up_or_sinks_by_itself_is_not_taken_for_a_reversed_on
 
 
 @pytest.mark.parametrize("buoyancy", [-10.0, -1.0, 0.6, 3.0])
-def test_a_reversed_one_that_comes_up_or_sinks_by_itself_is_refused(buoyancy: float) -> None:
+def test_a_reversed_actuator_on_a_rising_or_sinking_craft_is_rejected(buoyancy: float) -> None:
     for seed in range(3):
         _, flown = check(Buoyant(buoyancy, 5.0, seed, sign=-1.0), **HEAVE)
         assert "the wrong way. Turn it round" in flown.reason, seed
 
 
-def test_one_that_no_pulse_drives_down_is_said_to_rise_not_to_be_reversed() -> None:
+def test_a_craft_that_no_pulse_drives_down_is_reported_as_rising_not_reversed() -> None:
     _, flown = check(Buoyant(75.0, 5.0, 1), **HEAVE)
     assert flown.ending == "aborted"
     assert "the wrong way" not in flown.reason
 
 
-def test_what_drifts_is_said_with_what_to_do_about_it() -> None:
+def test_a_drift_is_reported_with_a_remedy() -> None:
     _, flown = check(Buoyant(75.0, 40.0, 1, sign=0.0), **HEAVE)
     assert "without command it rises at 1.0" in flown.reason
 
@@ -186,13 +186,13 @@ class Outputs(PondCraft):
     ],
     ids=["saturated", "saturated the other way", "unheeded", "turned round", "cut off"],
 )
-def test_outputs_that_do_not_do_what_was_commanded_are_refused(shown: Callable[[float], float], why: str) -> None:
+def test_outputs_that_do_not_follow_the_command_are_rejected(shown: Callable[[float], float], why: str) -> None:
     _, flown = check(Outputs(shown))
     assert flown.ending == "aborted"
     assert why in flown.reason
 
 
-def test_a_rudder_without_way_on_is_refused_before_any_pulse() -> None:
+def test_a_rudder_without_headway_is_rejected_before_any_pulse() -> None:
     _, flown = check(PondCraft(), throttle=0.05, least_speed=0.25)
     assert "makes only 0.07 m/s (noise 0.01 m/s) at 5% throttle" in flown.reason
     assert "more --throttle" in flown.reason
@@ -201,7 +201,7 @@ def test_a_rudder_without_way_on_is_refused_before_any_pulse() -> None:
 
 
 class Backing(PondCraft):
-    """Goes over the ground as a propeller of the wrong hand, or a current, takes it: *share* of its way is ahead."""
+    """Moves over the ground as a reversed propeller or a current moves it: *share* of its speed is ahead."""
 
     def __init__(self, share: float) -> None:
         super().__init__()
@@ -214,7 +214,7 @@ class Backing(PondCraft):
 
 
 @pytest.mark.parametrize(("share", "ending"), [(-1.0, "aborted"), (-0.75, "aborted"), (-0.6, "completed")])
-def test_way_astern_with_the_throttle_ahead_is_refused_and_leeway_is_not(share: float, ending: str) -> None:
+def test_sternway_under_ahead_throttle_is_rejected_and_leeway_is_accepted(share: float, ending: str) -> None:
     _, flown = check(Backing(share), throttle=0.5, least_speed=0.25, astern="Turn the propeller round")
     assert flown.ending == ending
     assert ("goes astern at" in flown.reason) == (ending == "aborted")
@@ -223,7 +223,7 @@ def test_way_astern_with_the_throttle_ahead_is_refused_and_leeway_is_not(share: 
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.4, 1.0])
-def test_the_least_motion_that_counts_is_five_times_the_noise_and_never_less_than_asked(noise: float) -> None:
+def test_the_motion_threshold_is_five_times_the_noise_and_at_least_the_set_value(noise: float) -> None:
     craft = Noisy(1, gain=2.0, drag=0.8)
     craft.r, craft.observe = 0.0, lambda: noisy(craft, noise)  # type: ignore[method-assign]
     manoeuvre, _ = check(craft, reach=math.radians(20.0))
@@ -239,7 +239,7 @@ def noisy(craft: Noisy, degrees: float) -> Observation:
 
 
 @pytest.mark.parametrize("output", [math.nan, -0.3, 0.0, 0.07])
-def test_an_output_that_is_not_known_or_not_half_of_the_command_does_not_count_as_followed(output: float) -> None:
+def test_an_unknown_or_too_small_output_does_not_count_as_followed(output: float) -> None:
     followed = Pulse(-0.15, -0.1, 0.01, -0.1, -0.15, 1.0)
     odd = Pulse(0.15, 0.1, 0.01, 0.1, output, 1.0)
     assert PulseResponse(odd, followed, 0.02, 0.1, 0.01, 0.0).unheeded is odd
@@ -247,24 +247,24 @@ def test_an_output_that_is_not_known_or_not_half_of_the_command_does_not_count_a
 
 
 @pytest.mark.parametrize(("compared", "reversed_"), [(-4.0, True), (-2.0, False), (4.0, False)])
-def test_one_pulse_that_moved_it_the_wrong_way_is_believed_where_both_together_say_so(
+def test_one_wrong_response_means_reversed_only_if_both_pulses_together_confirm_it(
     compared: float, reversed_: bool
 ) -> None:
-    """The first pulse, a command of 0.15, is seen to move it the wrong way; the other is not to be seen."""
+    """The first pulse, a command of 0.15, moves it the wrong way; the other has no visible effect."""
     wrong, unseen = Pulse(0.15, -0.05, 0.005, -0.05, 0.15, 1.0), Pulse(-0.15, 0.0, 0.005, 0.0, -0.15, 1.0)
     response = PulseResponse(wrong, unseen, 0.02, 0.01 * compared, 0.01, 0.0)
     assert response.signs == (-1, 0)
     assert response.is_reversed is reversed_
 
 
-def test_a_speed_nobody_knows_is_no_speed() -> None:
+def test_an_unknown_speed_counts_as_no_speed() -> None:
     craft = PondCraft()
     craft.speed = math.nan
     _, flown = check(craft, throttle=0.5, least_speed=0.25)
     assert "Wait for a GPS fix" in flown.reason
 
 
-def test_the_record_says_what_was_seen() -> None:
+def test_the_record_contains_signs_and_motions() -> None:
     _, flown = check(PondCraft())
     assert flown.meta["manoeuvre"] == "sign-check"
     assert flown.meta["signs"] == [1, 1]
@@ -286,7 +286,7 @@ class Circling(PondCraft):
 
 
 @pytest.mark.parametrize(("rate", "side"), [(0.3, "starboard"), (-0.3, "port")])
-def test_a_boat_that_turns_by_itself_is_told_so_and_not_that_it_is_slow(rate: float, side: str) -> None:
+def test_a_boat_that_turns_by_itself_is_not_reported_as_slow(rate: float, side: str) -> None:
     _, flown = check(Circling(rate), throttle=0.5, least_speed=0.25)
     assert flown.ending == "aborted"
     assert f"without steering the craft turns at 17 deg/s to {side} at 50% throttle" in flown.reason
@@ -298,7 +298,7 @@ def test_a_boat_that_turns_by_itself_is_told_so_and_not_that_it_is_slow(rate: fl
 @pytest.mark.parametrize(
     ("phase", "side"), [(math.pi, -1.0), (0.0, 1.0)], ids=["to starboard by now", "to port by now"]
 )
-def test_a_bow_that_waves_swing_is_first_pushed_back_to_where_the_check_began(phase: float, side: float) -> None:
+def test_the_first_pulse_turns_a_bow_moved_by_waves_back_to_its_start(phase: float, side: float) -> None:
     class Swinging(PondCraft):
         """By 30 deg to either side every 4 s, beyond what the pulses do."""
 
@@ -313,7 +313,7 @@ def test_a_bow_that_waves_swing_is_first_pushed_back_to_where_the_check_began(ph
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_boat_that_takes_eight_seconds_to_turn_is_given_the_time_for_it_by_a_poor_compass(seed: int) -> None:
+def test_a_slow_boat_with_a_poor_compass_gets_enough_time_to_turn(seed: int) -> None:
     boat = Noisy(seed, gain=0.016, drag=0.125)
     boat.r = 0.0
     manoeuvre, flown = check(boat)

@@ -1,4 +1,4 @@
-"""Spirals, tick by tick on a craft of one lag: the helms in order, the rates held, a craft that does not turn."""
+"""Spirals, tick by tick on a craft of one lag: rudder angles in order, held rates, a craft that does not turn."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Lagged:
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_helms_go_in_steps_to_the_other_side_and_back(side: int) -> None:
+def test_rudder_angles_step_to_the_other_side_and_back(side: int) -> None:
     spiral = DirectSpiral(2, Steering(0.6, side))
     rows = answered(spiral, Lagged(0.3, 1.0), tick=0.1)
     marks = spiral.take_marks()
@@ -48,7 +48,7 @@ def test_helms_go_in_steps_to_the_other_side_and_back(side: int) -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(("gain", "lag"), [(0.3, 2.0), (-0.5, 1.0)])
-def test_rates_are_held_one_after_the_other_whichever_way_the_rudder_works(side: int, gain: float, lag: float) -> None:
+def test_turn_rates_are_held_in_order_for_either_rudder_sign(side: int, gain: float, lag: float) -> None:
     spiral = BechSpiral(2, Steering(0.6, side))
     rows = answered(spiral, Lagged(gain, lag), tick=0.1)
     turn, *marks = spiral.take_marks()
@@ -67,7 +67,7 @@ def test_rates_are_held_one_after_the_other_whichever_way_the_rudder_works(side:
     assert spiral.outcome.reason == "5 rates held"
 
 
-def test_the_time_constant_is_read_where_the_turn_has_gained_its_share_and_none_is_thought_too_quick() -> None:
+def test_the_time_constant_is_read_from_the_turn_and_has_a_lower_limit() -> None:
     spiral = BechSpiral(1, Steering(0.5))
     spiral._rates = [(0.1 * k, -0.2 * -math.expm1(-0.1 * k / 2.0)) for k in range(200)]
     rate, lag = spiral._reading()
@@ -80,7 +80,7 @@ def test_the_time_constant_is_read_where_the_turn_has_gained_its_share_and_none_
 
 
 @pytest.mark.parametrize(("gain", "ending"), [(0.02, "completed"), (0.016, "aborted"), (-0.016, "aborted")])
-def test_a_craft_that_turns_slower_than_half_a_degree_a_second_is_given_up(gain: float, ending: str) -> None:
+def test_a_craft_that_turns_slower_than_half_a_degree_per_second_is_aborted(gain: float, ending: str) -> None:
     spiral = BechSpiral(1, Steering(0.5))
     rows = answered(spiral, Lagged(gain, 1.0), tick=0.1)
     assert spiral.outcome is not None

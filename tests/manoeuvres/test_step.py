@@ -15,7 +15,7 @@ from .pond import PondCraft, at_rest
 
 
 def fly(step, path, dt=0.1):
-    """Feed values of the watched signal; return the targets commanded."""
+    """Feed values of the signal; return the targets commanded."""
     targets = []
     for i, value in enumerate(path):
         seen = at_rest(t=i * dt, psi=value, z=value)
@@ -28,7 +28,7 @@ def fly(step, path, dt=0.1):
     return targets
 
 
-def test_it_holds_until_steady_then_steps_both_ways():
+def test_a_step_starts_from_a_steady_hold_and_goes_both_ways():
     step = Step(StepSettings("z", 1.0, 5.0))
     targets = fly(step, [2.0] * 400)
     assert targets[0] == 2.0
@@ -39,13 +39,13 @@ def test_it_holds_until_steady_then_steps_both_ways():
     assert step.take_marks() == []
 
 
-def test_an_unsteady_craft_is_waited_for_only_so_long():
+def test_the_wait_for_a_steady_craft_is_limited():
     step = Step(StepSettings("psi", 0.5, 5.0, settle=4.0))
     targets = fly(step, [math.sin(i) for i in range(60)])
     assert targets[45] == pytest.approx(0.5)
 
 
-def test_a_steady_craft_is_held_as_long_as_asked():
+def test_a_steady_craft_is_held_for_the_set_time():
     step = Step(StepSettings("z", 1.0, 5.0, hold=12.0))
     fly(step, [2.0] * 400)
     first, second, third = (m.t for m in step.take_marks())
@@ -61,12 +61,12 @@ def test_an_unsteady_craft_is_not_stepped_before_its_hold_is_over_either():
     assert targets[85] == pytest.approx(0.5)
 
 
-def test_speed_goes_into_the_heading_target():
+def test_the_heading_target_contains_the_speed():
     step = Step(StepSettings("psi", 0.5, 5.0, speed=1.2))
     assert next(step.commands(at_rest())) == HeadingTarget(0.0, 1.2)
 
 
-def test_a_half_ends_once_the_signal_has_stood_at_its_target_for_long_enough():
+def test_a_half_ends_once_the_signal_has_settled_at_its_target():
     step = Step(StepSettings("psi", 0.5, 30.0, enough=5.0))
     targets = []
     seen, commands, psi = 0, None, 0.0
@@ -88,7 +88,7 @@ def test_a_half_that_never_settles_runs_to_its_end():
     assert step.meta_fields["lasted"] == [pytest.approx(12.0, abs=0.11), pytest.approx(12.0, abs=0.11)]
 
 
-def test_a_lone_wild_sample_does_not_make_a_half_longer_and_two_do():
+def test_one_outlier_does_not_prolong_a_half_and_two_do():
     path = [0.0] * 31 + [0.5] * 20 + [0.7] + [0.5] * 29
     one, two = (Step(StepSettings("psi", 0.5, 30.0, enough=5.0)) for _ in range(2))
     fly(one, [*path, *[0.0] * 300])
@@ -97,7 +97,7 @@ def test_a_lone_wild_sample_does_not_make_a_half_longer_and_two_do():
     assert two.meta_fields["lasted"][0] == pytest.approx(7.2, abs=0.31)
 
 
-def test_noise_and_a_coarse_compass_widen_what_counts_as_there():
+def test_noise_and_a_coarse_compass_widen_the_settling_band():
     quiet, coarse = (Step(StepSettings("psi", 0.5, 30.0, enough=5.0)) for _ in range(2))
     rough = [0.0, 0.03, -0.03, 0.0, 0.03, 0.0, -0.03, 0.03]
     for step, held in ((quiet, [0.0]), (coarse, rough)):
@@ -124,7 +124,7 @@ def waited(held, output=lambda t: 0.06, size=1.0, seconds=60.0):
     return second - first, step.meta_fields["lasted"]
 
 
-def test_a_craft_plainly_at_rest_is_waited_for_no_longer_than_it_takes_to_see_that():
+def test_the_wait_for_a_craft_at_rest_is_short():
     hold, lasted = waited(lambda t: 2.0)
     assert 3.0 <= hold <= 4.5
     assert all(3.0 <= seconds <= 4.5 for seconds in lasted)
@@ -137,15 +137,15 @@ def test_a_craft_plainly_at_rest_is_waited_for_no_longer_than_it_takes_to_see_th
         (lambda t: 2.0, lambda t: 0.06 + 0.006 * t, 7.5),  # an integral winds
         (lambda t: 2.0 + 0.03 * math.sin(1.5 * t), lambda t: 0.06, 9.4),  # waves
         (lambda t: 2.0, lambda t: 0.06 + 0.03 * math.copysign(1.0, math.sin(3.0 * t)), 9.9),  # hunts in a dead band
-        (lambda t: 2.0, lambda t: math.nan, 9.9),  # nobody tells the output
+        (lambda t: 2.0, lambda t: math.nan, 9.9),  # the output is not reported
     ],
 )
-def test_what_still_moves_or_winds_is_waited_for(held, output, least):
+def test_the_wait_is_longer_while_signal_or_output_still_change(held, output, least):
     hold, _ = waited(held, output)
     assert least <= hold <= 10.11
 
 
-def test_without_leave_to_end_early_every_wait_is_as_long_as_asked():
+def test_every_wait_has_its_full_length_if_early_ends_are_disabled():
     step = Step(StepSettings("z", 1.0, 30.0, hold=10.0, enough=6.0))
     fly(step, [2.0] * 101 + [3.0] * 61 + [2.0] * 70)
     marks = [m.t for m in step.take_marks()]
@@ -154,8 +154,8 @@ def test_without_leave_to_end_early_every_wait_is_as_long_as_asked():
     assert "least_hold" not in step.meta_fields
 
 
-def swung(amplitude, period=4.2, enough=6.0):
-    """Return the step, told 60 s of a heading that swings about its target by *amplitude* rad whatever is asked."""
+def oscillated(amplitude, period=4.2, enough=6.0):
+    """Return the step after 60 s of a heading that oscillates about its target by *amplitude* rad."""
     step = Step(StepSettings("psi", 0.5, 30.0, hold=10.0, enough=enough, least_hold=3.0, least_enough=3.0))
     rough = 0.002 * np.random.default_rng(7).standard_normal(900)
     commands = None
@@ -169,8 +169,8 @@ def swung(amplitude, period=4.2, enough=6.0):
     return step, [m.t for m in step.take_marks()]
 
 
-def test_a_craft_that_waves_swing_stands_at_its_target_once_it_swings_about_that_as_it_did_while_held():
-    step, (begun, stepped, *_) = swung(0.1)
+def test_a_craft_moved_by_waves_has_settled_once_it_oscillates_about_its_target():
+    step, (begun, stepped, *_) = oscillated(0.1)
     assert stepped - begun == pytest.approx(10.5, abs=0.6), "it is never steady, and longer waiting changes nothing"
     assert step.meta_fields["band"] == pytest.approx(3.0 * 0.1 / math.sqrt(2.0), rel=0.1)
     assert step.meta_fields["lasted"] == [pytest.approx(6.0, abs=0.3)] * 2
@@ -179,10 +179,10 @@ def test_a_craft_that_waves_swing_stands_at_its_target_once_it_swings_about_that
 @pytest.mark.parametrize(
     ("amplitude", "period", "enough"),
     [(0.2, 4.2, 6.0), (0.1, 25.0, 6.0), (0.1, 4.2, math.inf)],
-    ids=["by more than half of the step", "so slowly that it may come to rest yet", "nothing may end early"],
+    ids=["large", "slow", "no early end"],
 )
-def test_what_swings_so_that_more_of_it_tells_more_is_recorded_for_as_long_as_asked(amplitude, period, enough):
-    step, (begun, stepped, *_) = swung(amplitude, period, enough)
+def test_large_or_slow_oscillations_are_recorded_for_the_full_time(amplitude, period, enough):
+    step, (begun, stepped, *_) = oscillated(amplitude, period, enough)
     assert stepped - begun == pytest.approx(20.0, abs=0.11)
     assert step.meta_fields["lasted"] == [pytest.approx(30.0, abs=0.11)] * 2
 
@@ -225,7 +225,7 @@ def test_a_turn_rate_step_stays_within_the_heading_limit_over_any_link(late, rat
     assert math.degrees(np.abs(flown["psi"].values).max()) < 118.0
 
 
-def test_a_part_of_a_turn_rate_step_ends_before_the_limit_and_the_record_says_so():
+def test_part_of_a_turn_rate_step_ends_before_the_limit_and_is_recorded_so():
     size = math.radians(40.0)
     step = Step(StepSettings("r", size, 12.0, base=-0.5 * size, settle=3.0, steady_time=1.5, hold=3.0, diverged=9.0))
     flown = Sequencer(Turning(0.1), Envelope(), SilentObserver(), lambda trial: None).fly(step)

@@ -1,4 +1,4 @@
-"""Stopping from way: how much is enough to stop from, when it counts as stopped, and when it is given up."""
+"""Stopping tests: the least initial speed, when the craft counts as stopped, and when the test is aborted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .pond import answered, at_rest
 
 
 class Way:
-    """A craft of *top* speed at its throttle whose way goes off by *fall* [m/s^2] as soon as there is none."""
+    """A craft with *top* speed at its throttle; without throttle it decelerates by *fall* [m/s^2]."""
 
     def __init__(self, top: float, fall: float) -> None:
         self.top, self.fall, self.u, self.t = top, fall, top, 0.0
@@ -27,7 +27,7 @@ class Way:
 
 
 @pytest.mark.parametrize("astern", [0.0, 0.7])
-def test_thrust_is_taken_off_or_reversed_until_a_tenth_of_the_way_is_left(astern: float) -> None:
+def test_thrust_is_cut_or_reversed_until_a_tenth_of_the_speed_is_left(astern: float) -> None:
     manoeuvre = Stopping(astern, Steering(0.0, throttle=0.5))
     rows = answered(manoeuvre, Way(2.0, 0.1))
     (mark,) = manoeuvre.take_marks()
@@ -46,7 +46,7 @@ def test_thrust_is_taken_off_or_reversed_until_a_tenth_of_the_way_is_left(astern
 
 
 @pytest.mark.parametrize(("top", "aborts"), [(0.99 * LEAST_SPEED, True), (1.01 * LEAST_SPEED, False), (math.nan, True)])
-def test_a_craft_without_way_or_that_does_not_tell_it_is_not_stopped(top: float, aborts: bool) -> None:
+def test_a_craft_with_too_little_or_unknown_speed_is_rejected(top: float, aborts: bool) -> None:
     manoeuvre = Stopping(0.0, Steering(0.0, throttle=0.5))
     rows = answered(manoeuvre, Way(top, 0.01))
     assert manoeuvre.outcome is not None
@@ -55,7 +55,7 @@ def test_a_craft_without_way_or_that_does_not_tell_it_is_not_stopped(top: float,
     assert rows[-1][1].X == 0.0
 
 
-def test_one_that_goes_on_and_on_is_left_after_its_patience_with_what_it_still_makes() -> None:
+def test_a_craft_that_does_not_stop_ends_at_the_timeout_with_its_remaining_speed() -> None:
     manoeuvre = Stopping(0.0, Steering(0.0, throttle=0.5))
     rows = answered(manoeuvre, Way(2.0, 0.001))
     start = manoeuvre.take_marks()[0].t

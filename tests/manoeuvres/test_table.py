@@ -1,4 +1,4 @@
-"""The table of manoeuvres, walked: each flies on a pond; what ends it in any phase leaves the craft as found."""
+"""Each manoeuvre of the table is flown on a toy craft; an abort in any phase restores the craft."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ ENDS: tuple[tuple[type[AutotuneError], Callable[[PondCraft], Any]], ...] = (
 
 
 @pytest.mark.parametrize(("name", "force"), ROWS)
-def test_aborted_at_every_phase_the_craft_is_as_it_was_found_and_the_record_kept(name: str, force: str) -> None:
+def test_an_abort_in_any_phase_restores_the_craft_and_keeps_the_record(name: str, force: str) -> None:
     craft, boat = at_sea(name, force)
     observer = Phases()
     whole = fly(craft, made(name, force, boat=boat), observer)
@@ -147,7 +147,7 @@ def test_aborted_at_every_phase_the_craft_is_as_it_was_found_and_the_record_kept
         assert craft.log[-1] == "release"
 
 
-def test_every_row_is_walked_and_carries_its_name() -> None:
+def test_every_row_is_tested_and_has_its_name() -> None:
     assert {name for name, kind in MANOEUVRES.items() if kind.make is None} == set(BY_COMMAND)
     for name, kind in MANOEUVRES.items():
         assert kind.name == name
@@ -157,7 +157,7 @@ def test_every_row_is_walked_and_carries_its_name() -> None:
 
 
 @pytest.mark.parametrize("name", [n for n, kind in MANOEUVRES.items() if kind.for_force and not kind.axis])
-def test_by_the_clock_any_force_is_driven_and_previewed(name: str) -> None:
+def test_time_based_signals_drive_any_force_and_are_previewed(name: str) -> None:
     paper = NominalPlant(
         SingleDof("yaw", "1", 1.0, 1.0), 1.0, "a test", others={f: SingleDof("surge", "1", 1.0, 1.0) for f in "XYZ"}
     )
@@ -193,17 +193,15 @@ def test_a_relay_on_the_set_point_of_each_loop_is_previewed_to_its_end(force: st
     assert np.ptp(seen.trial[signal].values) > 2.0 * sizes["hysteresis"]
 
 
-def test_a_row_that_steers_takes_no_other_force() -> None:
+def test_a_row_that_steers_accepts_no_other_force() -> None:
     with pytest.raises(UsageError, match="does not accept --force Z"):
         MANOEUVRES["spiral"].of("Z")
 
 
 @pytest.mark.parametrize(
-    ("least", "blind_at", "said"), [(0.3, 12.0, "stopped reporting the distance"), (4.9, math.inf, "nearer")]
+    ("least", "blind_at", "text"), [(0.3, 12.0, "stopped reporting the distance"), (4.9, math.inf, "nearer")]
 )
-def test_before_a_wall_a_relay_ends_when_it_sees_none_or_comes_too_near(
-    least: float, blind_at: float, said: str
-) -> None:
+def test_a_wall_relay_ends_when_the_wall_is_lost_or_too_near(least: float, blind_at: float, text: str) -> None:
     kind = MANOEUVRES["wall-relay"]
     assert kind.make is not None
     craft = BeforeWall()
@@ -212,5 +210,5 @@ def test_before_a_wall_a_relay_ends_when_it_sees_none_or_comes_too_near(
     manoeuvre = kind.make({**options(kind, 0.0), "least-distance": least})
     ended = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(manoeuvre)
     assert ended.ending == "aborted"
-    assert said in ended.reason
+    assert text in ended.reason
     assert craft.command == Actuate()

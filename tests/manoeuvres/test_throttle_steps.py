@@ -1,4 +1,4 @@
-"""Throttle steps: every level is flown until the speed is steady, the course is kept, the speed must be told."""
+"""Throttle steps: every level is flown until the speed is steady, the course is kept, a speed is required."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_the_levels_are_flown_in_order_each_until_the_speed_is_steady() -> None:
     assert coast < 4.0
 
 
-def test_a_boat_that_coasts_is_not_steered_for_thrusters_that_steer_push() -> None:
+def test_a_coasting_boat_is_not_steered_because_steering_thrusters_push() -> None:
     seen = fly(Boat(time=4.0), ThrottleSteps(ThrottleStepsSettings(0.6, (1.5, 0.0, 1.0))))
     coasting = [o for o in seen if o.t > 1.0 and o.output["X"] == 0.0]
     driven = [o for o in seen if o.t > 1.0 and o.output["X"] > 0.0]
@@ -78,7 +78,7 @@ def test_coasting_ends_before_the_boat_has_stopped_and_throttle_never_exceeds_fu
     assert min(o.u for o in coasting) > 0.2 * 0.8 * 2.0
 
 
-def test_the_course_is_kept_against_a_bias_and_the_hand_calms_down_where_it_swings() -> None:
+def test_the_course_is_kept_against_a_bias_and_the_gain_falls_on_oscillation() -> None:
     boat = Boat()
     seen = fly(boat, ThrottleSteps(ThrottleStepsSettings(0.6)))
     assert max(abs(o.psi) for o in seen) < math.radians(25.0)
@@ -94,7 +94,7 @@ def test_the_course_is_kept_against_a_bias_and_the_hand_calms_down_where_it_swin
     assert max(swings[-50:]) < max(swings[:50])
 
 
-def test_a_boat_that_does_not_tell_its_speed_or_hardly_moves_is_given_up_with_the_cure() -> None:
+def test_a_missing_or_too_low_speed_aborts_with_a_remedy() -> None:
     silent = ThrottleSteps(ThrottleStepsSettings(0.6))
     fly(Boat(), silent, blind=True)
     assert silent.outcome is not None
@@ -108,7 +108,7 @@ def test_a_boat_that_does_not_tell_its_speed_or_hardly_moves_is_given_up_with_th
 
 
 @pytest.mark.parametrize("time", [0.5, 1.5, 2.5])
-def test_a_short_level_lasts_about_three_time_constants_however_quick_the_boat_is(time: float) -> None:
+def test_a_short_level_lasts_about_three_time_constants_on_any_boat(time: float) -> None:
     boat = Boat(time=time)
     manoeuvre = ThrottleSteps(ThrottleStepsSettings(0.6, (0.5, 1.5, 1.0), until_answered=True, most_time=30.0))
     fly(boat, manoeuvre)
@@ -119,7 +119,7 @@ def test_a_short_level_lasts_about_three_time_constants_however_quick_the_boat_i
         assert max(4.0, 2.7 * time) - 0.1 <= high - low <= max(4.0, 3.3 * time) + 0.2
 
 
-def told(u: Callable[[float, float], float], **changes: object) -> tuple[ThrottleSteps, list, list[Mark]]:
+def scripted(u: Callable[[float, float], float], **changes: object) -> tuple[ThrottleSteps, list, list[Mark]]:
     """Fly levels of a boat whose speed is ``u(time [s], throttle)``; the record begins at 100 s."""
     manoeuvre = ThrottleSteps(ThrottleStepsSettings(**{"throttle": 0.5, "levels": (0.4, 3.0, 0.0, 1.0), **changes}))  # type: ignore[arg-type]
 
@@ -130,8 +130,8 @@ def told(u: Callable[[float, float], float], **changes: object) -> tuple[Throttl
     return manoeuvre, answered(manoeuvre, seen), list(manoeuvre.take_marks())
 
 
-def test_a_speed_that_stands_is_noted_before_each_step_which_comes_after_four_seconds() -> None:
-    manoeuvre, rows, marks = told(lambda t, X: 1.0)
+def test_a_steady_speed_is_marked_before_each_step_after_four_seconds() -> None:
+    manoeuvre, rows, marks = scripted(lambda t, X: 1.0)
     assert [(m.t - 100.0, m.kind) for m in marks] == [
         (3.0 + 4.0 * k, kind) for k in range(5) for kind in ("steady", "level")
     ][:-1]
@@ -143,11 +143,11 @@ def test_a_speed_that_stands_is_noted_before_each_step_which_comes_after_four_se
     assert rows[-1][0].t == 119.0
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.reason == "4 throttle levels flown"
-    asked = manoeuvre.meta_fields
-    assert (asked["from_t"], asked["levels"], asked["throttle"]) == (101.0, [0.2, 1.0, 0.0, 0.5], 0.5)
-    assert (asked["speed"], asked["reference"], asked["noise_std"]) == (1.0, 1.0, 0.0)
+    fields = manoeuvre.meta_fields
+    assert (fields["from_t"], fields["levels"], fields["throttle"]) == (101.0, [0.2, 1.0, 0.0, 0.5], 0.5)
+    assert (fields["speed"], fields["reference"], fields["noise_std"]) == (1.0, 1.0, 0.0)
     assert manoeuvre.phase == "throttle 50 %"
-    assert told(lambda t, X: 1.0, most=0.8)[0].meta_fields["levels"] == [0.2, 0.8, 0.0, 0.5]
+    assert scripted(lambda t, X: 1.0, most=0.8)[0].meta_fields["levels"] == [0.2, 0.8, 0.0, 0.5]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -156,7 +156,7 @@ def test_a_level_lasts_until_the_speed_changes_by_two_percent_of_the_working_spe
     side: float, slope: float, seconds: float
 ) -> None:
     """Over the window the mean of its later half is 1.75 s times the slope away from that of the earlier."""
-    _, _, marks = told(lambda t, X: 1.0 + side * slope * max(t - 3.0, 0.0))
+    _, _, marks = scripted(lambda t, X: 1.0 + side * slope * max(t - 3.0, 0.0))
     first, second = [m.t for m in marks if m.kind == "level"][:2]
     assert second - first == seconds
     noted = [m for m in marks if m.kind == "steady"][1:2]
@@ -166,26 +166,26 @@ def test_a_level_lasts_until_the_speed_changes_by_two_percent_of_the_working_spe
 
 
 @pytest.mark.parametrize(("slope", "seconds"), [(0.021, 4.0), (0.022, 12.0)])
-def test_what_the_noise_of_the_speed_can_make_is_no_change(slope: float, seconds: float) -> None:
-    """The approach alternates by 0.02 m/s: 0.0327 of noise, of which three samples a half let 0.0377 show."""
-    _, _, marks = told(lambda t, X: 1.0 + (0.02 * (-1.0) ** round(2.0 * t) if t <= 3.0 else slope * (t - 3.0)))
+def test_a_change_within_the_speed_noise_is_ignored(slope: float, seconds: float) -> None:
+    """The approach alternates by 0.02 m/s: noise 0.0327 m/s, or 0.0377 m/s with three samples per half."""
+    _, _, marks = scripted(lambda t, X: 1.0 + (0.02 * (-1.0) ** round(2.0 * t) if t <= 3.0 else slope * (t - 3.0)))
     first, second = [m.t for m in marks if m.kind == "level"][:2]
     assert second - first == seconds
 
 
 @pytest.mark.parametrize(("share", "seconds"), [(0.351, 4.0), (0.35, 0.5)])
-def test_coasting_ends_at_a_third_of_the_working_speed_and_is_no_steady_speed(share: float, seconds: float) -> None:
-    _, _, marks = told(lambda t, X: 2.0 * (share if X == 0.0 else 1.0), levels=(0.0, 1.0))
+def test_coasting_ends_at_a_third_of_the_working_speed_and_is_not_a_steady_speed(share: float, seconds: float) -> None:
+    _, _, marks = scripted(lambda t, X: 2.0 * (share if X == 0.0 else 1.0), levels=(0.0, 1.0))
     first, second = [m.t for m in marks if m.kind == "level"]
     assert second - first == seconds
     assert sum(m.kind == "steady" for m in marks) == (3 if seconds == 4.0 else 2)
-    slow = told(lambda t, X: 2.0 if X == 0.5 else 0.1, levels=(0.4, 1.0))[2]
+    slow = scripted(lambda t, X: 2.0 if X == 0.5 else 0.1, levels=(0.4, 1.0))[2]
     assert [m.t for m in slow if m.kind == "level"] == [103.5, 107.5], "only what coasts has coasted"
 
 
 @pytest.mark.parametrize(("speed", "ending"), [(0.201, "completed"), (0.199, "aborted"), (-1.0, "aborted")])
-def test_a_boat_that_makes_no_way_to_tell_anything_from_is_given_up(speed: float, ending: str) -> None:
-    manoeuvre, rows, marks = told(lambda t, X: speed)
+def test_a_boat_with_too_little_headway_is_aborted(speed: float, ending: str) -> None:
+    manoeuvre, rows, marks = scripted(lambda t, X: speed)
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.ending == ending
     assert bool(marks) is (ending == "completed")
@@ -193,19 +193,19 @@ def test_a_boat_that_makes_no_way_to_tell_anything_from_is_given_up(speed: float
         assert rows[-1][0].t == (103.0 if speed > 0.0 else 130.0)
 
 
-def test_a_speed_that_nobody_tells_is_waited_for_twelve_seconds() -> None:
-    manoeuvre, rows, _ = told(lambda t, X: math.nan)
+def test_the_wait_for_a_missing_speed_is_twelve_seconds() -> None:
+    manoeuvre, rows, _ = scripted(lambda t, X: math.nan)
     assert manoeuvre.outcome is not None
     assert "reports no speed" in manoeuvre.outcome.reason
     assert rows[-1][0].t == 112.5
-    late, _, marks = told(lambda t, X: math.nan if t < 11.0 else 1.0)
+    late, _, marks = scripted(lambda t, X: math.nan if t < 11.0 else 1.0)
     assert late.outcome is not None
     assert late.outcome.ending == "completed"
     assert marks[0].t == 114.0
 
 
-def test_a_speed_that_is_lost_for_a_moment_is_left_out() -> None:
-    _, rows, marks = told(lambda t, X: math.nan if 5.0 <= t < 6.0 else 1.0)
+def test_a_briefly_missing_speed_is_ignored() -> None:
+    _, rows, marks = scripted(lambda t, X: math.nan if 5.0 <= t < 6.0 else 1.0)
     assert [m.t for m in marks if m.kind == "level"][:2] == [103.0, 107.0]
     assert all(command.N == 0.0 for _, command in rows)
 

@@ -1,4 +1,4 @@
-"""The pulse ahead before throttle is stepped, on a scripted craft: what counts as an answer, and every refusal."""
+"""The pulse ahead before throttle is stepped, on a scripted craft: what counts as a response, and every rejection."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .pond import answered, at_rest
 
 
 class Pushed:
-    """A craft that gains *push* [m/s^2] per full output, beside *way* [m/s] that it has; 10 s at rest are enough."""
+    """A craft that gains *push* [m/s^2] at full output and starts at *way* [m/s]; 10 s at rest are enough."""
 
     def __init__(self, push: float, *, way: float = 0.0, noise: float = 0.0, shown: Callable[[float], float] = float):
         self.push, self.way, self.shown, self.u, self.t = push, way, shown, 0.0, 0.0
@@ -37,7 +37,7 @@ def fly(craft, **changes) -> tuple[ThrustCheck, list]:
 
 
 @pytest.mark.parametrize("way", [0.0, 0.4, -0.4])
-def test_a_craft_that_gains_speed_ahead_passes_on_the_first_pulse_whatever_way_it_had(way: float) -> None:
+def test_a_craft_that_gains_speed_passes_on_the_first_pulse_at_any_initial_speed(way: float) -> None:
     check, rows = fly(Pushed(1.0, way=way))
     assert check.outcome is not None
     assert check.outcome.ending == "completed"
@@ -52,7 +52,7 @@ def test_a_craft_that_gains_speed_ahead_passes_on_the_first_pulse_whatever_way_i
     assert check.settings["gained"] == check.answer.moved
 
 
-def test_a_small_pulse_that_tells_nothing_is_followed_by_the_next_after_a_rest() -> None:
+def test_an_inconclusive_small_pulse_is_followed_by_a_larger_one_after_a_rest() -> None:
     check, rows = fly(Pushed(0.02))
     assert [m.detail["X"] for m in check.take_marks()] == [0.25, 0.5]
     assert check.outcome is not None
@@ -67,7 +67,7 @@ def test_a_small_pulse_that_tells_nothing_is_followed_by_the_next_after_a_rest()
 @pytest.mark.parametrize(
     ("push", "why"), [(-1.0, "the wrong way"), (0.005, "The thruster is dead or too weak"), (0.0, "dead")]
 )
-def test_astern_and_nothing_at_all_are_refused(push: float, why: str) -> None:
+def test_motion_astern_and_no_motion_are_rejected(push: float, why: str) -> None:
     outlets = (Outlet(3, 1500.0, 400.0),)
     check, _ = fly(Pushed(push), outlets=outlets, cure="turn the propeller round")
     assert check.outcome is not None
@@ -78,7 +78,7 @@ def test_astern_and_nothing_at_all_are_refused(push: float, why: str) -> None:
 
 
 @pytest.mark.parametrize(("noise", "least"), [(0.0, 0.06), (0.1, None)])
-def test_the_least_speed_that_counts_is_what_was_asked_and_more_than_the_noise_can_make(noise, least) -> None:
+def test_the_speed_threshold_is_the_set_value_or_above_the_noise(noise, least) -> None:
     check, _ = fly(Pushed(0.0, noise=noise))
     assert check._least == pytest.approx(NOISES * check._noise if least is None else least)
     assert check._noise == pytest.approx(noise, rel=0.35, abs=1e-12)
@@ -88,7 +88,7 @@ def test_the_least_speed_that_counts_is_what_was_asked_and_more_than_the_noise_c
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("turn", "ending"), [(0.2, "aborted"), (0.02, "completed")])
-def test_a_craft_that_turns_round_on_thrust_alone_is_refused_but_not_for_the_drift_it_had(sign, turn, ending) -> None:
+def test_a_craft_that_turns_under_thrust_is_rejected_but_not_for_its_initial_drift(sign, turn, ending) -> None:
     craft, drift = Pushed(0.03), 0.3
 
     def seen(t: float, command) -> Observation:
@@ -102,7 +102,7 @@ def test_a_craft_that_turns_round_on_thrust_alone_is_refused_but_not_for_the_dri
     assert ("see to the left propeller" in check.outcome.reason) is (ending == "aborted")
 
 
-def test_an_output_that_does_not_follow_or_stands_at_its_stop_is_refused() -> None:
+def test_an_output_that_does_not_follow_or_is_saturated_is_rejected() -> None:
     cut, _ = fly(Pushed(1.0, shown=lambda X: 0.4 * X))
     assert cut.outcome is not None
     assert "commanded +0.25 of full X output, but the outputs show +0.10" in cut.outcome.reason
@@ -116,14 +116,14 @@ def test_an_output_that_does_not_follow_or_stands_at_its_stop_is_refused() -> No
     assert lying.outcome.ending == "completed", "an idle output is taken off what is shown"
 
 
-def test_a_vehicle_that_does_not_tell_its_speed_is_given_up_in_time() -> None:
+def test_a_vehicle_that_reports_no_speed_is_aborted_in_time() -> None:
     check, rows = fly(lambda t, command: at_rest(t=t, u=math.nan))
     assert check.outcome is not None
     assert "reports no speed" in check.outcome.reason
     assert rows[-1][0].t == pytest.approx(UNKNOWN + 0.1)
 
 
-def test_one_that_does_not_come_to_rest_is_taken_as_it_is_after_a_while() -> None:
+def test_the_wait_for_rest_before_the_pulse_is_limited() -> None:
     _, rows = fly(lambda t, command: at_rest(t=t, u=0.05 * t, output={"X": command.X}))
     first = next(row.t for row, c in rows if c.X > 0.0)
     assert first == pytest.approx(LONGEST_REST + 0.1, abs=0.11)
@@ -131,7 +131,7 @@ def test_one_that_does_not_come_to_rest_is_taken_as_it_is_after_a_while() -> Non
     assert next(row.t for row, c in rows if c.X > 0.0) < 4.0
 
 
-def test_an_rov_is_kept_at_its_depth_meanwhile_only_where_that_is_asked_for() -> None:
+def test_an_rov_holds_its_depth_only_on_request() -> None:
     sinking = lambda t, command: at_rest(t=t, u=0.0, z=2.0 + 0.3 * (t > 0.0), output={"X": command.X})  # noqa: E731
     kept, rows = fly(sinking, keep_still=True)
     assert rows[5][1].Z < -0.05
@@ -139,7 +139,7 @@ def test_an_rov_is_kept_at_its_depth_meanwhile_only_where_that_is_asked_for() ->
     assert fly(sinking)[1][5][1].Z == 0.0
 
 
-def test_a_craft_that_is_not_at_rest_after_a_pulse_is_waited_for_as_long_again() -> None:
+def test_the_wait_for_rest_after_a_pulse_is_limited() -> None:
     def seen(t: float, command) -> Observation:
         return at_rest(t=100.0 + t, u=0.0 if t < 11.5 else 0.05 * t, output={"X": command.X})
 

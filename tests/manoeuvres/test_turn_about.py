@@ -14,7 +14,7 @@ from .pond import PondCraft, answered, at_rest
 FREE = Envelope(heading_excursion=math.inf)
 
 
-def test_it_brings_the_bow_round_without_any_control_loop():
+def test_the_craft_turns_around_without_a_control_loop():
     craft = PondCraft(firmware="ardurover")
     flown = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(TurnAbout(TurnAboutSettings(0.5)))
     assert flown.ending == "completed"
@@ -22,7 +22,7 @@ def test_it_brings_the_bow_round_without_any_control_loop():
     assert craft.command == Actuate()
 
 
-def test_a_boat_that_cannot_turn_is_given_up_in_time():
+def test_a_boat_that_cannot_turn_is_aborted_in_time():
     craft = PondCraft(gain=0.0, firmware="ardurover")
     turn = TurnAbout(TurnAboutSettings(0.5, patience=20.0))
     flown = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(turn)
@@ -30,7 +30,7 @@ def test_a_boat_that_cannot_turn_is_given_up_in_time():
     assert "turned only 0 deg" in flown.reason
 
 
-def test_distance_counts_from_where_the_visit_began_not_the_manoeuvre():
+def test_distance_is_measured_from_the_start_of_the_session():
     class Drifting(PondCraft):
         def observe(self):
             seen = super().observe()
@@ -45,7 +45,7 @@ def test_distance_counts_from_where_the_visit_began_not_the_manoeuvre():
             sequencer.fly(TurnAbout(TurnAboutSettings(0.0)))
 
 
-def test_progress_and_settings_tell_what_it_does():
+def test_progress_and_settings_describe_the_manoeuvre():
     turn = TurnAbout(TurnAboutSettings(0.4))
     next(turn.commands(at_rest()))
     assert turn.progress(at_rest()).manoeuvre == "turn-about"
@@ -54,7 +54,7 @@ def test_progress_and_settings_tell_what_it_does():
 
 
 @pytest.mark.parametrize("rate", [0.25, -0.25])
-def test_it_holds_one_rudder_until_the_bow_has_come_round_to_either_side_by_the_angle(rate):
+def test_the_rudder_is_held_until_the_heading_has_changed_by_the_angle(rate):
     turn = TurnAbout(TurnAboutSettings(0.4, output=0.3, angle=2.0))
     rows = answered(turn, lambda t, command: at_rest(t=t, psi=1.0 + rate * t))
     assert rows[-1][0].t == 8.0
@@ -62,6 +62,6 @@ def test_it_holds_one_rudder_until_the_bow_has_come_round_to_either_side_by_the_
     assert turn.outcome.ending == "completed"
 
 
-def test_its_patience_ends_after_the_time_given_not_at_it():
+def test_the_timeout_ends_the_turn_after_the_set_time():
     turn = TurnAbout(TurnAboutSettings(0.4, patience=20.0))
     assert answered(turn, lambda t, command: at_rest(t=t))[-1][0].t == 20.5

@@ -1,4 +1,4 @@
-"""The turning circle and the pull-out, tick by tick: what is ordered when, what is told, when it is given up."""
+"""The turning circle and the pull-out, tick by tick: what is commanded, what is reported, when it is aborted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Turner:
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_rudder_is_held_to_its_side_until_the_bow_has_gone_round_and_then_put_amidships(side: int) -> None:
+def test_the_rudder_is_held_until_the_turn_is_complete_and_then_centred(side: int) -> None:
     circle = CircleAndPullOut(math.radians(90.0), Steering(0.5, side))
     rows = answered(circle, Turner(0.2))
     turn, pull_out = circle.take_marks()
@@ -45,7 +45,7 @@ def test_the_rudder_is_held_to_its_side_until_the_bow_has_gone_round_and_then_pu
 
 
 @pytest.mark.parametrize(("rate", "ending"), [(0.02, "completed"), (0.016, "aborted"), (-0.2, "aborted")])
-def test_a_bow_that_comes_round_by_no_thirty_degrees_more_in_a_minute_is_given_up(rate: float, ending: str) -> None:
+def test_a_turn_of_less_than_thirty_degrees_in_a_minute_is_aborted(rate: float, ending: str) -> None:
     circle = CircleAndPullOut(math.radians(100.0), Steering(0.5))
     answered(circle, Turner(rate))
     assert circle.outcome is not None
@@ -68,7 +68,7 @@ def test_a_pull_out_follows_a_turn_to_either_side() -> None:
     assert manoeuvre.outcome.ending == "completed"
 
 
-def test_the_rows_of_the_table_turn_and_make_what_is_asked() -> None:
+def test_the_rows_of_the_table_create_the_requested_turns() -> None:
     options = {"turn": 2.0, "steering": 0.3, "side": 1.0, "throttle": 0.5, "keep-still": 0.0}
     for name, kind in (("turning-circle", CircleAndPullOut), ("pull-out", PullOuts)):
         row = MANOEUVRES[name].of("N")
@@ -80,7 +80,7 @@ def test_the_rows_of_the_table_turn_and_make_what_is_asked() -> None:
 
 
 @pytest.mark.parametrize(("reached", "given_up"), [(LEAST_GAIN, 110.5), (0.999 * LEAST_GAIN, 60.5)])
-def test_patience_counts_from_the_last_thirty_degrees(reached: float, given_up: float) -> None:
+def test_the_timeout_restarts_after_each_thirty_degrees(reached: float, given_up: float) -> None:
     circle = CircleAndPullOut(math.radians(100.0), Steering(0.5))
     began: list[float] = []
 

@@ -1,4 +1,4 @@
-"""What a boat flies ends with its record where her room does, not at the limit that would lose it."""
+"""A manoeuvre ends with its record when the space runs out, before the distance limit would abort it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ QUAY = Area((Zone(((-50.0, -50.0), (100.0, -50.0), (100.0, 50.0), (-50.0, 50.0))
 
 
 class Loose(PondCraft):
-    """A boat that goes ahead at 2 m/s all the while, north whatever its bow does."""
+    """A boat that moves north at 2 m/s, independent of its heading."""
 
     def __init__(self) -> None:
         super().__init__(firmware="ardurover")
@@ -47,7 +47,7 @@ class Loose(PondCraft):
 
 
 class Restless(Loose):
-    """One whose loop never comes to rest: its bow swings on by itself."""
+    """A boat whose loop never settles: its heading keeps oscillating."""
 
     def _advance(self, dt: float) -> None:
         super()._advance(dt)
@@ -63,7 +63,7 @@ def step() -> Step:
     return Step(StepSettings("psi", 0.5, 30.0, speed=CRUISE, enough=5.0, settle=20.0))
 
 
-def test_the_half_of_a_step_that_is_flown_then_is_cut_short_and_the_other_lasts_as_long_as_can_be_compared() -> None:
+def test_a_step_is_cut_short_to_leave_space_for_a_short_return_step() -> None:
     found = flown(step(), 100.0)
     assert found.ending == "stopped"
     there, back = found.meta["lasted"]
@@ -75,13 +75,13 @@ def test_the_half_of_a_step_that_is_flown_then_is_cut_short_and_the_other_lasts_
     assert "limit 100 m (--max-distance)" in found.reason
 
 
-def test_a_step_back_that_has_begun_by_then_ends_with_what_is_recorded_of_it() -> None:
+def test_a_return_step_that_has_begun_ends_with_its_record() -> None:
     found = flown(step(), 140.0)
     there, back = found.meta["lasted"]
     assert there == pytest.approx(30.0, abs=0.15) and 4.0 < back < 30.0
 
 
-def test_a_step_that_has_not_begun_where_the_room_ends_has_nothing_to_end_with() -> None:
+def test_a_step_that_has_not_begun_when_the_space_ends_trips_the_guard() -> None:
     with pytest.raises(GuardTripped, match="distance from start"):
         flown(step(), 30.0)
 
@@ -95,7 +95,7 @@ def test_throttle_steps_end_once_two_levels_are_flown() -> None:
         flown(ThrottleSteps(ThrottleStepsSettings(0.5)), 20.0, Loose())
 
 
-def test_a_relay_on_the_set_point_ends_once_it_has_switched_often_enough() -> None:
+def test_a_set_point_relay_ends_once_it_has_switched_often_enough() -> None:
     relays = ((0.4, 0.1), (0.2, 0.05))
     found = flown(SetPointRelay(relays, CRUISE), 10_000.0, Loose())
     began = [m.t for m in found.marks if m.kind == "relay"][1]
@@ -110,15 +110,15 @@ def test_a_relay_on_the_set_point_ends_once_it_has_switched_often_enough() -> No
         flown(SetPointRelay(relays, CRUISE), 5.0 * CRUISE, Loose())
 
 
-def test_the_edge_of_an_area_ends_the_room_as_well_as_the_limit_of_distance() -> None:
+def test_the_edge_of_an_area_ends_the_space_like_the_distance_limit() -> None:
     relay = Relay(RelaySettings("psi", "N", output=0.3, hysteresis=math.radians(10.0), most_periods=1000, periods=900))
     found = flown(relay, 10_000.0, area=QUAY)
     assert found.ending == "stopped"
     assert f"reversals: {TO_COME_ABOUT * CRUISE:.0f} m before the edge of harbour.geojson" in found.reason
 
 
-def test_a_craft_that_lies_still_has_room_up_to_the_edge() -> None:
+def test_a_craft_that_can_stop_has_space_up_to_the_edge() -> None:
     near = at_rest(x=99.0, psi=0.0)
     boat, rov = (Watch(Envelope(area=QUAY, cruise=cruise), at_rest()) for cruise in (CRUISE, 0.0))
     assert boat.room_ends(near) and not rov.room_ends(near)
-    assert not boat.room_ends(at_rest(x=99.0, psi=math.pi)), "its bow shows the way back already"
+    assert not boat.room_ends(at_rest(x=99.0, psi=math.pi)), "its bow already points back"

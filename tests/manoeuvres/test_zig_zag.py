@@ -1,4 +1,4 @@
-"""The zig-zag: reversed at its angle, either side first, on a pond and on paper; given up where it is not reached."""
+"""The zig-zag: reversed at its angle, either side first, flown and previewed; aborted if the angle is not reached."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def fly(manoeuvre: ZigZag, craft: PondCraft):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_the_rudder_is_reversed_at_the_angle_and_either_side_may_come_first(side: int) -> None:
+def test_the_rudder_reverses_at_the_angle_starting_on_either_side(side: int) -> None:
     flown = fly(zigzag(side=side), PondCraft())
     executes = [m for m in flown.marks if m.kind == "execute"]
     assert flown.ending == "completed"
@@ -47,14 +47,14 @@ def test_the_rudder_is_reversed_at_the_angle_and_either_side_may_come_first(side
     assert abs(flown["psi"].values[-1] - flown["psi"].values[0]) < math.radians(5.0)
 
 
-def test_an_angle_that_is_never_reached_is_given_up_with_the_number_and_the_cure() -> None:
+def test_an_unreached_angle_aborts_with_the_number_and_a_remedy() -> None:
     flown = fly(zigzag(60.0, patience=20.0), PondCraft(gain=0.02))
     assert flown.ending == "aborted"
     assert "60 deg required" in flown.reason
     assert "--heading" in flown.reason
 
 
-def test_the_same_object_is_previewed_with_the_overshoot_that_is_flown() -> None:
+def test_the_previewed_overshoot_matches_the_flown_one() -> None:
     flown = fly(zigzag(), PondCraft())
     foreseen = preview(zigzag(), PAPER, FREE)
     assert foreseen.trouble == ""
@@ -63,7 +63,7 @@ def test_the_same_object_is_previewed_with_the_overshoot_that_is_flown() -> None
     assert foreseen.seconds == pytest.approx(flown.duration, rel=0.1)
 
 
-def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_turns_says_so() -> None:
+def test_a_preview_reports_the_exceeded_limit_or_the_missing_turn() -> None:
     ahead = preview(zigzag(throttle=0.5), PAPER, Envelope(distance=5.0))
     assert "distance from start" in ahead.trouble
     slow = NominalPlant(SingleDof("yaw", "1", 100.0, 100.0), 1.0, "a test")
@@ -71,7 +71,7 @@ def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_executes_follow_the_heading_from_the_approachs_own_and_the_last_ends_when_it_is_back(side: int) -> None:
+def test_executes_are_relative_to_the_approach_heading_and_the_last_ends_on_return(side: int) -> None:
     zig = ZigZag(ZigZagSettings(0.25, executes=3, approach=2.0), Steering(0.5, side))
     track = {0.0: 0.0, 4.0: 0.25, 4.5: 0.5, 8.0: -0.25, 8.5: -0.5, 12.0: -0.25, 12.5: 0.0}
 
@@ -92,11 +92,11 @@ def test_executes_follow_the_heading_from_the_approachs_own_and_the_last_ends_wh
     assert [side * m.detail["psi"] for m in marks] == pytest.approx([0.0, 0.5, -0.5])
 
 
-def test_the_time_given_ends_it_to_the_tick_and_patience_counts_from_the_last_execute() -> None:
-    given = ZigZag(ZigZagSettings(0.25, approach=1.0, duration=9.0), Steering(0.5))
-    assert answered(given, lambda t, command: at_rest(t=t))[-1][0].t == 9.0
-    assert given.outcome is not None
-    assert given.outcome.reason == "1 executes in the available time"
+def test_the_duration_ends_the_zig_zag_and_the_timeout_counts_from_the_last_execute() -> None:
+    timed = ZigZag(ZigZagSettings(0.25, approach=1.0, duration=9.0), Steering(0.5))
+    assert answered(timed, lambda t, command: at_rest(t=t))[-1][0].t == 9.0
+    assert timed.outcome is not None
+    assert timed.outcome.reason == "1 executes in the available time"
     slow = ZigZag(ZigZagSettings(0.25, approach=1.0, patience=20.0), Steering(0.5))
     assert answered(slow, lambda t, command: at_rest(t=t, psi=0.01 * t))[-1][0].t == 21.5
     assert slow.outcome is not None
@@ -104,20 +104,20 @@ def test_the_time_given_ends_it_to_the_tick_and_patience_counts_from_the_last_ex
 
 
 @pytest.mark.parametrize("still", [True, False])
-def test_an_rovs_depth_is_held_meanwhile_only_where_that_is_asked_for(still: bool) -> None:
+def test_an_rov_holds_its_depth_only_on_request(still: bool) -> None:
     zig = ZigZag(ZigZagSettings(0.25, approach=1.0, duration=4.0), Steering(0.5, keep_still=still))
     rows = answered(zig, lambda t, command: at_rest(t=t, z=2.0 + 0.5 * (t > 0.0)))
     assert (rows[3][1].Z < -0.1) is still
     assert (rows[3][1].Z == 0.0) is not still
 
 
-def test_way_needs_throttle_which_stays_on() -> None:
+def test_the_throttle_stays_on_throughout() -> None:
     zig = zigzag(throttle=0.4, approach=1.0, duration=3.0)
     assert {c.X for _, c in answered(zig, lambda t, command: at_rest(t=t))} == {0.4}
 
 
 @pytest.mark.parametrize(("title", "approach"), [("zig-zag 20/20 at 60 % throttle", 12.0), ("zig-zag 20/20", 2.0)])
-def test_a_zig_zag_to_be_planned_goes_ahead_for_a_share_of_its_time(title: str, approach: float) -> None:
+def test_a_preset_zig_zag_spends_a_fraction_of_its_time_on_the_approach(title: str, approach: float) -> None:
     preset = next(p for p in KIND.presets if p.title == title)
     made = preset.make(100.0)
     assert isinstance(made, ZigZag)

@@ -1,4 +1,4 @@
-"""Diagnoses to render: small simulated records, residuals taken from them, verdicts filled in around them."""
+"""Diagnoses to render: small simulated records, their residuals, and verdicts filled in by hand."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def diagnosis(before, after, **differences):
     plain = ExtendedModel(CoupledModel(FORM, {"N_rdot": -INERTIA, "N_r": -DRAG}))
     found = tuple(c.effect for c in differences.get("causes", ()))
     improved = gains(before, after) if found else ()
-    told = Diagnosis(
+    reported = Diagnosis(
         verdict="no-effect",
         causes=(),
         ranking=(),
@@ -148,7 +148,7 @@ def diagnosis(before, after, **differences):
         tried=41,
         seconds=6.4,
     )
-    return replace(told, **differences)
+    return replace(reported, **differences)
 
 
 def dead_zone():
@@ -182,7 +182,7 @@ def dead_zone():
 
 
 def deviation():
-    """A compass that errs with the heading, beside a little constant moment: partly explained, swell remains."""
+    """A compass error that depends on the heading, with a small constant moment: partly explained, swell remains."""
 
     def sense(psi):
         return psi + 0.12 * np.sin(psi) - 0.07 * np.cos(psi)
@@ -228,12 +228,12 @@ def nothing():
 
 def bare():
     """As little as there can be: no portrait, no ranking, numbers that are not known."""
-    told = nothing()
+    reported = nothing()
     unknown = ErrorReduction(
         "held-out simulation RMSE", "r", "rad/s", math.nan, math.nan, math.nan, (math.nan, math.nan)
     )
     return replace(
-        told, before=(), after=(), gain=unknown, gains=(unknown,), noise={}, left=Signature(), held_out=(), tried=0
+        reported, before=(), after=(), gain=unknown, gains=(unknown,), noise={}, left=Signature(), held_out=(), tried=0
     )
 
 

@@ -1,4 +1,4 @@
-"""A page read strictly: every element closed in order, and what the page is made of."""
+"""A page read strictly: every element is closed in order; and the contents of the page."""
 
 from __future__ import annotations
 

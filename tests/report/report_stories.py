@@ -1,4 +1,4 @@
-"""Stories to render: small simulated records, and results filled in by hand around them."""
+"""Stories to render: small simulated records, and results filled in by hand."""
 
 from __future__ import annotations
 

@@ -33,11 +33,11 @@ def draw():
 def chart_of(figure: Any) -> list[dict[str, Any]]:
     with pens("f"):
         to_svg(figure, "f", "a figure")
-        told = to_chart(figure)
-    return json.loads(told) if told else []
+        reported = to_chart(figure)
+    return json.loads(reported) if reported else []
 
 
-def test_a_chart_has_every_curve_of_the_figure_with_its_values_colour_and_label():
+def test_a_chart_contains_every_curve_of_the_figure_with_values_colour_and_label():
     top, bottom = chart_of(draw())
     band, curve, limit = top["parts"]
     assert (band["fill"], band["a"], band["n"]) == (1, 0.3, "band")
@@ -50,7 +50,7 @@ def test_a_chart_has_every_curve_of_the_figure_with_its_values_colour_and_label(
     assert bottom["parts"][0]["y"][-1] is None
 
 
-def test_ticks_with_words_stay_and_a_figure_with_numbers_written_into_it_is_no_chart():
+def test_text_ticks_are_kept_and_a_figure_with_text_annotations_is_not_a_chart():
     figure, (axes,) = new_axes((1.0,))
     axes.plot([1.0, 2.0], [0.0, 1.0], "o", color=AFTER)
     axes.set_yticks([0, 1], ["heading", "turn rate"])
@@ -60,7 +60,7 @@ def test_ticks_with_words_stay_and_a_figure_with_numbers_written_into_it_is_no_c
     assert chart_of(figure) == []
 
 
-def test_a_heading_that_continues_beyond_north_is_read_as_on_a_compass():
+def test_a_heading_beyond_north_is_shown_as_on_a_compass():
     figure, (axes,) = new_axes((1.0,))
     axes.plot([0.0, 1.0], [350.0, 380.0])
     axes.yaxis.set_major_formatter(lambda degrees, _: f"{degrees - 360.0:g}")
@@ -71,7 +71,7 @@ def page_with(*figures: Figure) -> str:
     return to_html(Document("A page", (Section("one", "One", figures),)))
 
 
-def test_the_script_is_in_a_page_once_and_only_in_a_page_with_charts():
+def test_the_script_is_included_once_and_only_in_pages_with_charts():
     page = page_with(Figure("f", "one", draw), Figure("g", "two", draw))
     assert page.count(chart_script()) == 1
     assert page.count("</script>") == 1
@@ -88,7 +88,7 @@ def test_a_caption_has_the_same_notation_as_the_text():
 
 
 @pytest.mark.browser
-def test_on_screen_a_curve_is_read_hidden_and_zoomed_and_on_paper_the_svg_stands(browser: Any, tmp_path: Path) -> None:
+def test_a_curve_is_read_hidden_and_zoomed_on_screen_and_printed_as_svg(browser: Any, tmp_path: Path) -> None:
     plain = Figure("f", "a figure", draw)
     (tmp_path / "page.html").write_text(page_with(plain, replace(plain, name="g")))
     page = browser.new_page(viewport={"width": 390, "height": 800})

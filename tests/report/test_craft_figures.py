@@ -1,4 +1,4 @@
-"""Pictures of the loop and of the craft: what they show is what the design and the record say."""
+"""Figures of the loop and of the craft show what the design and the record contain."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_the_margins_are_those_of_the_design_and_of_python_control(proposal):
     assert (found.phase, found.phase_at) == pytest.approx(min(phases), rel=1e-4)
 
 
-def test_a_delay_the_loop_cannot_bear_is_read_as_unstable():
+def test_a_delay_beyond_the_delay_margin_is_shown_as_unstable():
     loop = OpenLoop(Rational((1.0,), (1.0, 0.0)), 2.0)
     assert not loop_margins([loop]).stable
     bearable = loop_margins([OpenLoop(loop.rational, 0.5)])
@@ -60,7 +60,7 @@ def test_a_delay_the_loop_cannot_bear_is_read_as_unstable():
     assert bearable.gain == pytest.approx(math.pi, rel=1e-3)
 
 
-def test_of_several_loops_each_margin_is_the_least_and_the_narrowest_is_drawn_strong():
+def test_several_loops_show_their_smallest_margins_and_the_narrowest_is_plotted_bold():
     slow, quick = (OpenLoop(Rational((g,), (1.0, 0.0)), 0.5) for g in (0.5, 1.5))
     found = loop_margins([slow, quick])
     assert found.narrowest == 1
@@ -76,7 +76,7 @@ def run(**channels: tuple[str, list[float]]) -> Trial:
     return Trial("run", {n: Channel(n, u, t, np.array(v)) for n, (u, v) in channels.items()})
 
 
-def test_a_track_has_one_scale_north_up_from_start_to_end():
+def test_a_track_is_plotted_north_up_with_equal_axes():
     trial = run(x=("m", [0.0, 10.0, 20.0, 30.0]), y=("m", [5.0, 5.0, 5.0, 6.0]))
     with pens("track"):
         (axes,) = draw_track({"out": trial}).axes
@@ -86,12 +86,12 @@ def test_a_track_has_one_scale_north_up_from_start_to_end():
     assert (start.get_ydata()[0], end.get_ydata()[0]) == (0.0, 30.0)
 
 
-def test_a_craft_that_stays_or_is_not_located_has_no_track():
+def test_a_craft_that_does_not_move_or_has_no_position_has_no_track():
     assert draw_track({"still": run(x=("m", [0.0, 0.4, 0.1, 0.2]), y=("m", [0.0] * 4))}) is None
     assert draw_track({"blind": run(psi=("rad", [0.0] * 4))}) is None
 
 
-def test_an_input_is_held_until_its_next_stamp_and_in_percent_of_full():
+def test_an_input_is_plotted_as_steps_in_percent():
     trial = run(N=("1", [0.0, 0.3, -0.3, -0.3]))
     with pens("inputs"):
         _, (axes,) = new_axes((1.0,))
@@ -103,14 +103,14 @@ def test_an_input_is_held_until_its_next_stamp_and_in_percent_of_full():
     assert axes.get_ylabel() == "N [% of full output]"
 
 
-def test_the_input_of_a_rudder_boat_is_its_rudder_and_of_another_run_nothing():
+def test_the_input_of_a_rudder_boat_is_its_rudder_angle():
     model = SingleDof("yaw", "rad", alpha=1.0, beta=1.0, beta_quadratic=0.0, delta=0.0, delay=0.0)
     assert inputs_of(model, run(delta=("rad", [0.1] * 4))) == ("delta",)
     assert inputs_of(model, run(X=("1", [0.1] * 4))) == ()
     assert inputs_of(model, None) == ()
 
 
-def test_a_thrust_curve_is_drawn_where_force_is_not_proportional_with_the_outputs_flown_on_it():
+def test_a_nonlinear_thrust_curve_is_plotted_with_the_outputs_flown():
     bent = Actuator(square=1.0)
     assert is_bent(bent)
     assert not is_bent(Actuator(lag=0.2, limit=1.0))
@@ -123,7 +123,7 @@ def test_a_thrust_curve_is_drawn_where_force_is_not_proportional_with_the_output
     assert list(flown.get_ydata()) == pytest.approx([-25.0, 25.0])
 
 
-def test_an_interval_is_a_share_of_the_value_and_one_wider_than_it_is_said():
+def test_intervals_are_percentages_and_those_including_zero_are_labelled():
     known = {"a": Parameter("a", 2.0, "1", 0.1), "b": Parameter("b", 0.1, "1", 0.2), "c": Parameter("c", 0.0, "1", 0.0)}
     with pens("intervals"):
         (axes,) = draw_intervals(known).axes

@@ -1,4 +1,4 @@
-"""What a person sees of a diagnosis: the page, the terminal, the list of effects, the bar."""
+"""The outputs of a diagnosis: the page, the terminal, the list of effects, the progress bar."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ def terminal_of(name):
     return shown(story(name))
 
 
-def shown(told):
-    return " ".join(render_text(diagnosis_document(told)).replace("│", " ").split())
+def shown(diagnosed):
+    return " ".join(render_text(diagnosis_document(diagnosed)).replace("│", " ").split())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STORIES)
-def test_every_verdict_makes_a_well_formed_page_that_fetches_nothing(name):
+def test_every_verdict_gives_a_well_formed_page_without_external_resources(name):
     page = Page(html_of(name))
     assert page.open == []
     assert len(page.ids) == len(set(page.ids))
@@ -77,15 +77,15 @@ def test_the_verdict_is_one_sentence_with_both_errors_on_unseen_data():
     gain = story("dead-zone").gain
     verdict = verdict_of(story("dead-zone"))
     assert "dead zone on yaw moment (N), width 0.302 ± 0.006 N m" in verdict.text
-    said = verdict.sentences[0]
-    assert f"{math.degrees(gain.before):.3g}°/s before, {math.degrees(gain.after):.3g}°/s after" in said
-    assert "held-out" in said
+    first = verdict.sentences[0]
+    assert f"{math.degrees(gain.before):.3g}°/s before, {math.degrees(gain.after):.3g}°/s after" in first
+    assert "held-out" in first
     for text in (text_of("dead-zone"), terminal_of("dead-zone")):
-        assert said in text
+        assert first in text
         assert "95 % interval" in text
 
 
-def test_an_effect_found_is_told_with_curve_gain_ranking_and_commands():
+def test_a_found_effect_is_reported_with_curve_gain_ranking_and_commands():
     text = text_of("dead-zone")
     assert "N acting [N m]" in text
     assert "half-width of the dead zone" in text
@@ -93,14 +93,14 @@ def test_an_effect_found_is_told_with_curve_gain_ranking_and_commands():
     assert "2e-12" in text
 
 
-def test_the_commands_for_the_extended_model_can_be_copied_whatever_the_directory_is_called():
+def test_commands_for_the_extended_model_can_be_copied_for_any_directory_name():
     text = text_of("dead-zone")
     assert "gcs-autotune sitl VEHICLE --model 'out dir/model.json'" in text
     assert "gcs-autotune identify RUN --start 'out dir/model.json'" in text
     assert "gcs-autotune tune heading --model 'out dir/model.json'" in text
 
 
-def test_names_of_a_partly_explained_diagnosis_are_called_hypotheses_on_page_and_terminal():
+def test_causes_of_a_partly_explained_diagnosis_are_called_hypotheses():
     for text in (text_of("deviation"), terminal_of("deviation")):
         assert "Hypothesis: compass deviation on heading (psi)" in text
         assert "treat the causes as hypotheses" in text
@@ -108,13 +108,13 @@ def test_names_of_a_partly_explained_diagnosis_are_called_hypotheses_on_page_and
         assert "The third run is short" in text
 
 
-def test_a_deviation_card_is_drawn_on_a_compass_rose():
+def test_a_deviation_card_is_plotted_on_a_compass_rose():
     text = text_of("deviation")
     assert "In the polar plot the dark circle marks zero" in text
     assert "NW" in text
 
 
-def test_unexplained_says_how_large_it_is_and_recommends_no_command():
+def test_an_unexplained_diagnosis_reports_the_error_and_recommends_no_command():
     for text in (text_of("unexplained"), terminal_of("unexplained")):
         assert "no known effect explains it" in text
         assert "the error of the simulated" in text
@@ -122,64 +122,64 @@ def test_unexplained_says_how_large_it_is_and_recommends_no_command():
     assert "--model" not in text_of("unexplained")
 
 
-def test_no_effect_claims_no_more_than_these_runs_show():
+def test_a_diagnosis_without_effect_claims_only_what_the_runs_show():
     for text in (text_of("nothing"), terminal_of("nothing")):
         assert "These runs show no missing effect" in text
         assert "Other motion may show a missing effect" in text
         assert "Found" not in text
 
 
-def test_unknown_numbers_are_not_made_up():
+def test_unknown_numbers_are_left_out():
     text = text_of("bare")
     assert "nan" not in text.lower()
     assert "error of the simulated" not in text
 
 
-def test_a_found_cause_without_a_gain_or_pictures_can_still_be_told():
-    told = replace(dead_zone(), gain=None, gains=(), before=(), after=(), ranking=())
-    for text in (Page(page_of(told, TITLE, WHEN)).text, shown(told)):
+def test_a_cause_without_gain_or_figures_is_reported():
+    diagnosed = replace(dead_zone(), gain=None, gains=(), before=(), after=(), ranking=())
+    for text in (Page(page_of(diagnosed, TITLE, WHEN)).text, shown(diagnosed)):
         assert "Found: dead zone on yaw moment (N)" in text
         assert "falls from" not in text
 
 
-def test_other_names_these_runs_allow_are_said_with_the_manoeuvre_that_decides():
+def test_alternative_causes_are_listed_with_the_manoeuvre_that_distinguishes_them():
     for text in (text_of("dead-zone"), terminal_of("dead-zone")):
         assert "Dead zone and quadratic thrust curve explain these runs about equally well" in text
         assert "Steps of several sizes" in text
 
 
 @pytest.mark.parametrize(
-    ("told", "slug", "place", "kind", "name", "signal"),
+    ("diagnosed", "slug", "place", "kind", "name", "signal"),
     [
         (dead_zone, "dead-zone", "N", "against", "N", "r"),
         (deviation, "compass-deviation", "psi", "against", "psi", "psi"),
     ],
 )
-def test_the_picture_shown_is_the_one_in_which_the_effect_shows(told, slug, place, kind, name, signal):
-    view = most_informative_view(told().before, EFFECTS[slug], place)
+def test_the_figure_in_which_the_effect_is_visible_is_shown(diagnosed, slug, place, kind, name, signal):
+    view = most_informative_view(diagnosed().before, EFFECTS[slug], place)
     assert (view.kind, view.name, view.portrait.signal) == (kind, name, signal)
     assert view.share > 0.5
 
 
-def test_without_a_cause_the_strongest_picture_is_shown():
+def test_without_a_cause_the_most_informative_figure_is_shown():
     view = most_informative_view(unexplained().before)
     assert (view.kind, view.portrait.signal) == ("spectrum", "r")
 
 
-def test_no_view_of_white_noise_claims_to_account_for_it():
+def test_no_view_of_white_noise_claims_to_explain_it():
     views = [view for portrait in portraits(lambda tau: tau, lambda psi: psi) for view in views_of(portrait)]
     assert len(views) > 3
     assert all(view.share < 0.05 for view in views)
 
 
-def test_bins_hold_all_samples_once_also_when_a_command_takes_three_values_only():
+def test_bins_contain_all_samples_once_even_with_three_command_values():
     x = np.repeat([-1.0, 0.0, 1.0], 40)
     centre, mean, _, count = bin_means(x, 2.0 * x)
     assert count.sum() == len(x)
     assert np.all(np.abs(mean - 2.0 * centre) < 1e-12)
 
 
-def test_places_and_values_are_called_what_people_call_them():
+def test_places_and_values_have_plain_names():
     assert place_words("u+v") == "surge velocity (u) and sway velocity (v)"
     assert place_words("t") == "the file's clock"
     assert place_words("surge+sway+yaw") == "surge, sway and yaw"
@@ -191,14 +191,14 @@ def test_places_and_values_are_called_what_people_call_them():
 
 
 @pytest.mark.parametrize("turns", [-1, 0, 1, 3])
-def test_a_heading_among_the_numbers_is_within_one_turn(turns: int) -> None:
-    """What a spring or a wind turns the bow towards is a heading, however often the record turned."""
+def test_a_heading_parameter_is_wrapped_to_one_turn(turns: int) -> None:
+    """The direction to which a tether or wind turns the bow is a heading, independent of full turns."""
     anchor = Value(math.radians(178.0 + 360.0 * turns), "rad", math.radians(2.0))
     assert value_words(anchor, "anchor") == "3.11 ± 0.03 rad (178°)"
     assert format_parameter("tether-pull@yaw.anchor", anchor.value, anchor.std, "rad") == "3.11 ± 0.03"
 
 
-def test_a_heading_that_is_not_told_is_not_given_and_a_depth_is_never_wrapped() -> None:
+def test_an_unidentifiable_heading_is_not_shown_and_a_depth_is_never_wrapped() -> None:
     assert value_words(Value(22.7, "rad", 7.0), "anchor") == "not identifiable from these runs"
     assert value_words(Value(22.7, "m", 7.0), "anchor") == "23 ± 7 m"
     assert value_words(Value(0.05, "rad/s", 0.01), "bias") == "0.050 ± 0.010 rad/s (2.9°/s)"
@@ -220,47 +220,47 @@ def test_the_list_of_effects_has_every_entry_under_its_family():
 
 @pytest.mark.parametrize("name", STORIES)
 def test_the_json_of_every_story_is_plain(name):
-    told = story(name)
-    assert json.loads(told.to_json())["verdict"] == told.verdict
+    diagnosed = story(name)
+    assert json.loads(diagnosed.to_json())["verdict"] == diagnosed.verdict
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_progress_is_shown_on_a_terminal_and_nowhere_else(terminal):
+def test_progress_is_shown_only_on_a_terminal(terminal):
     stream = io.StringIO()
     with StageBar(Console(file=stream, force_terminal=terminal, width=80)) as bar:
         bar("cause 1: screening", 3, 23)
     assert ("cause 1: screening" in stream.getvalue()) is terminal
 
 
-@pytest.mark.parametrize(("given", "told"), [(600.0, True), (float("inf"), False)])
-def test_the_time_left_is_shown_where_there_is_an_end_to_it(given, told):
+@pytest.mark.parametrize(("limit", "expected"), [(600.0, True), (float("inf"), False)])
+def test_the_remaining_time_is_shown_if_the_work_has_a_known_end(limit, expected):
     stream = io.StringIO()
-    with StageBar(Console(file=stream, force_terminal=True, width=120), given=given) as bar:
+    with StageBar(Console(file=stream, force_terminal=True, width=120), given=limit) as bar:
         bar("cause 1: screening", 3, 23)
-    assert ("at most 10:00 left" in stream.getvalue()) is told
+    assert ("at most 10:00 left" in stream.getvalue()) is expected
 
 
 @pytest.mark.slow
-def test_a_cause_whose_view_is_a_flat_line_gets_no_picture():
-    told = dead_zone()
+def test_a_cause_with_a_flat_view_gets_no_figure():
+    diagnosed = dead_zone()
     rng = np.random.default_rng(3)
     flat = []
-    for portrait in told.before:
+    for portrait in diagnosed.before:
         against = {n: (x, rng.normal(0.0, 1.0, len(x)), u) for n, (x, _, u) in portrait.against.items()}
         flat.append(replace(portrait, against=against, cross={}, spectrum=None))
     assert "This indicates" in html_of("dead-zone")
-    assert "This indicates" not in page_of(replace(told, before=tuple(flat)), "t", WHEN)
+    assert "This indicates" not in page_of(replace(diagnosed, before=tuple(flat)), "t", WHEN)
 
 
 @pytest.mark.slow
-def test_the_input_is_drawn_below_what_it_moved_and_the_track_of_a_boat_beside():
-    told = dead_zone()
-    trace = told.before[0].traces[0]
-    channel = next(iter(told.base_model.base.form.inputs))
+def test_the_input_is_plotted_below_the_response_with_the_track_of_a_boat():
+    diagnosed = dead_zone()
+    trace = diagnosed.before[0].traces[0]
+    channel = next(iter(diagnosed.base_model.base.form.inputs))
     t = np.linspace(trace.t[0], trace.t[-1], 50)
     places = {n: Channel(n, "m", t, 40.0 * f(t / 9.0)) for n, f in (("x", np.sin), ("y", np.cos))}
     run = Trial(trace.run, {channel: Channel(channel, "N m", t, np.sign(np.sin(t))), **places})
-    bare, full = html_of("dead-zone"), page_of(told, "t", WHEN, runs=(run,))
+    bare, full = html_of("dead-zone"), page_of(diagnosed, "t", WHEN, runs=(run,))
     label = f">{channel} [N m]<"
     assert label in full
     assert label not in bare
@@ -268,7 +268,7 @@ def test_the_input_is_drawn_below_what_it_moved_and_the_track_of_a_boat_beside()
     assert "Track over ground" not in bare
 
 
-def test_what_a_first_model_leaves_out_is_told_apart_from_what_is_wrong_with_the_craft():
+def test_missing_model_terms_are_distinguished_from_faults_of_the_craft():
     fault = dead_zone()
     drag = cause("quadratic-drag", "yaw", 0.4, coefficient=(0.8, "N m s^2/rad^2", 0.05))
     both = replace(fault, causes=(drag, *fault.causes))
@@ -285,22 +285,22 @@ def test_what_a_first_model_leaves_out_is_told_apart_from_what_is_wrong_with_the
     )
 
 
-def test_every_cause_tells_how_strong_the_evidence_for_it_is_and_its_best_rival():
-    told = terminal_of("dead-zone")
-    assert "Very strong: log-likelihood +406.0, after the penalty for the added parameters." in told
-    assert "Best alternative: quadratic thrust curve, log-likelihood +260.0." in told
-    assert told.count("log-likelihood +406.0") == text_of("dead-zone").count("log-likelihood +406.0") == 1
+def test_every_cause_shows_its_evidence_and_the_best_alternative():
+    diagnosed = terminal_of("dead-zone")
+    assert "Very strong: log-likelihood +406.0, after the penalty for the added parameters." in diagnosed
+    assert "Best alternative: quadratic thrust curve, log-likelihood +260.0." in diagnosed
+    assert diagnosed.count("log-likelihood +406.0") == text_of("dead-zone").count("log-likelihood +406.0") == 1
 
 
-def test_under_process_noise_the_evidence_is_told_part_by_part():
+def test_with_process_noise_the_evidence_is_shown_for_each_part():
     weak = dead_zone()
     first = replace(weak.ranking[0], evidence=7.0, unseen=(5.5, -2.0), ci90=(0.5, 6.5))
-    told = shown(replace(weak, ranking=(first,)))
-    assert "Strong: log-likelihood of the held-out data +3.5 (per part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in told
-    assert "No alternative effect improves the fit." in told
+    text = shown(replace(weak, ranking=(first,)))
+    assert "Strong: log-likelihood of the held-out data +3.5 (per part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in text
+    assert "No alternative effect improves the fit." in text
 
 
-def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
+def test_the_missing_force_is_plotted_over_the_signals_that_predict_it():
     x = np.array([-1.0, 0.0, 1.0])
     over_rate = MissingCurve("r", "rad/s", x, 0.2 * x, np.full(3, 0.05), 0.4)
     over_time = MissingCurve("time", "s", 10.0 * x + 10.0, 0.01 * x, np.full(3, 0.05), -0.1)
@@ -312,9 +312,9 @@ def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
     assert "surge velocity. The curve from the other runs" not in page
 
 
-def test_a_cause_with_which_the_simulation_errs_no_less_is_not_praised_for_its_error():
-    told = dead_zone()
-    worse = replace(told.gain, ratio=1.6, after=1.6 * told.gain.before, metric="error 5 s ahead")
-    text = verdict_of(replace(told, verdict="partly-explained", gain=worse, gains=(worse,))).text
+def test_a_cause_that_does_not_reduce_the_error_is_not_credited_with_it():
+    diagnosed = dead_zone()
+    worse = replace(diagnosed.gain, ratio=1.6, after=1.6 * diagnosed.gain.before, metric="error 5 s ahead")
+    text = verdict_of(replace(diagnosed, verdict="partly-explained", gain=worse, gains=(worse,))).text
     assert "does not improve prediction of the yaw rate 5 s ahead on held-out data." in text
     assert "falls from" not in text

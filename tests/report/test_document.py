@@ -1,4 +1,4 @@
-"""One document, three renderings: a section is written once and appears on page, terminal and in JSON."""
+"""One document, three renderings: a section is written once and appears on the page, on the terminal and in JSON."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def test_a_section_is_one_function_and_appears_on_page_terminal_and_in_json(name
     monkeypatch.setattr(module, "SECTIONS", (*module.SECTIONS, energy))
     page = Page(to_html(document())).text
     text = render_text(document())
-    for told in ("Energy", "It took 3 Wh.", "first"):
-        assert told in page
-        assert told in text
+    for words in ("Energy", "It took 3 Wh.", "first"):
+        assert words in page
+        assert words in text
     data = json.loads(json_text(to_json(document())))
     assert data.pop("energy") == {
         "title": "Energy",
@@ -79,25 +79,25 @@ def shown(*parts, **about) -> Document:
     return Document("A report", (Section("one", "First", parts),), **about)
 
 
-def test_doubts_are_graded_with_the_gravest_first_and_only_it_is_red() -> None:
+def test_doubts_are_sorted_by_severity_and_only_the_most_severe_is_red() -> None:
     graves = Remark("The fit did not converge.", "distrust")
     document = shown(Note("plain"), doubts=(Remark("One wide bar.", "note"), Remark("Short."), graves))
     page = to_html(document)
-    for told in (render_text(document), Page(page).text):
-        said = " ".join(told.split())
-        places = [said.index(f"{w}: ") for w in ("Do not trust", "Caution", "Note")]
+    for reported in (render_text(document), Page(page).text):
+        output = " ".join(reported.split())
+        places = [output.index(f"{w}: ") for w in ("Do not trust", "Caution", "Note")]
         assert places == sorted(places)
     assert page.count('class="doubt distrust"') == 1
     assert page.count('class="doubt note"') == 1
 
 
-def test_every_doubt_that_has_a_grade_exists() -> None:
+def test_every_graded_doubt_exists() -> None:
     sources = "".join(path.read_text() for path in Path(gcs_autotune.__file__).parent.rglob("*.py"))
     assert not DISTRUST & NOTES
     assert [slug for slug in DISTRUST | NOTES if sources.count(f'"{slug}"') < 2] == []
 
 
-def test_a_part_with_nothing_in_it_is_left_out_everywhere() -> None:
+def test_an_empty_section_is_left_out_everywhere() -> None:
     empty = shown(Note(""), Table(("head",), "l", ()), Section("two", "Second", (Note(""),)))
     assert "First" not in Page(to_html(empty)).text
     assert render_text(empty).strip() == ""
@@ -141,7 +141,7 @@ def test_the_verdict_ends_the_terminal_with_its_lead_in_the_box() -> None:
     assert led.index("words") < led.index("╭") < led.index("Your boat is fine.") < led.index("It works.")
 
 
-def test_a_document_draws_nothing_until_it_is_a_page() -> None:
+def test_figures_are_plotted_only_for_a_page() -> None:
     drawn = []
 
     def draw() -> None:
@@ -163,7 +163,7 @@ def test_facts_of_a_section_replace_its_text_in_json() -> None:
 @pytest.mark.parametrize(
     ("reason", "sentence"), [("flown for 60 s", "Flown for 60 s."), ("5 executes", "Flown: 5 executes.")]
 )
-def test_the_end_of_a_flight_says_flown_once(reason: str, sentence: str) -> None:
+def test_the_verdict_of_a_flight_states_its_ending_once(reason: str, sentence: str) -> None:
     run = FLOWN.flown[0][1]
     story = replace(FLOWN, flown=(("run", replace(run, reason=reason)),))
     verdict = flight_document(story).verdict
@@ -171,7 +171,7 @@ def test_the_end_of_a_flight_says_flown_once(reason: str, sentence: str) -> None
     assert verdict.text == sentence
 
 
-def test_a_flight_ends_with_its_figures_and_what_can_be_undone() -> None:
+def test_a_flight_report_ends_with_its_figures_and_the_undo() -> None:
     first = judged("first", "first overshoot", Reading(0.1, 0.0, "rad"))
     figures = (judged("helm", "helm", Reading(0.67, 0.0, "1")), first)
     sheet = Sheet("zig-zag", "zig-zag", "67 %/20° zig-zag", figures, "", ())

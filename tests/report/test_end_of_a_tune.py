@@ -1,4 +1,4 @@
-"""What stands last on the terminal, and what is said once instead of four times."""
+"""The end of the terminal report of a tune; shared reasons appear once."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ def test_captions_of_figures_have_the_notation_of_the_report():
     )
 
 
-def test_gains_that_stay_are_told_by_the_step_that_was_flown_with_them():
-    told = replace(stories.kept(), ending="unchanged", metrics_after=None, reason="nothing better was found")
-    said = " ".join(verdict_of(told).sentences)
-    assert "Step response with these gains (measured): overshoot " in said
-    assert "predicted" not in said
+def test_unchanged_gains_are_reported_with_their_measured_step():
+    unchanged = replace(stories.kept(), ending="unchanged", metrics_after=None, reason="nothing better was found")
+    text = " ".join(verdict_of(unchanged).sentences)
+    assert "Step response with these gains (measured): overshoot " in text
+    assert "predicted" not in text
 
 
-def test_what_all_gains_were_chosen_by_is_said_once_under_the_table():
+def test_the_common_reason_of_all_gains_is_stated_once_under_the_table():
     table = gains_table(
         [
             change("ATC_STR_RAT_FF", f"steering per wanted turn rate: {CHOSEN}"),
@@ -102,7 +102,7 @@ def test_a_single_gain_keeps_its_whole_reason():
 
 
 @pytest.mark.slow
-def test_the_page_says_it_too():
+def test_the_page_also_states_the_common_reason_once():
     story = stories.kept()
     same = tuple(replace(c, reason=f"what it does: {CHOSEN}") for c in story.proposal.changes)
     page = stories.page_of(replace(story, proposal=replace(story.proposal, changes=same)))

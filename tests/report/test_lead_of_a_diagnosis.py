@@ -1,4 +1,4 @@
-"""The sentence a diagnosis begins with, in words of whoever owns the boat, and its hints."""
+"""The first sentence of a diagnosis, in plain words for the owner, and its hints."""
 
 from __future__ import annotations
 
@@ -42,8 +42,10 @@ def ahead(before: float, after: float, low: float, high: float) -> ErrorReductio
 
 def with_gain(gain):
     """The issue's boat: turning gets harder with speed."""
-    told = cause("speed-damping", "yaw", 0.8, N_ur=(-3.7, "N m s^2/(m rad)", 0.3))
-    return replace(dead_zone(), causes=(replace(told, gain=gain),), gain=gain, gains=() if gain is None else (gain,))
+    reported = cause("speed-damping", "yaw", 0.8, N_ur=(-3.7, "N m s^2/(m rad)", 0.3))
+    return replace(
+        dead_zone(), causes=(replace(reported, gain=gain),), gain=gain, gains=() if gain is None else (gain,)
+    )
 
 
 def shown(told) -> str:
@@ -56,64 +58,64 @@ def test_every_effect_has_a_sentence_for_the_owner_of_the_boat(slug: str) -> Non
     assert entry.plain.endswith(".") and "  " not in entry.plain
     assert {name for _, name, _, _ in Formatter().parse(entry.plain) if name} <= FILLED
     places = {"actuator": "N", "hydrodynamics": "yaw", "environment": "yaw", "sensor": "psi", "data errors": "psi"}
-    said = plain_sentence(dead_zone(), replace(HINT, cause=slug, place=places[entry.family]))
-    assert said[0].isupper() and "{" not in said and len(said.split()) <= 25
+    reported = plain_sentence(dead_zone(), replace(HINT, cause=slug, place=places[entry.family]))
+    assert reported[0].isupper() and "{" not in reported and len(reported.split()) <= 25
 
 
-def test_the_lead_says_what_differs_and_how_far_the_prediction_errs_with_and_without_it() -> None:
-    told = with_gain(ahead(math.radians(35.2), math.radians(8.1), 0.18, 0.3))
-    assert lead_sentence(told) == (
+def test_the_lead_states_the_difference_and_the_prediction_error_with_and_without_it() -> None:
+    reported = with_gain(ahead(math.radians(35.2), math.radians(8.1), 0.18, 0.3))
+    assert lead_sentence(reported) == (
         "Your craft's turning resistance grows with speed; a plain simulation's does not. "
         "With this cause in the simulation, the predicted heading 5 s ahead is wrong by 8.1 degrees instead of 35."
     )
 
 
-def test_a_difference_nobody_notices_is_called_slight() -> None:
-    told = with_gain(ahead(0.1421, 0.1419, 0.98, 1.01))
-    assert lead_sentence(told).endswith("is wrong by 8.13 degrees instead of 8.14. The difference is slight.")
-    assert told.causes[0].is_slight and told.to_dict()["found"][0]["slight"]
-    assert "light: " in cause_title(told, told.causes[0])
-    assert any("hardly changes the prediction" in note.text for note in evidence_notes(told, told.causes[0]))
+def test_a_negligible_difference_is_called_slight() -> None:
+    reported = with_gain(ahead(0.1421, 0.1419, 0.98, 1.01))
+    assert lead_sentence(reported).endswith("is wrong by 8.13 degrees instead of 8.14. The difference is slight.")
+    assert reported.causes[0].is_slight and reported.to_dict()["found"][0]["slight"]
+    assert "light: " in cause_title(reported, reported.causes[0])
+    assert any("hardly changes the prediction" in note.text for note in evidence_notes(reported, reported.causes[0]))
 
 
 @pytest.mark.parametrize(("high", "felt"), [(0.94, True), (0.96, False)])
-def test_a_gain_is_felt_where_its_interval_ends_below_95_percent(high: float, felt: bool) -> None:
+def test_an_improvement_is_noticeable_if_its_interval_ends_below_95_percent(high: float, felt: bool) -> None:
     assert ahead(1.0, 0.8, 0.7, high).is_felt is felt
     assert ahead(1.0, 0.8, math.nan, math.nan).is_felt
 
 
-def test_without_a_gain_the_lead_says_so() -> None:
+def test_the_lead_reports_that_no_improvement_was_measured() -> None:
     assert lead_sentence(with_gain(None)).endswith("The improvement on runs not used for the fit was not measured.")
     worse = with_gain(ahead(0.1, 0.11, 0.9, 1.2))
     assert lead_sentence(worse).endswith("the predicted heading 5 s ahead is no better on runs not used for the fit.")
 
 
-def test_a_wrong_number_of_a_given_model_comes_first() -> None:
+def test_a_wrong_parameter_of_a_supplied_model_comes_first() -> None:
     row = Number("alpha", "1", "inertia", 18.0, 0.0, 16.4, 0.1, (16.2, 16.6), True)
     numbers = Numbers("model", (row,), (ahead(0.2, 0.1, 0.4, 0.6),))
-    told = replace(dead_zone(), verdict="wrong-numbers", numbers=numbers)
-    assert lead_sentence(told).startswith("One number of your simulation is wrong: inertia. After the correction, ")
+    reported = replace(dead_zone(), verdict="wrong-numbers", numbers=numbers)
+    assert lead_sentence(reported).startswith("One number of your simulation is wrong: inertia. After the correction, ")
 
 
 @pytest.mark.parametrize("name", STORIES)
 def test_terminal_and_page_begin_with_the_lead(name: str) -> None:
-    told = STORIES[name]()
-    lead = lead_sentence(told)
+    reported = STORIES[name]()
+    lead = lead_sentence(reported)
     assert len(lead) > 20
-    assert shown(told).split("Columns that contradict")[-1].find(" ".join(lead.split())) < 400
-    page = Page(page_of(told, "boat", WHEN)).text
+    assert shown(reported).split("Columns that contradict")[-1].find(" ".join(lead.split())) < 400
+    page = Page(page_of(reported, "boat", WHEN)).text
     assert lead[:40] in page
     assert page.index(lead[:40]) < page.index("Basis of this result")
 
 
-def test_the_first_picture_stands_before_the_verdict() -> None:
+def test_the_first_figure_comes_before_the_verdict() -> None:
     page = page_of(dead_zone(), "boat", WHEN)
     assert page.index('class="lead') < page.index("<svg") < page.index('class="verdict')
 
 
-def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_and_in_json() -> None:
-    told = replace(unexplained(), hints=(HINT,))
-    words = {note.label: note.text for note in hint_notes(told, HINT)}
+def test_a_hint_is_shown_with_its_evidence_and_the_deciding_test_in_all_outputs() -> None:
+    reported = replace(unexplained(), hints=(HINT,))
+    words = {note.label: note.text for note in hint_notes(reported, HINT)}
     assert words["What it would mean"].startswith("A constant push acts on your craft in turning")
     assert "by 6. Held-out data: +5.7 (each of 3 runs held out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
     assert (
@@ -123,12 +125,12 @@ def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_a
     assert words["How to confirm or reject it"].startswith(
         "Fly the same manoeuvres for 13 min 20 s in total instead of 8 min 00 s"
     )
-    page = Page(page_of(told, "boat", WHEN)).text
-    for said in words.values():
-        assert said in shown(told)
-        assert said[:60] in page.replace("\u00a0", " ")
-    assert told.to_dict()["hints"][0]["needed"] == 800.0
-    assert "A constant push acts on your craft in turning" in lead_sentence(told)
+    page = Page(page_of(reported, "boat", WHEN)).text
+    for reported in words.values():
+        assert reported in shown(reported)
+        assert reported[:60] in page.replace("\u00a0", " ")
+    assert reported.to_dict()["hints"][0]["needed"] == 800.0
+    assert "A constant push acts on your craft in turning" in lead_sentence(reported)
 
 
 def test_a_hint_is_titled_with_all_of_its_group() -> None:

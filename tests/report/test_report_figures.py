@@ -1,4 +1,4 @@
-"""The curves behind the pictures, and the pictures' cost."""
+"""The curves of the figures, and the size of the figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_autotune.report.tune.story import PLOTTED_SIGNALS
 
 
 @given(st.integers(2, 5000), st.integers(0, 2**32 - 1))
-def test_thinning_keeps_ends_and_extremes_and_invents_nothing(n, seed):
+def test_thinning_keeps_ends_extremes_and_original_samples(n, seed):
     curve = Curve(np.arange(float(n)), np.random.default_rng(seed).normal(size=n))
     few = thin(curve, 200)
     assert len(few) <= 203
@@ -28,7 +28,7 @@ def test_thinning_keeps_ends_and_extremes_and_invents_nothing(n, seed):
     assert np.array_equal(few.y, curve.y[few.t.astype(int)])
 
 
-def test_a_step_begins_at_zero_with_the_target_it_was_given():
+def test_a_step_begins_at_zero_with_its_target():
     series = step_series(stories.step_trial(), PLOTTED_SIGNALS["psi"])
     assert series.size == pytest.approx(math.radians(30.0))
     there, back = series.legs
@@ -39,7 +39,7 @@ def test_a_step_begins_at_zero_with_the_target_it_was_given():
     assert np.allclose(back.target.y, [series.size, 0.0, 0.0])
 
 
-def test_both_legs_of_a_step_are_shown_from_their_own_command_on_and_as_far_as_they_are_compared():
+def test_both_legs_of_a_step_are_shown_from_command_to_end_of_comparison():
     whole = step_series(stories.step_trial(), PLOTTED_SIGNALS["psi"])
     cut = step_series(stories.step_trial(), PLOTTED_SIGNALS["psi"], (5.0, 4.0))
     assert [leg.position.t[-1] for leg in cut.legs] == pytest.approx([5.0, 4.0], abs=0.11)
@@ -47,7 +47,7 @@ def test_both_legs_of_a_step_are_shown_from_their_own_command_on_and_as_far_as_t
     assert [leg.position.y[0] for leg in cut.legs] == pytest.approx([leg.position.y[0] for leg in whole.legs])
 
 
-def test_a_relay_is_shown_about_its_reference_with_every_switching():
+def test_a_relay_is_shown_about_its_reference_with_every_switch():
     trial = stories.relay_trial()
     series = relay_series(trial, PLOTTED_SIGNALS["psi"])
     assert abs(float(np.mean(series.position.y))) < math.radians(2.0)
@@ -56,7 +56,7 @@ def test_a_relay_is_shown_about_its_reference_with_every_switching():
     assert np.all(high > series.hysteresis * 0.99)
 
 
-def test_the_shaded_part_holds_the_last_five_periods():
+def test_the_shaded_part_contains_the_last_five_periods():
     trial = stories.relay_trial()
     series = relay_series(trial, PLOTTED_SIGNALS["psi"])
     assert np.count_nonzero(series.switches.t >= series.last_from) == 11
@@ -71,12 +71,12 @@ def test_figures_come_in_the_order_of_the_report():
     assert kinds == ["step", "intervals", "relay", "relay", "cycle", "fit", "fit", "track"]
 
 
-def test_a_plain_first_step_is_drawn_from_the_prediction_and_says_so():
+def test_the_first_step_of_a_dry_run_is_labelled_as_predicted():
     (first, *_) = figures_of(stories.dry_run())
     assert "Predicted" in first.caption and "not measured" in first.caption
 
 
-def test_what_ended_an_oscillation_is_told_below_its_picture():
+def test_the_caption_of_a_relay_states_why_it_ended():
     relay = stories.replace(stories.relay_trial(), reason="the gains are known")
     figures = figures_of(stories.replace(stories.aborted(), relays=(relay,)))
     assert any("End: the gains are known." in figure.caption for figure in figures)

@@ -1,4 +1,4 @@
-"""What people read in the terminal, word for word: the bad news as carefully as the good."""
+"""The terminal reports, word for word, for good and bad endings."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_terminal_says_exactly_what_the_golden_file_says(name, tmp_path):
+def test_the_terminal_report_equals_the_golden_file(name, tmp_path):
     text = render_text(CASES[name]())
     (tmp_path / f"{name}.txt").write_text(text, encoding="utf-8")
     assert text == (GOLDEN / f"{name}.txt").read_text(encoding="utf-8"), f"what came out is in {tmp_path}"
@@ -56,6 +56,6 @@ def test_nothing_is_wider_than_eighty_columns_and_nothing_is_cut_off(name):
     assert "…" not in text
 
 
-def test_where_oscillations_and_fits_speak_for_different_damping_it_is_said_which_was_taken():
-    told = " ".join(render_text(fit_document(stories.fit("affine"))).split())
-    assert "indicates quadratic damping. The fits to the whole records support linear and quadratic damping" in told
+def test_conflicting_evidence_on_damping_is_reported_with_the_choice():
+    text = " ".join(render_text(fit_document(stories.fit("affine"))).split())
+    assert "indicates quadratic damping. The fits to the whole records support linear and quadratic damping" in text

@@ -1,4 +1,4 @@
-"""What a person sees while the vehicle moves."""
+"""The progress line while the vehicle moves."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _observer(*, terminal: bool, width: int = 80) -> tuple[TerminalObserver, io.
     return TerminalObserver(console, clock), out, clock
 
 
-def test_the_line_tells_everything_when_there_is_room():
+def test_the_line_shows_everything_when_there_is_space():
     assert describe_progress(SWINGING) == (
         "relay 42.3 s  heading 023.4° (target 000.0°)  output -30 %  amplitude 24.1°  periods 3/5  scatter 7 %  "
         "heading excursion limit 45 % used"
@@ -58,24 +58,24 @@ def test_roll_and_pitch_are_angles_and_not_rates():
     assert "turn rate -20.0°/s " in describe_progress(replace(SWINGING, signal="r", value=angle, target=math.nan))
 
 
-def test_a_heading_just_short_of_north_is_north():
+def test_a_heading_just_below_360_degrees_is_shown_as_north():
     assert "heading 000.0° " in describe_progress(replace(SWINGING, value=math.radians(-0.04)))
 
 
-def test_on_a_narrow_line_the_least_important_pieces_make_room():
+def test_a_narrow_line_drops_the_least_important_items():
     line = describe_progress(SWINGING, 79)
     assert len(line) <= 79
     assert "periods 3/5" in line
     assert "scatter" not in line
 
 
-def test_a_silent_link_is_mentioned_before_anything_else_makes_room():
+def test_a_silent_link_is_shown_even_on_a_narrow_line():
     line = describe_progress(replace(SWINGING, age=2.4), 45)
     assert "NO MESSAGES FOR 2.4 s" in line
 
 
 @given(st.integers(1, 200))
-def test_the_line_is_never_wider_than_asked(width):
+def test_the_line_is_never_wider_than_its_limit(width):
     assert len(describe_progress(SWINGING, width)) <= width
 
 
@@ -97,14 +97,14 @@ def test_in_a_pipe_a_plain_line_comes_every_five_seconds_of_vehicle_time():
     assert "\r" not in out.getvalue()
 
 
-def test_in_a_pipe_a_new_manoeuvre_is_told_at_once():
+def test_in_a_pipe_a_new_manoeuvre_is_shown_at_once():
     observer, out, _ = _observer(terminal=False)
     observer.update(SWINGING)
     observer.update(replace(SWINGING, manoeuvre="step", t=42.4))
     assert len(out.getvalue().splitlines()) == 2
 
 
-def test_a_vehicle_clock_that_starts_again_does_not_silence_the_log():
+def test_a_restarted_vehicle_clock_does_not_silence_the_log():
     observer, out, _ = _observer(terminal=False)
     observer.update(SWINGING)
     observer.update(replace(SWINGING, t=1.0))
@@ -121,14 +121,14 @@ def test_in_a_terminal_one_line_is_rewritten_at_most_ten_times_a_second():
     assert all(len(piece) <= 80 for piece in out.getvalue().replace("\x1b[2K", "").split("\r"))
 
 
-def test_a_sentence_replaces_the_line_and_stands_on_its_own():
+def test_a_message_replaces_the_progress_line_and_ends_with_a_newline():
     observer, out, _ = _observer(terminal=True)
     observer.update(SWINGING)
     observer.say("written and read back [not markup]")
     assert out.getvalue().endswith("\r\x1b[2Kwritten and read back [not markup]\n")
 
 
-def test_closing_ends_the_line_once_and_nothing_hides_the_cursor():
+def test_closing_ends_the_line_once_and_the_cursor_stays_visible():
     observer, out, _ = _observer(terminal=True)
     with observer:
         observer.update(SWINGING)
@@ -138,13 +138,13 @@ def test_closing_ends_the_line_once_and_nothing_hides_the_cursor():
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_saying_something_before_any_progress_is_just_a_line(terminal):
+def test_a_message_before_any_progress_is_a_plain_line(terminal):
     observer, out, _ = _observer(terminal=terminal)
     observer.say("link: sitl:videoray")
     assert out.getvalue() == "link: sitl:videoray\n"
 
 
-def test_a_step_of_a_job_announces_only_what_the_job_did_not():
+def test_a_job_step_announces_only_what_is_new():
     style, space = Intention("design for style normal", "Style", "normal"), Intention("need 2 m", "Space", "2 m")
     again = Intention("continue if messages stop")
     observer, out, _ = _observer(terminal=True)

@@ -1,4 +1,4 @@
-"""Numbers as people read them."""
+"""Formatting of numbers."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_the_shown_error_is_within_a_quarter_of_the_true_one(value, std):
 
 
 @given(VALUES, ERRORS)
-def test_value_and_error_are_shown_to_the_same_digit_and_no_further_than_the_error_reaches(value, std):
+def test_value_and_error_have_the_same_last_digit_set_by_the_error(value, std):
     assume(std > 1e-12 * abs(value))
     text = re.sub(r"\)e.*$", "", format_value(value, std)).strip("(")
     left, right = text.split(" ± ")
@@ -93,7 +93,7 @@ def test_no_number_is_shown_as_minus_zero(value):
     ("t", "text"),
     [(0.52, "0.52 s"), (6.2, "6.2 s"), (59.97, "1 min 00 s"), (125.0, "2 min 05 s"), (math.inf, "unlimited")],
 )
-def test_seconds_read_like_a_stopwatch(t, text):
+def test_seconds_are_formatted_by_magnitude(t, text):
     assert format_seconds(t) == text
 
 
@@ -101,7 +101,7 @@ def test_a_time_that_was_never_reached_is_called_never():
     assert format_seconds(math.nan, "never") == "never"
 
 
-def test_a_number_of_more_places_than_digits_asked_for_is_no_power_of_ten():
+def test_a_large_number_is_not_shown_as_a_power_of_ten():
     assert format_quantity(math.radians(103.0), "rad", 2) == "100°"
     assert [format_number(v, 2) for v in (-123456.0, 0.000123, 2.5e7)] == ["-120000", "0.00012", "2.5e+07"]
 
@@ -113,7 +113,7 @@ def test_angles_are_shown_in_degrees_and_lengths_in_metres():
     assert format_quantity(math.nan, "m") == "?"
 
 
-def test_changes_are_relative_and_silent_where_they_mean_nothing():
+def test_changes_are_relative_and_empty_where_undefined():
     assert format_change(9.8, 3.1) == "-68 %"
     assert format_change(1.0, 1.001) == "no change"
     assert format_change(0.0, 1.0) == ""
@@ -121,7 +121,7 @@ def test_changes_are_relative_and_silent_where_they_mean_nothing():
     assert format_change(0.01, 5.0) == "x 500"
 
 
-def test_units_and_moments_are_written_for_people():
+def test_units_and_times_are_written_readably():
     assert pretty_unit("N m s^2/rad^2") == "N m s²/rad²"
     assert pretty_unit("1 s^2/(m rad)") == "s²/(m rad)"
     assert format_moment("2026-11-20T20:12:09+00:00") == "2026-11-20 20:12 UTC"

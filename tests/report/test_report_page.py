@@ -1,4 +1,4 @@
-"""The page: self-contained, well-formed, safe to open, the same every time, and true to the story."""
+"""The page: self-contained, well-formed, safe to open, reproducible, and consistent with the run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_every_page_is_well_formed_with_unique_identifiers(name, pages):
 
 
 @pytest.mark.parametrize("name", stories.STORIES)
-def test_no_page_fetches_anything(name, pages):
+def test_no_page_loads_external_resources(name, pages):
     page = Page(pages[name])
     beside = set(stories.STORIES[name]().files)
     assert {r[1:] for r in page.references if r not in beside} <= set(page.ids)
@@ -52,7 +52,7 @@ def test_the_same_story_gives_the_same_bytes(pages):
     assert stories.page_of(stories.kept()) == pages["kept"]
 
 
-def test_plots_take_the_colours_of_the_page_so_that_a_dark_page_has_dark_plots(pages):
+def test_plots_use_the_colours_of_the_page_and_are_dark_on_a_dark_page(pages):
     figures = re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL)
     assert len(figures) == 7
     style = pages["kept"][: pages["kept"].index("</style>")]
@@ -67,7 +67,7 @@ def test_plots_take_the_colours_of_the_page_so_that_a_dark_page_has_dark_plots(p
         assert shades[0][1] != shades[1][1], name
 
 
-def test_no_plot_lies_on_paper_of_its_own(pages):
+def test_no_plot_has_its_own_background(pages):
     figures = re.findall(r"<svg.*?</svg>", pages["kept"], flags=re.DOTALL)
     assert len(figures) > 2
     for figure in figures:
@@ -75,7 +75,7 @@ def test_no_plot_lies_on_paper_of_its_own(pages):
         assert "fill: none" in patch
 
 
-def test_a_table_wider_than_a_telephone_is_shown_row_below_row_with_every_head_beside_its_cell(pages):
+def test_a_table_wider_than_a_phone_is_stacked_with_the_head_at_each_cell(pages):
     tables = re.findall(r"<table class=.*?</table>", pages["kept"], flags=re.DOTALL)
     gains = next(t for t in tables if "ATC_RAT_YAW_P" in t and ">why<" in t)
     measured = next(t for t in tables if ">lower is better<" in t)
@@ -84,7 +84,7 @@ def test_a_table_wider_than_a_telephone_is_shown_row_below_row_with_every_head_b
     assert 'class="wide' not in measured
 
 
-def test_on_paper_only_what_is_small_is_kept_on_one_page(pages):
+def test_in_print_only_small_elements_avoid_page_breaks(pages):
     paper = re.search(r"@media print \{(.*?)\n\}", pages["kept"], flags=re.DOTALL)[1]
     kept_whole = re.search(r"([^{}]*)\{ break-inside: avoid; \}", paper)[1]
     assert "figure" in kept_whole
@@ -124,7 +124,7 @@ def test_the_verdict_comes_before_everything_else(pages):
     assert places == sorted(places)
 
 
-def test_all_else_is_folded_with_its_contents_before_it(pages):
+def test_other_sections_are_folded_below_a_table_of_contents(pages):
     page = pages["kept"]
     shown, _, folded = page.partition("<nav")
     assert "<details" not in shown
@@ -134,7 +134,7 @@ def test_all_else_is_folded_with_its_contents_before_it(pages):
     assert folded.count('<details class="more">') == len(slugs)
 
 
-def test_a_finished_tune_says_what_changed_and_how_to_undo_it(pages):
+def test_a_finished_tune_reports_changes_and_undo_command(pages):
     text = Page(pages["kept"]).text
     assert "tracking error 68 % lower; overshoot 6 % (before: 41 %)" in text
     assert "Changed on the vehicle, verified by reading back: ATC_RAT_YAW_P" in text
@@ -143,7 +143,7 @@ def test_a_finished_tune_says_what_changed_and_how_to_undo_it(pages):
     assert "6 parameters read, 4 changed" in text
 
 
-def test_bad_news_stands_where_it_is_seen(pages):
+def test_bad_results_are_shown_prominently(pages):
     text = Page(pages["restored"]).text
     assert "tracking error 14 % HIGHER" in text
     assert "never settled" in text
@@ -151,7 +151,7 @@ def test_bad_news_stands_where_it_is_seen(pages):
     assert text.index("Doubts") < text.index("Step before and after")
 
 
-def test_an_aborted_tune_says_why_and_claims_nothing_it_does_not_know(pages):
+def test_an_aborted_tune_reports_the_reason_and_leaves_out_unknown_results(pages):
     text = Page(pages["aborted"]).text
     assert "Heading excursion 131° is beyond the limit" in text
     assert "No parameter was written." in text
@@ -167,31 +167,31 @@ def test_an_abort_after_the_push_does_not_claim_that_the_old_gains_are_back():
     assert "No parameter was written" not in text
 
 
-def test_gains_that_proved_better_before_a_late_abort_are_reported_as_changed():
+def test_gains_proved_better_before_a_late_abort_are_reported_as_changed():
     story = replace(stories.kept(), ending="aborted", reason="the mode could not be restored")
     text = Page(stories.page_of(story)).text
     assert "The heading tune was aborted." in text
     assert "Changed on the vehicle, verified by reading back: ATC_RAT_YAW_P" in text
 
 
-def test_parameters_that_should_be_back_and_are_not_are_named():
+def test_parameters_that_were_not_restored_are_listed():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_ANG_YAW_P": 1.82})
     assert "NOT RESTORED: ATC_ANG_YAW_P" in Page(stories.page_of(story)).text
 
 
-def test_what_the_vehicle_changed_by_itself_is_told_and_not_blamed_on_the_tune():
+def test_parameters_changed_by_the_vehicle_are_reported_as_such():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_SLEW_YAW": 99.0})
     text = Page(stories.page_of(story)).text
     assert "NOT RESTORED" not in text
     assert "The vehicle itself, not this tool, changed ATC_SLEW_YAW." in text
 
 
-def test_kept_gains_that_are_not_safe_over_the_uncertainty_do_not_look_green():
+def test_kept_gains_unstable_within_the_uncertainty_are_not_green():
     story = replace(stories.kept(), proposal=stories.proposal(worst_stable=False))
     assert 'class="verdict bad"' in stories.page_of(story)
 
 
-def test_hostile_names_are_shown_and_not_obeyed():
+def test_hostile_names_are_shown_as_text():
     story = stories.kept()
     hostile = replace(
         story,
@@ -238,12 +238,12 @@ def _trial(psi: np.ndarray, **more: object) -> Trial:
     ],
     ids=["no channel", "no sample", "all nan", "one sample", "no mark", "no hold", "late mark", "no input"],
 )
-def test_a_broken_record_does_not_break_the_report(trial):
+def test_a_damaged_record_does_not_break_the_report(trial):
     story = replace(stories.aborted(), step_before=trial, step_after=trial, relays=(trial, trial), metrics_before=None)
     assert Page(stories.page_of(story)).open == []
 
 
-def test_a_tune_in_depth_is_drawn_in_metres():
+def test_a_depth_tune_is_plotted_in_metres():
     trial = stories.step_trial()
     channels = {
         "z": replace(trial["psi"], name="z", unit="m"),

@@ -1,4 +1,4 @@
-"""What is on disk afterwards."""
+"""The files on disk after a run."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_the_model_on_disk_can_be_read_back(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_summary_tells_programs_how_it_ended(tmp_path):
+def test_the_summary_contains_the_ending_for_programs(tmp_path):
     write_story(stories.kept(), tmp_path)
     summary = _read(tmp_path / "summary.json")
     assert (summary["schema"], summary["ending"], summary["kept"]) == (1, "kept", True)
@@ -64,7 +64,7 @@ def test_the_summary_tells_programs_how_it_ended(tmp_path):
     assert summary["stable"] == {"model": True, "worst": True}
 
 
-def test_numbers_that_are_not_finite_are_null_and_never_break_the_json(tmp_path):
+def test_non_finite_numbers_are_null_in_the_json(tmp_path):
     story = replace(
         stories.restored(),
         vehicle={"odd": np.float32(1.5), "worse": math.nan, "array": np.array([1.0, math.inf]), "thing": object},
@@ -77,13 +77,13 @@ def test_numbers_that_are_not_finite_are_null_and_never_break_the_json(tmp_path)
     assert summary["vehicle"]["array"] == [1.0, None]
 
 
-def test_a_tune_that_never_started_still_leaves_a_summary_and_a_page(tmp_path):
+def test_a_tune_that_never_started_leaves_a_summary_and_a_page(tmp_path):
     write_story(stories.never_started(), tmp_path / "new" / "run")
     assert sorted(p.name for p in (tmp_path / "new" / "run").iterdir()) == ["report.html", "summary.json"]
     assert _read(tmp_path / "new" / "run" / "summary.json")["kept"] is None
 
 
-def test_the_page_lists_what_is_in_the_directory_when_the_story_does_not(tmp_path):
+def test_the_page_lists_the_files_in_the_directory(tmp_path):
     (tmp_path / "trials").mkdir()
     (tmp_path / "trials" / "01-step.csv").write_text("t[s]\n", encoding="utf-8")
     text = write_story(replace(stories.aborted(), files=()), tmp_path).read_text(encoding="utf-8")
@@ -92,7 +92,7 @@ def test_the_page_lists_what_is_in_the_directory_when_the_story_does_not(tmp_pat
     assert ".part" not in text
 
 
-def test_the_numbers_are_on_disk_even_when_the_page_cannot_be_drawn(tmp_path, monkeypatch):
+def test_the_numbers_are_saved_even_if_the_page_fails(tmp_path, monkeypatch):
     def fail(document: object) -> str:
         raise RuntimeError("no ink")
 
@@ -103,7 +103,7 @@ def test_the_numbers_are_on_disk_even_when_the_page_cannot_be_drawn(tmp_path, mo
 
 
 @pytest.mark.slow
-def test_a_file_that_cannot_be_finished_leaves_the_old_one_whole(tmp_path, monkeypatch):
+def test_a_failed_write_leaves_the_old_file_intact(tmp_path, monkeypatch):
     write_story(stories.kept(), tmp_path)
     old = (tmp_path / "summary.json").read_bytes()
 
@@ -116,7 +116,7 @@ def test_a_file_that_cannot_be_finished_leaves_the_old_one_whole(tmp_path, monke
     assert (tmp_path / "summary.json").read_bytes() == old
 
 
-def test_the_undo_command_stands_whole_on_one_line_for_copying():
+def test_the_undo_command_is_on_one_line():
     out = io.StringIO()
     console = Console(file=out, width=40, force_terminal=False, color_system=None, legacy_windows=False)
     print_document(console, tune_document(stories.kept()))
@@ -124,7 +124,7 @@ def test_the_undo_command_stands_whole_on_one_line_for_copying():
     assert "  gcs-autotune params restore runs/2026-11-20T20-12-00-heading" in lines
 
 
-def test_the_page_of_every_run_has_the_vehicle_in_its_title_and_links_to_the_files(tmp_path):
+def test_every_page_has_the_vehicle_in_its_title_and_links_to_the_files(tmp_path):
     (tmp_path / "trials").mkdir()
     (tmp_path / "trials" / "01 step.csv").write_text("t[s]\n")
     document = Document("Recheck of heading: udpin:0.0.0.0:14550", ())

@@ -1,4 +1,4 @@
-"""Every kind of report as people have it: on a telephone by day and by night, and on paper."""
+"""Every kind of report on a phone in light and dark mode, and in print."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def zig_zag() -> Trial:
 def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("reports")
     read, written = {"ATC_STR_RAT_FF": 0.03005, "MOT_VEC_ANGLEMAX": 30.0}, {"ATC_STR_RAT_FF": 0.86242}
-    told = replace(report_stories.kept(), parameters_before=read, parameters_after={**read, **written})
-    (folder / "tune.html").write_text(report_stories.page_of(told))
-    told = diagnosis_stories.dead_zone()
-    (folder / "diagnosis.html").write_text(diagnosis_stories.page_of(told, "Lake", diagnosis_stories.WHEN, "out"))
+    reported = replace(report_stories.kept(), parameters_before=read, parameters_after={**read, **written})
+    (folder / "tune.html").write_text(report_stories.page_of(reported))
+    reported = diagnosis_stories.dead_zone()
+    (folder / "diagnosis.html").write_text(diagnosis_stories.page_of(reported, "Lake", diagnosis_stories.WHEN, "out"))
     run = example_run()
     save_model(fit(run, "linear", dof="yaw"), folder / "model.json")
     run.to_pandas().to_csv(folder / "run.csv")
@@ -81,7 +81,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_nothing_is_cut_off_and_all_can_be_read_on_a_telephone(
+def test_every_report_is_readable_on_a_phone(
     browser: Any, barriers: Any, reports: dict[str, Path], kind: str, scheme: str
 ) -> None:
     page = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme=scheme)
@@ -98,7 +98,7 @@ def test_nothing_is_cut_off_and_all_can_be_read_on_a_telephone(
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "compare"])  # of two logs: tables only
-def test_on_paper_pictures_stand_two_abreast_and_can_be_read(browser: Any, reports: dict[str, Path], kind: str) -> None:
+def test_printed_figures_are_small_and_readable(browser: Any, reports: dict[str, Path], kind: str) -> None:
     page = browser.new_page(viewport=PAPER, color_scheme="dark")
     page.emulate_media(media="print")
     page.goto(reports[kind].as_uri())

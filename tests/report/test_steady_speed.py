@@ -1,4 +1,4 @@
-"""The speed that an output sustains: beyond the speeds flown its error is that of the shape of damping too."""
+"""The steady speed for an output: beyond the speeds flown its error includes the damping structure."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ def text_of(fit: AxisFit) -> str:
     return " ".join(render_text(fit_document(fit)).replace("│", " ").split())
 
 
-def told(half: float) -> tuple[float, float]:
+def steady_speed(half: float) -> tuple[float, float]:
     """Return the speed [m/s] stated, and its error."""
     found = re.search(r"sustains ([\d.]+) ± ([\d.]+) m/s", text_of(fitted(half)))
     assert found is not None
     return float(found[1]), float(found[2])
 
 
-def test_a_speed_that_was_flown_has_the_error_of_the_fit() -> None:
-    speed, error = told(half=20.0)
+def test_a_speed_within_the_flown_range_has_the_error_of_the_fit() -> None:
+    speed, error = steady_speed(half=20.0)
     assert abs(speed - 0.3) < 3.0 * error
     assert error < 0.006
 
 
-def test_a_speed_that_was_never_reached_has_the_error_of_the_shape_of_damping() -> None:
-    speed, error = told(half=1.0)
+def test_a_speed_beyond_the_flown_range_includes_the_error_of_the_damping_structure() -> None:
+    speed, error = steady_speed(half=1.0)
     assert abs(speed - 0.3) < 3.0 * error
     assert error > 0.02
 
 
-def test_a_model_that_diverges_sustains_no_speed_and_its_motion_grows() -> None:
+def test_a_diverging_model_has_no_steady_speed() -> None:
     stable = fitted(half=20.0)
     diverging = text_of(replace(stable, model=replace(stable.model, beta=-stable.model.beta)))
     assert "motion decays with a time constant of 2.0 s" in text_of(stable)

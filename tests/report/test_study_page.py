@@ -40,7 +40,7 @@ def study() -> Study:
     return Study("Identification of yaw", "2026-11-21T10:00:00", (row,), outcomes, how_unseen="Predicted.")
 
 
-def test_the_page_fetches_nothing_and_is_the_same_twice(study: Study) -> None:
+def test_the_page_is_reproducible_and_loads_no_external_resources(study: Study) -> None:
     page = to_html(study_document(study))
     assert page == to_html(study_document(study))
     assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", page)
@@ -65,7 +65,7 @@ def test_the_page_is_well_formed_and_names_are_escaped(study: Study) -> None:
     assert "run &lt;1&gt;" in to_html(study_document(study))
 
 
-def test_page_and_terminal_tell_value_check_and_refusal(study: Study) -> None:
+def test_page_and_terminal_show_value_check_and_refusal(study: Study) -> None:
     for text in (to_html(study_document(study)), render_text(study_document(study))):
         assert "alpha_r" in text
         assert "no relay here" in text
@@ -80,13 +80,13 @@ def test_derivatives_are_explained_in_words() -> None:
     assert meaning_of("k_thrust") == ""
 
 
-def test_a_fit_draws_itself_for_a_notebook(study: Study) -> None:
+def test_a_fit_plots_itself_in_a_notebook(study: Study) -> None:
     figure = plot(study.fit)
     assert len(figure.axes) == 2 * len(study.fit.traces)
     assert any("model" in (line.get_label() or "") for line in figure.axes[0].lines)
 
 
-def test_the_page_draws_the_input_under_every_fit_and_where_the_craft_went(study: Study) -> None:
+def test_the_page_plots_the_input_under_every_fit_and_the_track(study: Study) -> None:
     run = trial()
     t = run["r"].t
     gone = {"x": Channel("x", "m", t, 0.5 * t), "y": Channel("y", "m", t, 0.1 * t)}

@@ -31,13 +31,13 @@ def test_the_undo_of_a_simulated_vehicle_names_no_link(simulated: bool) -> None:
     assert ("--connect tcp:1.2.3.4:5760" in undo) is not simulated
 
 
-def test_no_name_of_a_gain_is_cut_and_every_error_has_its_unit() -> None:
+def test_no_gain_name_is_truncated_and_every_error_has_its_unit() -> None:
     shown = " ".join(text(simulated=True).split())
     assert "ATC_STR_RAT_FF 0.2 -> 1.93" in shown and "…" not in shown
     assert "193 -> 16.3 s²" in shown and "6.9 -> 3.5 m" in shown
 
 
-def test_a_step_that_does_not_settle_is_said_in_words() -> None:
+def test_an_unsettled_step_is_reported_in_words() -> None:
     document = job_document(JobStory("", "boat", True, "sitl:blueboat", "j", (KEPT,)))
     assert "not settled \u2192\u00a014\u00a0s" in to_html(document)
 

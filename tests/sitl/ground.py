@@ -126,7 +126,7 @@ def refusal_of(arguments: list[str], capsys: Any) -> str:
 
 
 def boat(*, armed: bool = True, mode: int = MANUAL, **options: Any) -> Ground:
-    """Return a ground station with charlie: neutral sticks flowing, armed unless told otherwise."""
+    """Return a ground station with charlie: neutral sticks flowing, armed by default."""
     ground = Ground("charlie", **options)
     ground.sticks = {1: 1500, 3: 1500}
     ground.run(5.0)
@@ -137,7 +137,7 @@ def boat(*, armed: bool = True, mode: int = MANUAL, **options: Any) -> Ground:
 
 
 def rov(name: str = "automarine", *, armed: bool = True, mode: int = SUB_MANUAL, **options: Any) -> Ground:
-    """Return a ground station with an ROV: neutral sticks flowing, armed unless told otherwise."""
+    """Return a ground station with an ROV: neutral sticks flowing, armed by default."""
     ground = Ground(name, **options)
     ground.sticks = {3: 1500, 4: 1500, 5: 1500, 6: 1500}
     ground.run(5.0)

@@ -1,4 +1,4 @@
-"""Missions for the tests: items, their upload, and what came of it."""
+"""Missions for the tests: items, their upload, and the result."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def upload(ground: Ground, steps: Sequence[Step]) -> int:
 
 
 def send(ground: Ground, items: Sequence[Any], *, wait: float = 0.5) -> int:
-    """Upload *items* as they are asked for; return MAV_MISSION_RESULT, -1 when none came."""
+    """Upload *items* on request; return MAV_MISSION_RESULT, or -1 if none was received."""
     ground.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
     for _ in range(len(items) + 5):
         for message in ground.run(wait):

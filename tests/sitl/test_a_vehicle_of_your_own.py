@@ -1,4 +1,4 @@
-"""A vehicle file outside the package, as docs/developing.md tells: copied, changed, named by its path."""
+"""A vehicle file outside the package, as in docs/developing.md: copied, changed, named by its path."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def mine(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_vehicle_from_outside_is_met_from_the_command_line(mine: Path, tmp_path: Path) -> None:
+def test_a_user_vehicle_is_opened_from_the_command_line(mine: Path, tmp_path: Path) -> None:
     assert gcs_autotune(["params", "save", "--connect", f"sitl:{mine}", str(tmp_path / "mine.param")]) == 0
     assert "CRUISE_THROTTLE,47" in (tmp_path / "mine.param").read_text()
 
 
-def test_it_moves_by_its_own_numbers(mine: Path) -> None:
+def test_a_user_vehicle_moves_by_its_own_numbers(mine: Path) -> None:
     mine.write_text(mine.read_text().replace("alpha = { value = 41.77", "alpha = { value = 80.0"))
     assert load_vehicle(str(mine)).make_plant().axis("surge").alpha == 80.0
     assert load_vehicle("blueboat").make_plant().axis("surge").alpha == 41.77
@@ -54,7 +54,7 @@ def test_it_moves_by_its_own_numbers(mine: Path) -> None:
         ),
     ],
 )
-def test_a_file_that_describes_no_vehicle_is_explained_in_one_line(mine, change, said, capsys):
+def test_an_invalid_vehicle_file_is_explained_in_one_line(mine, change, said, capsys):
     mine.write_text(change(mine.read_text()))
     with pytest.raises(BadVehicle, match=said):
         load_vehicle(str(mine))
@@ -62,12 +62,12 @@ def test_a_file_that_describes_no_vehicle_is_explained_in_one_line(mine, change,
     assert said in capsys.readouterr().err
 
 
-def test_a_file_that_is_not_there_is_said_to_be_missing(capsys):
+def test_a_missing_file_is_reported(capsys):
     assert sitl(["nowhere.toml", "--lockstep"]) == 2
     assert "nowhere.toml cannot be read: No such file" in capsys.readouterr().err
 
 
-def test_a_file_like_another_vehicle_needs_only_what_differs(tmp_path: Path) -> None:
+def test_a_file_based_on_another_vehicle_needs_only_the_differences(tmp_path: Path) -> None:
     short = tmp_path / "heavier.toml"
     short.write_text(
         'title = "heavier"\nlike = "blueboat"\n[surge]\nalpha = { value = 80.0, unit = "kg", source = "x" }\n'
@@ -100,7 +100,7 @@ def tilted(craft: Craft, seconds: float, *lift: int) -> list[float]:
     return seen
 
 
-def test_one_whose_lifting_thrusters_sit_fore_and_aft_pitches_where_they_differ_and_swings_back(tmp_path: Path) -> None:
+def test_a_craft_with_fore_and_aft_lift_thrusters_pitches_and_rights_itself(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(FORE_AND_AFT)
     craft = Craft(load_vehicle(str(path)))
@@ -112,7 +112,7 @@ def test_one_whose_lifting_thrusters_sit_fore_and_aft_pitches_where_they_differ_
     assert 0.01 * (down[1] - down[0]) == pytest.approx(2.0 * math.pi / math.sqrt(0.8 / 0.05 - 0.04), rel=0.02)
 
 
-def test_a_frame_that_cannot_pitch_is_refused_a_moment_to_pitch_with(tmp_path: Path) -> None:
+def test_a_pitch_moment_for_a_frame_that_cannot_pitch_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(FORE_AND_AFT.replace("rov-4-fore-aft", "simple-rov-3"))
     with pytest.raises(BadVehicle, match="frame 'simple-rov-3' has no pitch thrusters"):

@@ -23,14 +23,14 @@ def demanding() -> Server:
     return server
 
 
-def test_it_obeys_who_signs_with_its_key() -> None:
+def test_messages_signed_with_its_key_are_obeyed() -> None:
     session = Session(MemoryLink(demanding()), signing=KEY)
     session.discover()
     Parameters(session).write("ATC_STR_RAT_P", 0.4)
     assert Parameters(session).read("ATC_STR_RAT_P") == pytest.approx(0.4)
 
 
-def test_it_obeys_nobody_else() -> None:
+def test_unsigned_or_wrongly_signed_messages_are_rejected() -> None:
     with pytest.raises(SigningMismatch, match="--signing-key"):
         Session(MemoryLink(demanding())).discover()
     with pytest.raises(SigningMismatch, match="another key"):
@@ -62,7 +62,7 @@ def test_vehicle_and_tuner_read_the_same_key_from_the_same_file(tmp_path: Path, 
     assert read_key(tmp_path / "key") == SigningKey.read(tmp_path / "key").secret
 
 
-def test_a_key_file_that_is_none_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_or_empty_key_file_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["charlie", "--signing-key", str(tmp_path / "none")]) == 2
     (tmp_path / "empty").write_bytes(b"\n")
     assert main(["charlie", "--signing-key", str(tmp_path / "empty")]) == 2

@@ -42,24 +42,24 @@ def test_full_rudder_is_thirty_degrees():
     assert (body.parameters["yaw.alpha"], body.parameters["yaw.beta"]) == (9.0, 2.5)
 
 
-def test_without_way_on_the_rudder_does_nothing():
+def test_the_rudder_has_no_effect_without_flow():
     wrench, _ = _drive(BOAT, 2000, 0, 1500)
     assert wrench.N == 0.0
 
 
-def test_going_astern_the_rudder_acts_the_other_way():
+def test_the_rudder_acts_in_reverse_when_going_astern():
     ahead, _ = _drive(BOAT, 1800, 0, 2000)
     astern, _ = _drive(BOAT, 1800, 0, 1000)
     assert pytest.approx(-ahead.N) == astern.N
     assert pytest.approx(-75.0) == astern.X
 
 
-def test_thrust_goes_with_the_square_of_the_throttle():
+def test_thrust_is_proportional_to_the_square_of_the_throttle():
     wrench, _ = _drive(BOAT, 1500, 0, 1750)
     assert pytest.approx(75.0 / 4) == wrench.X
 
 
-def test_no_pulse_is_no_force():
+def test_no_pulse_gives_no_force():
     wrench, _ = _drive(BOAT, 0, 0, 0)
     assert (wrench.X, wrench.N) == (0.0, 0.0)
 
@@ -88,7 +88,7 @@ def test_a_frame_turns_pulses_into_forces(frame, pwm, expected):
     assert pytest.approx(5.0 * sum(sideways)) == wrench.Y
 
 
-def test_lateral_thrusters_that_do_not_push_alike_turn_the_craft():
+def test_opposed_lateral_thrusters_turn_the_craft():
     """Miskovic2010, table 2.2 (d): they sit fore and aft, as far from the middle as the other two."""
     frame = ThrusterFrame(FRAMES["vectored-6dof-90"], 2.0, 3.0, 4.0, 0.0, 0.0, full_Y=5.0)
     alike, opposed = (_drive(frame, 1500, 1500, 1500, 1900, other)[0] for other in (1900, 1100))
@@ -96,7 +96,7 @@ def test_lateral_thrusters_that_do_not_push_alike_turn_the_craft():
     assert (opposed.Y, opposed.N) == (0.0, pytest.approx(2.0))
 
 
-def test_lifting_thrusters_fore_and_aft_that_do_not_push_alike_pitch_the_craft():
+def test_opposed_fore_and_aft_lift_thrusters_pitch_the_craft():
     """Miskovic2010, table 2.2 (e)."""
     frame = ThrusterFrame(FRAMES["rov-4-fore-aft"], 2.0, 3.0, 4.0, 0.0, 0.0, full_M=6.0)
     alike, opposed = (_drive(frame, 1500, 1500, 1900, other)[0] for other in (1900, 1100))
@@ -106,6 +106,6 @@ def test_lifting_thrusters_fore_and_aft_that_do_not_push_alike_pitch_the_craft()
     assert frame.read(pulses) == pytest.approx({"N": 0.0, "X": 0.0, "Z": 0.2, "M": 0.3}, abs=0.003)
 
 
-def test_a_frame_has_its_biases_even_without_pulses():
+def test_a_frame_has_its_biases_without_pulses():
     wrench, _ = _drive(ThrusterFrame(FRAMES["vectored"], 1.0, 1.0, 1.0, 0.1, -0.3), *[0] * 6)
     assert (wrench.N, wrench.Z) == (0.1, -0.3)

@@ -48,11 +48,11 @@ def pulses(**given: int) -> list[int]:
 
 
 def fly(physics: Physics, pwm: list[int], seconds: float, rate: int = 200) -> list[State]:
-    told = []
+    reported = []
     for _ in range(round(seconds * rate)):
         state = physics.step(1.0 / rate, pwm)
-        told.append(State(state.t, state.gyro, state.force, state.attitude, state.position, state.velocity))
-    return told
+        reported.append(State(state.t, state.gyro, state.force, state.attitude, state.position, state.velocity))
+    return reported
 
 
 def request(count: int, pwm: list[int], rate: int = 200) -> bytes:
@@ -62,7 +62,7 @@ def request(count: int, pwm: list[int], rate: int = 200) -> bytes:
 # -- the format
 
 
-def test_sixteen_and_thirty_two_pulses_are_read_alike():
+def test_sixteen_and_thirty_two_pulses_are_read_the_same_way():
     few = read_servos(struct.pack("<HHI16H", 18458, 400, 7, *range(16)))
     many = read_servos(struct.pack("<HHI32H", 29569, 400, 7, *range(32)))
     assert few == many
@@ -70,31 +70,31 @@ def test_sixteen_and_thirty_two_pulses_are_read_alike():
 
 
 @pytest.mark.parametrize("datagram", [b"", b"\x01", b"\xfe" * 40, request(1, NEUTRAL)[:-1], request(1, NEUTRAL) + b"!"])
-def test_anything_else_is_refused(datagram):
+def test_other_datagrams_are_rejected(datagram):
     with pytest.raises(BadPacket):
         read_servos(datagram)
 
 
-def test_the_answer_is_one_line_of_json_without_white_space_inside():
+def test_the_reply_is_one_line_of_json_without_white_space():
     sent = write_state(
         State(1.25, (0.1, 0.2, 0.3), (1.0, 2.0, -9.8), (0.0, 0.0, 3.1), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     )
     assert sent.startswith(b"\n{")
     assert sent.endswith(b"}\n")
     assert not set(sent[1:-1]) & set(b" \t\n")
-    told = json.loads(sent)
-    assert told["timestamp"] == 1.25
-    assert told["imu"] == {"gyro": [0.1, 0.2, 0.3], "accel_body": [1.0, 2.0, -9.8]}
-    assert told["attitude"] == [0.0, 0.0, 3.1]
-    assert told["position"] == [1.0, 2.0, 3.0]
-    assert told["velocity"] == [4.0, 5.0, 6.0]
+    document = json.loads(sent)
+    assert document["timestamp"] == 1.25
+    assert document["imu"] == {"gyro": [0.1, 0.2, 0.3], "accel_body": [1.0, 2.0, -9.8]}
+    assert document["attitude"] == [0.0, 0.0, 3.1]
+    assert document["position"] == [1.0, 2.0, 3.0]
+    assert document["velocity"] == [4.0, 5.0, 6.0]
 
 
 # -- the hull
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_every_vehicle_rests_level_at_home_under_its_own_weight(name):
+def test_every_vehicle_rests_level_at_home(name):
     first = fly(Physics(load_vehicle(name)), NEUTRAL, 0.005)[0]
     assert first.position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
     assert first.force == pytest.approx((0.0, 0.0, -9.80665), abs=0.2)
@@ -114,7 +114,7 @@ def test_every_vehicle_rests_level_at_home_under_its_own_weight(name):
         ("videoray", pulses(s1=1400, s2=1600), 1, 0),
     ],
 )
-def test_servo_pulses_move_each_frame_as_its_firmware_means(name, pwm, turns, ahead):
+def test_servo_pulses_move_each_frame_as_in_its_firmware(name, pwm, turns, ahead):
     physics = Physics(load_vehicle(name))
     end = fly(physics, pwm, 4.0)[-1]
     speed = end.velocity[0] * math.cos(end.attitude[2]) + end.velocity[1] * math.sin(end.attitude[2])
@@ -124,7 +124,7 @@ def test_servo_pulses_move_each_frame_as_its_firmware_means(name, pwm, turns, ah
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "vertical"), [("bluerov2", (5, 6, 7, 8)), ("falcon", (5, 6)), ("videoray", (3,))])
-def test_a_rov_dives_comes_up_and_stays_in_the_water(name, vertical):
+def test_an_rov_dives_surfaces_and_stays_in_the_water(name, vertical):
     physics = Physics(load_vehicle(name))
     down = fly(physics, pulses(**{f"s{n}": 1700 for n in vertical}), 3.0)[-1]
     assert down.position[2] > 0.3
@@ -135,27 +135,27 @@ def test_a_rov_dives_comes_up_and_stays_in_the_water(name, vertical):
     assert -2.0 < surface.position[2] <= 0.0
 
 
-def test_the_accelerometer_agrees_with_the_velocity_it_goes_with():
-    told = fly(Physics(load_vehicle("charlie")), pulses(s1=1800, s3=1900), 20.0)
+def test_the_accelerometer_agrees_with_the_velocity():
+    reported = fly(Physics(load_vehicle("charlie")), pulses(s1=1800, s3=1900), 20.0)
     vN = vE = 0.0
-    for state in told:
+    for state in reported:
         psi = state.attitude[2]
         ax, ay, az = state.force
         vN += (ax * math.cos(psi) - ay * math.sin(psi)) / 200
         vE += (ax * math.sin(psi) + ay * math.cos(psi)) / 200
         assert az == -9.80665
-    assert (vN, vE) == pytest.approx(told[-1].velocity[:2], abs=2e-3)
+    assert (vN, vE) == pytest.approx(reported[-1].velocity[:2], abs=2e-3)
 
 
-def test_the_gyro_agrees_with_the_heading_it_goes_with():
+def test_the_gyro_agrees_with_the_heading():
     physics = Physics(load_vehicle("bluerov2"))
     start = physics.state.attitude[2]
-    told = fly(physics, pulses(s1=1600, s2=1400, s3=1400, s4=1600), 5.0)
-    turned = sum(state.gyro[2] for state in told) / 200
-    assert math.remainder(start + turned - told[-1].attitude[2], math.tau) == pytest.approx(0.0, abs=5e-3)
+    reported = fly(physics, pulses(s1=1600, s2=1400, s3=1400, s4=1600), 5.0)
+    turned = sum(state.gyro[2] for state in reported) / 200
+    assert math.remainder(start + turned - reported[-1].attitude[2], math.tau) == pytest.approx(0.0, abs=5e-3)
 
 
-def test_the_frame_rate_makes_no_difference_to_the_hull():
+def test_the_motion_does_not_depend_on_the_frame_rate():
     ends = [fly(Physics(load_vehicle("charlie")), pulses(s1=1800, s3=1900), 10.0, rate)[-1] for rate in (20, 400)]
     assert ends[0].position == pytest.approx(ends[1].position, abs=1e-3)
     assert ends[0].attitude == pytest.approx(ends[1].attitude, abs=1e-5)
@@ -165,7 +165,7 @@ def test_the_frame_rate_makes_no_difference_to_the_hull():
 
 
 @pytest.mark.parametrize("slug", EFFECTS)
-def test_every_effect_of_the_book_reaches_ardupilot_or_is_refused_in_words(slug):
+def test_every_effect_of_the_catalogue_reaches_ardupilot_or_is_rejected(slug):
     text = slug
     if slug == "channel-swap":
         text += "@x+y"
@@ -185,11 +185,11 @@ def test_every_effect_of_the_book_reaches_ardupilot_or_is_refused_in_words(slug)
         return
     states = fly(Physics(load_vehicle("bluerov2"), effects=[effect]), pulses(s1=1600, s4=1600), 0.5)
     assert len(states) == 100
-    told = [x for s in states for x in (*s.gyro, *s.force, *s.attitude, *s.position, *s.velocity)]
-    assert all(map(math.isfinite, told))
+    reported = [x for s in states for x in (*s.gyro, *s.force, *s.attitude, *s.position, *s.velocity)]
+    assert all(map(math.isfinite, reported))
 
 
-def test_a_compass_deviation_turns_the_heading_and_nothing_else():
+def test_a_compass_deviation_changes_only_the_heading():
     plain, iron = (
         fly(Physics(load_vehicle("charlie"), effects=effects), pulses(s1=1700, s3=1900), 8.0)[-1]
         for effects in ([], [parse_effect("compass-deviation.B=0.1,C=-0.05")])
@@ -208,7 +208,7 @@ def test_a_current_carries_the_hull_over_the_ground():
 
 
 @pytest.mark.parametrize("text", ["quantisation@phi.step=0.1", "steady-current@through water.V_x=0.3"])
-def test_what_ardupilot_cannot_be_shown_is_refused(text):
+def test_effects_that_ardupilot_cannot_receive_are_rejected(text):
     with pytest.raises(BadEffect, match=r"level|over ground"):
         Physics(load_vehicle("charlie"), effects=[parse_effect(text)])
 
@@ -219,10 +219,10 @@ def test_what_ardupilot_cannot_be_shown_is_refused(text):
 @pytest.fixture
 def served():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
-        said: list[str] = []
+        reported: list[str] = []
         autopilot.bind(("127.0.0.1", 0))
         autopilot.settimeout(0.2)
-        server = JsonServer(Physics(load_vehicle("charlie")), port=0, say=said.append)
+        server = JsonServer(Physics(load_vehicle("charlie")), port=0, say=reported.append)
 
         def ask(datagram: bytes, ear: socket.socket = autopilot) -> dict | None:
             ear.sendto(datagram, ("127.0.0.1", server.port))
@@ -232,11 +232,11 @@ def served():
             except TimeoutError:
                 return None
 
-        yield server, ask, said
+        yield server, ask, reported
         server.close()
 
 
-def test_every_frame_is_answered_a_repetition_with_the_same(served):
+def test_every_frame_gets_a_reply_and_a_repeated_one_the_same(served):
     server, ask, _ = served
     first = ask(request(0, NEUTRAL))
     assert first is not None
@@ -247,17 +247,17 @@ def test_every_frame_is_answered_a_repetition_with_the_same(served):
 
 
 def test_a_restarted_autopilot_finds_a_hull_at_home(served):
-    server, ask, said = served
+    server, ask, reported = served
     for count in range(400):
         ask(request(count, pulses(s3=2000)))
     assert server.physics.state.velocity[0] > 0.1
     again = ask(request(0, NEUTRAL))
     assert again["timestamp"] == pytest.approx(1 / 200)
     assert again["position"] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4)
-    assert len(said) == 2
+    assert len(reported) == 2
 
 
-def test_a_second_autopilot_in_mid_run_is_not_answered_but_a_new_one_is(served):
+def test_a_second_autopilot_gets_a_reply_only_from_its_first_frame(served):
     server, ask, _ = served
     ask(request(5, NEUTRAL))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
@@ -268,25 +268,25 @@ def test_a_second_autopilot_in_mid_run_is_not_answered_but_a_new_one_is(served):
     assert server.frames == 2
 
 
-def test_physics_started_in_mid_run_go_on_with_the_autopilots_clock(served):
+def test_physics_started_during_a_run_continue_with_the_clock_of_the_autopilot(served):
     _, ask, _ = served
     assert ask(request(2000, NEUTRAL))["timestamp"] == pytest.approx(10.0 + 1 / 200)
 
 
-def test_a_stranger_is_mentioned_once_and_not_answered(served):
-    server, ask, said = served
+def test_a_foreign_datagram_is_reported_once_and_gets_no_reply(served):
+    server, ask, reported = served
     assert ask(b"\xfe\x09 not this interface") is None
     assert ask(b"\xfe\x09 not this interface") is None
     assert server.frames == 0
-    assert len(said) == 1
-    assert "not from ArduPilot's JSON interface" in said[0]
+    assert len(reported) == 1
+    assert "not from ArduPilot's JSON interface" in reported[0]
 
 
 # -- what ArduPilot needs
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_every_vehicle_says_how_ardupilot_is_started(name):
+def test_every_vehicle_lists_the_ardupilot_parameters_it_needs(name):
     data = load_vehicle(name)
     needed = needed_parameters(data)
     assert needed["FRAME_CLASS" if data.is_boat else "FRAME_CONFIG"] > 0
@@ -346,10 +346,10 @@ def test_a_body_that_tilts_sends_its_attitude_and_gravity_along_its_axes():
     physics = Physics(load_vehicle("bluerov2-6dof"))
     at = physics.craft.plant.state
     at.z, at.theta = 5.0, 0.4
-    told = physics.step(0.0025, [1500] * 16)
-    assert told.attitude[1] == pytest.approx(0.4, abs=1e-3)
-    assert told.gyro[1] == pytest.approx(at.q)
-    assert told.force[0] == pytest.approx(9.80665 * math.sin(0.4), abs=0.6)
+    reported = physics.step(0.0025, [1500] * 16)
+    assert reported.attitude[1] == pytest.approx(0.4, abs=1e-3)
+    assert reported.gyro[1] == pytest.approx(at.q)
+    assert reported.force[0] == pytest.approx(9.80665 * math.sin(0.4), abs=0.6)
     assert load_vehicle("bluerov2").make_plant().state.tilts is False
 
 
@@ -357,8 +357,8 @@ def test_the_distances_of_rangefinders_are_sent_and_their_drivers_selected() -> 
     data = load_vehicle("videoray-lasers")
     physics = Physics(data)
     state = physics.step(0.01, NEUTRAL)
-    told = json.loads(write_state(state))
-    assert (told["rng_1"], told["rng_2"]) == pytest.approx((2.0, 2.0), abs=0.05)
+    document = json.loads(write_state(state))
+    assert (document["rng_1"], document["rng_2"]) == pytest.approx((2.0, 2.0), abs=0.05)
     assert {name: value for name, value in needed_parameters(data).items() if name.startswith("RNGFND")} == {
         "RNGFND1_TYPE": 100,
         "RNGFND1_ORIENT": 0,

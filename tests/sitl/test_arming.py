@@ -44,7 +44,7 @@ def test_without_a_receiver_a_boat_waits_for_overrides():
     assert ground.command(400, 1) == ACCEPTED
 
 
-def test_what_keeps_it_from_arming_is_said_without_being_asked():
+def test_failed_prearm_checks_are_reported_without_a_request():
     ground = Ground("charlie")
     ground.run(40.0)
     assert "PreArm: Radio failsafe on" in ground.texts()
@@ -86,7 +86,7 @@ def test_disarming_brings_the_outputs_to_trim_at_once():
     assert (ground.servos[0], ground.servos[2]) == (1500, 1500)
 
 
-def test_disarmed_outputs_stay_at_trim_whatever_the_sticks_say():
+def test_disarmed_outputs_stay_at_trim_for_any_stick_position():
     for ground in (boat(armed=False), rov(armed=False)):
         ground.sticks = {1: 1900, 3: 1900, 4: 1900, 5: 1900}
         ground.run(2.0)
@@ -106,7 +106,7 @@ def test_arming_twice_and_disarming_twice_is_harmless():
     assert ground.command(400, 0) == ACCEPTED
 
 
-def test_only_arm_and_disarm_are_known():
+def test_values_other_than_arm_and_disarm_are_unsupported():
     assert boat(armed=False).command(400, 2) == 3
 
 

@@ -16,7 +16,7 @@ def _run(axis: AxisDynamics, force: float, seconds: float, nu: float = 0.0) -> t
 
 
 def _flown(axis: AxisDynamics, force: float, steps: int, dt: float, nu: float = 0.0) -> tuple[float, float]:
-    """Return velocity and way of a body that only surges."""
+    """Return velocity and distance of a body that only surges."""
     body = RigidBody({"surge": axis})
     body.state.u = nu
     for _ in range(steps):
@@ -80,7 +80,7 @@ def test_a_steady_turn_is_a_circle():
     assert body.state.y == pytest.approx(radius * (1.0 - math.cos(angle)), abs=1e-4)
 
 
-def test_a_downward_force_makes_it_sink():
+def test_a_downward_force_makes_the_body_sink():
     body = _body(Water(bottom=100.0))
     for _ in range(250):
         body.step(Wrench(Z=3.0), DT)
@@ -88,14 +88,14 @@ def test_a_downward_force_makes_it_sink():
     assert body.state.w == pytest.approx(3.0 / 15.0, rel=1e-3)
 
 
-def test_a_boat_does_not_heave():
+def test_a_boat_stays_at_the_surface():
     body = _body(Water(floats=True))
     body.step(Wrench(Z=100.0), DT)
     assert body.state.z == 0.0
 
 
 @pytest.mark.parametrize(("start", "force"), [(0.3, -3.0), (9.7, 3.0)])
-def test_surface_and_bottom_stop_it_softly(start, force):
+def test_surface_and_bottom_stop_the_body_softly(start, force):
     body = _body(Water(bottom=10.0))
     body.state.z = start
     fastest = 0.0
@@ -108,7 +108,7 @@ def test_surface_and_bottom_stop_it_softly(start, force):
     assert fastest < 3.0
 
 
-def test_roll_and_pitch_stay_small_and_come_back():
+def test_roll_and_pitch_stay_small_and_decay():
     body = _body()
     body.state.u, body.state.r = 1.5, 0.5
     for _ in range(50):

@@ -28,7 +28,7 @@ def _value(name: str, table: str, key: str) -> Any:
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_every_number_of_a_vehicle_says_where_it_comes_from(name):
+def test_every_number_of_a_vehicle_has_a_source(name):
     tables = load_vehicle(name).tables
     assert sum(len(table) for table in tables.values() if isinstance(table, dict)) > 5
     for heading, table in tables.items():
@@ -60,14 +60,14 @@ def test_every_vehicle_opens_and_rests(name):
     assert abs(server.vehicle.state.u) < 0.01
 
 
-def test_an_unknown_vehicle_names_the_nearest():
+def test_the_error_for_an_unknown_vehicle_names_the_nearest():
     with pytest.raises(
         UnknownVehicle, match=r"unknown vehicle 'chrlie'; did you mean charlie or charlie-sway or charlie-sensors\?"
     ):
         load_vehicle("chrlie")
 
 
-def test_a_name_near_nothing_lists_them_all():
+def test_the_error_for_a_distant_name_lists_all_vehicles():
     with pytest.raises(UnknownVehicle, match="known: charlie, videoray, automarine, falcon, bluerov2"):
         load_vehicle("zzz")
 
@@ -102,12 +102,12 @@ def test_automarines_yaw_is_the_mean_of_its_step_responses():
     )
 
 
-def test_charlie_does_one_and_a_half_metres_per_second():
+def test_charlie_reaches_one_and_a_half_metres_per_second():
     authority, drag = _value("charlie", "surge", "authority"), _value("charlie", "surge", "beta2")
     assert math.sqrt(authority / drag) == pytest.approx(1.5)
 
 
-def test_a_vehicle_like_another_differs_in_what_its_file_says_only():
+def test_a_vehicle_based_on_another_differs_only_in_its_own_entries():
     plain, coupled = load_vehicle("videoray"), load_vehicle("videoray-coupled")
     assert coupled.sensors == plain.sensors
     assert coupled.up_delay == plain.up_delay
@@ -127,7 +127,7 @@ def test_a_vehicle_that_sways_drifts_outwards_in_a_turn_ahead(name):
     assert body.state.v < -0.005
 
 
-def test_the_rudders_of_a_boat_that_sways_push_her_stern_sideways_first():
+def test_the_rudders_of_a_boat_with_sway_first_push_the_stern_sideways():
     vehicle = load_vehicle("charlie-sway")
     body, wrench = vehicle.make_plant(), Wrench()
     vehicle.make_actuators().apply({"N": 1.0, "X": 1.0}, body.parameters, wrench)
@@ -141,7 +141,7 @@ def test_a_lateral_stick_moves_a_vectored_frame_sideways():
     assert "Y" not in load_vehicle("bluerov2").make_actuators().read(pulses)
 
 
-def test_a_coupled_vehicle_flies_the_equations_written_out_by_hand():
+def test_a_coupled_vehicle_follows_its_equations_written_by_hand():
     body = load_vehicle("cybership2").make_plant()
     body.state.psi, wrench = 0.0, Wrench(X=2.0, N=0.1)
 

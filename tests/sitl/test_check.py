@@ -1,4 +1,4 @@
-"""``sitl --check FILE``: file, line and quantity of what is wrong."""
+"""``sitl --check FILE``: file, line and quantity of each fault."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "quantity", "said"),
+    ("name", "old", "new", "quantity", "reason"),
     [
         ("blueboat", "value = 41.77", "value = -41.77", "surge.alpha", "expected a number > 0"),
         ("blueboat", "value = 41.77", 'value = "heavy"', "surge.alpha", "expected a number, got text"),
@@ -44,13 +44,13 @@ def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
         ("ies-rov", "resistance = {", "resistence = {", "motor", "unknown entry 'resistence'"),
     ],
 )  # fmt: skip
-def test_a_fault_is_named_with_file_line_and_quantity(name, old, new, quantity, said, tmp_path, capsys):
+def test_a_fault_is_reported_with_file_line_and_quantity(name, old, new, quantity, reason, tmp_path, capsys):
     path, line = changed(tmp_path / "mine.toml", name, old, new)
     assert main(["--check", str(path)]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert f"{path}:" in error and quantity in error and said in error
-    if "unknown entry" not in said:
+    assert f"{path}:" in error and quantity in error and reason in error
+    if "unknown entry" not in reason:
         assert error.startswith(f"sitl: {path}:{line}: {quantity}")
 
 
@@ -60,13 +60,13 @@ def test_all_faulty_entries_are_listed(tmp_path):
     assert [fault.split(": ")[1] for fault in check_vehicle(path)] == ["yaw.alpha.value", "surge.alpha.value"]
 
 
-def test_what_is_no_toml_is_named_with_its_line(tmp_path):
+def test_invalid_toml_is_reported_with_its_line(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text('title = "x"\nfirmware = = "rover"\n', encoding="utf-8")
     assert check_vehicle(path) == [f"{path}:2: Invalid value"]
 
 
-def test_what_is_missing_is_named(tmp_path):
+def test_a_missing_entry_or_file_is_reported(tmp_path):
     path, _ = changed(tmp_path / "mine.toml", "blueboat", "arm = {", "# arm = {")
     assert "lacks 'arm'" in check_vehicle(path)[0]
     assert "cannot be read" in check_vehicle(tmp_path / "none.toml")[0]

@@ -11,7 +11,7 @@ from sitl.eeprom import keep_parameters, read_parameters
 from tests.sitl.ground import Ground, refusal_of
 
 
-def test_signal_handlers_are_as_before_when_it_has_ended(capsys):
+def test_signal_handlers_are_restored_at_the_end(capsys):
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     assert main(["--list"]) == 0
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
@@ -59,7 +59,7 @@ def test_an_unknown_option_is_a_usage_error():
         main(["charlie", "--no-such-option"])
 
 
-def test_written_parameters_outlive_the_process(tmp_path):
+def test_written_parameters_persist_after_the_process(tmp_path):
     path = tmp_path / "eeprom.csv"
     first = Ground("charlie")
     keep_parameters(first.vehicle.dialect, path)
@@ -76,7 +76,7 @@ def test_written_parameters_outlive_the_process(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["eeprom.csv"]
 
 
-def test_a_damaged_memory_is_a_usage_error_that_names_the_line(tmp_path, capsys):
+def test_a_damaged_parameter_file_is_a_usage_error_that_names_the_line(tmp_path, capsys):
     path = tmp_path / "eeprom.csv"
     path.write_text("WP_SPEED,1.0\nrubbish\n")
     assert main(["charlie", "--eeprom", str(path)]) == 2

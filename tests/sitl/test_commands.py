@@ -27,14 +27,14 @@ def test_the_heartbeat_comes_once_a_second_and_shows_arming():
 
 
 @pytest.mark.parametrize("mode", [0, 1, 3, 4, 15])
-def test_a_boat_takes_up_each_of_its_modes(mode):
+def test_a_boat_enters_each_of_its_modes(mode):
     ground = boat(mode=mode)
     ground.run(1.1)
     assert ground.last("HEARTBEAT").custom_mode == mode
 
 
 @pytest.mark.parametrize("mode", [19, 0, 2, 4])
-def test_a_rov_takes_up_each_of_its_modes(mode):
+def test_an_rov_enters_each_of_its_modes(mode):
     ground = rov(mode=mode)
     ground.run(1.1)
     assert ground.last("HEARTBEAT").custom_mode == mode
@@ -54,14 +54,14 @@ def test_a_mode_without_the_custom_flag_is_not_supported():
     assert Ground("charlie").command(176, 0, HOLD) == UNSUPPORTED
 
 
-def test_the_old_set_mode_message_works_too():
+def test_the_old_set_mode_message_is_supported():
     ground = boat()
     ground.send(mavlink.MAVLink_set_mode_message(1, 1, HOLD))
     ground.run(0.1)
     assert ground.mode_number == HOLD
 
 
-def test_guided_is_refused_while_armed_without_a_position():
+def test_guided_is_rejected_while_armed_without_a_position():
     ground = Ground("charlie")
     ground.sticks = {1: 1500, 3: 1500}
     ground.run(0.5)
@@ -85,7 +85,7 @@ def test_command_int_is_understood_like_command_long():
 
 
 @pytest.mark.parametrize(("number", "result"), [(22, UNSUPPORTED), (183, FAILED), (178, FAILED), (43000, UNSUPPORTED)])
-def test_what_cannot_be_done_is_said(number, result):
+def test_unsupported_or_invalid_commands_get_an_error_result(number, result):
     assert Ground("charlie").command(number) == result
 
 
@@ -108,7 +108,7 @@ def test_an_unknown_message_cannot_be_requested():
     assert Ground("charlie").command(512, 11000) == FAILED
 
 
-def test_water_pressure_is_not_a_boats_message():
+def test_a_boat_sends_no_water_pressure():
     assert Ground("charlie").command(512, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2) == FAILED
 
 
@@ -139,17 +139,17 @@ def test_an_armed_vehicle_does_not_reboot():
 
 
 @pytest.mark.parametrize("number", [176, 400, 511, 512, 246, 520])
-def test_numbers_that_are_none_are_survived(number):
+def test_nan_and_infinity_in_commands_are_rejected(number):
     assert Ground("charlie").command(number, float("nan"), float("inf")) in (DENIED, UNSUPPORTED, FAILED)
 
 
-def test_a_command_for_somebody_else_is_not_answered():
+def test_a_command_for_another_vehicle_gets_no_reply():
     ground = Ground("charlie")
     ground.send(mavlink.MAVLink_command_long_message(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
     assert not [m for m in ground.run(0.2) if m.get_type() == "COMMAND_ACK"]
 
 
-def test_another_stations_order_is_obeyed_and_acknowledged_at_its_own_port_only():
+def test_a_command_of_another_station_is_obeyed_and_acknowledged_only_at_its_port():
     ground = boat(mode=GUIDED)
     station = mavlink.MAVLink(None, srcSystem=200, srcComponent=190)
     order = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, HOLD, 0, 0, 0, 0, 0)

@@ -58,7 +58,7 @@ def test_only_the_hot_motor_weakens_and_recovers_when_it_rests() -> None:
     assert derating.weaken(0.1, [1900.0, 1500.0])[0] == 1900.0
 
 
-def test_a_battery_weakens_all_motors_by_the_square_of_its_voltage() -> None:
+def test_battery_sag_reduces_all_thrust_by_the_square_of_the_voltage() -> None:
     derating = Derating(MotorDrive((1, 2), 400.0, 1.0), {}, BATTERY)
     for _ in range(50):
         one, other = derating.weaken(0.1, [1900.0, 1100.0])
@@ -68,7 +68,7 @@ def test_a_battery_weakens_all_motors_by_the_square_of_its_voltage() -> None:
 
 
 @pytest.mark.parametrize("like", ["blueboat", "charlie", "bluerov2", "ies-rov"])
-def test_losses_of_zero_change_nothing_and_are_off_by_default(tmp_path: Path, like: str) -> None:
+def test_derating_without_losses_has_no_effect_and_is_off_by_default(tmp_path: Path, like: str) -> None:
     pulses = [1700, 1600, 1800, 1450, 1500, 1500, 1500, 1500]
     nothing = craft(tmp_path, like, heat={**HEAT, "loss": 0.0}, battery={**BATTERY, "resistance": 0.0})
     assert nothing.derating is not None
@@ -77,7 +77,7 @@ def test_losses_of_zero_change_nothing_and_are_off_by_default(tmp_path: Path, li
 
 
 @pytest.mark.parametrize("headings", [{"heat": HEAT}, {"battery": BATTERY}])
-def test_a_boat_at_full_throttle_slows_down(tmp_path: Path, headings: dict[str, dict[str, float]]) -> None:
+def test_a_boat_at_full_throttle_slows_down_by_derating(tmp_path: Path, headings: dict[str, dict[str, float]]) -> None:
     full = [1900, 1500, 1900, 1500, 1500, 1500, 1500, 1500]
     weak, plain = speeds(craft(tmp_path, **headings), full, 90.0), speeds(Craft(load_vehicle("blueboat")), full, 90.0)
     assert weak[-1] < 0.97 * plain[-1]

@@ -1,4 +1,4 @@
-"""The seam for hidden effects: nothing is lost on it, and every side of it is connected."""
+"""The interface for hidden effects: a neutral effect changes nothing, and every hook is called."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from sitl import HiddenEffect
 from tests.sitl.ground import boat, rov
 
 
-def test_an_effect_that_alters_nothing_changes_no_bit():
+def test_a_neutral_effect_changes_no_bit():
     plain, with_effect = boat(), boat(effects=[HiddenEffect()])
     for ground in (plain, with_effect):
         ground.sticks = {1: 1700, 3: 1800}

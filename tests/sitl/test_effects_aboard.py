@@ -1,4 +1,4 @@
-"""Hidden effects on a vehicle, seen from behind the wire."""
+"""Hidden effects on a vehicle, seen over the link."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def turning(ground, seconds=8.0, *, stick=1700, throttle=1500):
 
 
 @pytest.mark.parametrize("slug", [s for s in EFFECTS if s not in NEED_SWAY])
-def test_every_effect_that_makes_sense_aboard_flies(slug):
+def test_every_applicable_effect_runs_on_a_vehicle(slug):
     kind = EFFECTS[slug]
     values = {p.name: NUMBERS.get(p.name, 0.3) for p in kind.parameters}
     ground = rov(effects=[make_effect(slug, PLACES.get(slug, ""), values)])
@@ -43,13 +43,13 @@ def test_every_effect_that_makes_sense_aboard_flies(slug):
 
 
 @pytest.mark.parametrize("slug", NEED_SWAY)
-def test_effects_that_need_sway_are_refused_aboard(slug):
+def test_effects_that_need_sway_are_rejected_on_a_vehicle_without_it(slug):
     with pytest.raises(BadEffect, match="needs a hull with sway"):
         Ground("automarine", effects=[make_effect(slug)])
     assert EFFECTS[slug].on_vehicles.startswith("no")
 
 
-def test_a_dead_zone_swallows_small_sticks_on_its_axis_alone():
+def test_a_dead_zone_blocks_small_inputs_only_on_its_axis():
     dead = rov(effects=hidden("dead-zone.width=0.3"))
     turning(dead, stick=1560, throttle=1560)
     assert dead.servos[:4] != [1500] * 4
@@ -61,7 +61,7 @@ def test_a_dead_zone_swallows_small_sticks_on_its_axis_alone():
     assert dead.vehicle.state.u == pytest.approx(plain.vehicle.state.u)
 
 
-def test_an_effect_can_be_put_on_another_axis():
+def test_an_effect_can_be_applied_to_another_axis():
     dead = rov(effects=hidden("dead-zone@throttle.width=0.3"))
     turning(dead, stick=1560, throttle=1560)
     assert dead.vehicle.state.u == 0.0
@@ -75,7 +75,7 @@ def test_a_mass_change_is_scaled_once_and_not_every_tick():
         assert ground.vehicle.plant.axis(axis).alpha == 2.0 * plain.vehicle.plant.axis(axis).alpha
 
 
-def test_added_drag_slows_the_turn_of_a_boat_whose_drag_goes_with_its_propeller():
+def test_added_drag_slows_the_turn_of_a_boat_with_propeller_dependent_drag():
     assert turning(boat(effects=hidden("linear-drag.coefficient=10")), throttle=1800) < 0.5 * turning(
         boat(), throttle=1800
     )
@@ -84,8 +84,8 @@ def test_added_drag_slows_the_turn_of_a_boat_whose_drag_goes_with_its_propeller(
 def test_a_current_moves_the_craft_and_shows_in_velocity_over_ground():
     ground = boat(armed=False, effects=hidden("steady-current.V_x=0.4,V_y=-0.2"))
     turning(ground, 10.0)
-    told = ground.last("LOCAL_POSITION_NED")
-    assert (told.vx, told.vy) == pytest.approx((0.4, -0.2), abs=0.1)
+    reported = ground.last("LOCAL_POSITION_NED")
+    assert (reported.vx, reported.vy) == pytest.approx((0.4, -0.2), abs=0.1)
     body = ground.vehicle.state
     assert (body.x, body.y) == pytest.approx((0.4 * ground.t, -0.2 * ground.t), rel=0.02)
 
@@ -96,7 +96,7 @@ def test_the_wind_turns_the_bow():
     assert ground.vehicle.state.psi == pytest.approx(2.0, abs=0.1)
 
 
-def test_waves_go_with_the_seed_of_the_vehicle():
+def test_waves_follow_the_seed_of_the_vehicle():
     def heading(seed):
         waves = hidden("wave-disturbance.amplitude=0.3,frequency=2,bandwidth=0.1")
         ground = rov(armed=False, effects=waves, seed=seed)
@@ -106,7 +106,7 @@ def test_waves_go_with_the_seed_of_the_vehicle():
     assert heading(1) == heading(1) != heading(2)
 
 
-def test_the_compass_deviates_and_the_craft_does_not():
+def test_a_compass_deviation_does_not_change_the_motion():
     ground = rov(armed=False, effects=hidden("compass-deviation.B=0.3,C=0.2"))
     turning(ground, 1.0)
     psi = ground.vehicle.state.psi
@@ -114,16 +114,16 @@ def test_the_compass_deviates_and_the_craft_does_not():
     assert off == pytest.approx(0.3 * math.sin(psi) + 0.2 * math.cos(psi), abs=0.05)
 
 
-def test_a_receiver_ahead_of_the_middle_swings_round_it():
+def test_a_gps_antenna_ahead_of_the_centre_moves_around_it():
     ground = boat(effects=hidden("sensor-position@x+y.x_P=5"))
     turning(ground, 8.0, throttle=1600)
-    body, told = ground.vehicle.state, ground.last("LOCAL_POSITION_NED")
+    body, reported = ground.vehicle.state, ground.last("LOCAL_POSITION_NED")
     assert abs(body.psi) > 0.3
-    assert told.x - body.x == pytest.approx(5.0 * math.cos(body.psi), abs=0.5)
-    assert told.y - body.y == pytest.approx(5.0 * math.sin(body.psi), abs=0.5)
+    assert reported.x - body.x == pytest.approx(5.0 * math.cos(body.psi), abs=0.5)
+    assert reported.y - body.y == pytest.approx(5.0 * math.sin(body.psi), abs=0.5)
 
 
-def test_a_late_heading_is_that_of_a_while_ago():
+def test_a_delayed_heading_is_an_earlier_one():
     ground = rov(effects=hidden("measurement-delay@psi.delay=1"))
     turning(ground, 3.0)
     then = ground.vehicle.state.psi
@@ -132,7 +132,7 @@ def test_a_late_heading_is_that_of_a_while_ago():
     assert abs(behind) < 0.1 < ground.vehicle.state.psi - then
 
 
-def test_a_wrong_clock_scales_the_stamps_and_nothing_else():
+def test_a_wrong_clock_scales_only_the_stamps():
     wrong, right = rov(effects=hidden("time-scale.factor=1.1")), rov()
     for ground in (wrong, right):
         turning(ground, 5.0)
@@ -150,20 +150,20 @@ def test_servo_reports_stamped_early_make_the_motion_seem_late():
 
 
 @pytest.mark.parametrize("craft", [rov, boat])
-def test_steering_told_with_the_wrong_sign_is_mirrored_in_the_report_alone(craft):
+def test_steering_reported_with_the_wrong_sign_is_mirrored_only_in_the_report(craft):
     wrong, right = craft(effects=hidden("sign-error@steering")), craft()
     for ground in (wrong, right):
         turning(ground, 5.0, throttle=1600)
     assert wrong.vehicle.state.r == right.vehicle.state.r
-    told, meant = wrong.last("SERVO_OUTPUT_RAW"), right.last("SERVO_OUTPUT_RAW")
+    reported, meant = wrong.last("SERVO_OUTPUT_RAW"), right.last("SERVO_OUTPUT_RAW")
     read = right.vehicle.actuators.read
-    pulses = [[getattr(m, f"servo{n}_raw") for n in range(1, 9)] for m in (told, meant)]
+    pulses = [[getattr(m, f"servo{n}_raw") for n in range(1, 9)] for m in (reported, meant)]
     assert read(pulses[0])["N"] == pytest.approx(-read(pulses[1])["N"], abs=2e-3)
     assert read(pulses[1])["N"] > 0.1
     assert read(pulses[0])["X"] == pytest.approx(read(pulses[1])["X"], abs=2e-3)
 
 
-def test_told_columns_can_have_the_wrong_unit_sign_or_label():
+def test_reported_signals_can_have_the_wrong_unit_sign_or_label():
     right = rov()
     degrees = rov(effects=hidden("unit-error@r.factor=57.2958"))
     turned = rov(effects=hidden("sign-error@psi"))
@@ -175,11 +175,11 @@ def test_told_columns_can_have_the_wrong_unit_sign_or_label():
     assert degrees.last("ATTITUDE").yawspeed == pytest.approx(57.2958 * attitude.yawspeed, rel=1e-6)
     assert degrees.last("ATTITUDE").yaw == attitude.yaw
     assert turned.last("ATTITUDE").yaw == pytest.approx(-attitude.yaw)
-    told = swapped.last("LOCAL_POSITION_NED")
-    assert (told.x, told.y) == pytest.approx((place.y, place.x))
-    told, meant = swapped.last("GLOBAL_POSITION_INT"), right.last("GLOBAL_POSITION_INT")
+    reported = swapped.last("LOCAL_POSITION_NED")
+    assert (reported.x, reported.y) == pytest.approx((place.y, place.x))
+    reported, meant = swapped.last("GLOBAL_POSITION_INT"), right.last("GLOBAL_POSITION_INT")
     east = (meant.lon * 1e-7 - 8.7640) * math.cos(math.radians(44.4250))
-    assert told.lat * 1e-7 - 44.4250 == pytest.approx(east, abs=1e-7)
+    assert reported.lat * 1e-7 - 44.4250 == pytest.approx(east, abs=1e-7)
     fast = knots.last("LOCAL_POSITION_NED")
     # the noise of the speed sideways is not multiplied
     assert math.hypot(fast.vx, fast.vy) == pytest.approx(1.94384 * math.hypot(place.vx, place.vy), rel=1e-3)

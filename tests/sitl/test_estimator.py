@@ -1,4 +1,4 @@
-"""What the autopilot estimates from its instruments, and how their failures reach it."""
+"""The estimates of the autopilot from its instruments, and the effect of their failures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _gps(north: float, speed: float = 0.0) -> tuple[float, ...]:
     return (north, 0.0, 0.0, speed, 0.0, 0.0)
 
 
-def test_without_instruments_the_reading_stays_as_it_is() -> None:
+def test_without_instruments_the_reading_is_unchanged() -> None:
     reading = SensorReading(psi=0.1, r=0.2, u=0.3, v=0.4, x=0.5, y=0.6, z=0.7)
     Estimator({}, State()).update(1.0, reading)
     assert (reading.psi, reading.r, reading.u, reading.v) == (0.1, 0.2, 0.3, 0.4)

@@ -45,14 +45,14 @@ def test_a_negative_expiry_time_and_a_failsafe_that_is_off_keep_the_last_overrid
     [({**WITH_RECEIVER, "RC_OVERRIDE_TIME": 0}, 1700), ({**WITH_RECEIVER, "RC_OPTIONS": 2}, 1700), ({}, 900)],
     ids=["no expiry time", "overrides ignored", "throttle below the failsafe value"],
 )
-def test_overrides_that_are_disabled_or_count_as_lost_drive_nothing(parameters, throttle):
+def test_disabled_or_lost_overrides_have_no_effect(parameters, throttle):
     ground = boat(parameters=parameters)
     ground.sticks = {1: 1700, 3: throttle}
     ground.run(1.0)
     assert ground.servos[0] == 1500
 
 
-def test_a_released_channel_goes_back_to_the_receiver():
+def test_a_released_channel_returns_to_the_receiver():
     ground = _driving(**WITH_RECEIVER)
     ground.sticks = {1: 0, 3: 1700}
     ground.run(0.1)
@@ -85,7 +85,7 @@ def test_without_a_receiver_a_boat_holds_two_seconds_after_the_last_override():
     assert ground.last("HEARTBEAT").system_status == 5
 
 
-def test_the_failsafe_clears_when_sticks_come_back_and_the_mode_stays():
+def test_the_failsafe_clears_when_sticks_return_and_the_mode_stays():
     ground = _driving()
     ground.sticks = None
     ground.run(3.0)
@@ -106,7 +106,7 @@ def test_released_without_a_receiver_a_channel_keeps_its_last_value_until_the_fa
     assert ground.servos[0] == 1500
 
 
-def test_the_radio_failsafe_acts_in_guided_too():
+def test_the_radio_failsafe_acts_in_guided():
     ground = boat(mode=GUIDED)
     ground.sticks = None
     ground.hold_heading(0.6)
@@ -115,14 +115,14 @@ def test_the_radio_failsafe_acts_in_guided_too():
 
 
 @pytest.mark.parametrize(("action", "mode", "armed"), [(0, MANUAL, True), (2, HOLD, True), (5, MANUAL, False)])
-def test_the_failsafe_action_is_the_owners_choice(action, mode, armed):
+def test_the_failsafe_action_follows_its_parameter(action, mode, armed):
     ground = _driving(FS_ACTION=action)
     ground.sticks = None
     ground.run(3.0)
     assert (ground.mode_number, ground.armed) == (mode, armed)
 
 
-def test_a_receiver_lost_under_way_is_a_radio_failsafe():
+def test_a_receiver_lost_while_driving_triggers_the_radio_failsafe():
     ground = boat(parameters=WITH_RECEIVER)
     ground.sticks = None
     ground.run(2.0)
@@ -131,7 +131,7 @@ def test_a_receiver_lost_under_way_is_a_radio_failsafe():
     assert ground.mode_number == HOLD
 
 
-def test_the_ground_station_failsafe_holds_after_timeout_and_delay_under_a_misleading_name():
+def test_the_ground_station_failsafe_holds_after_timeout_and_delay_as_radio_failsafe():
     ground = _driving(**WITH_RECEIVER, FS_GCS_ENABLE=1)
     ground.sticks, ground._heartbeats = None, False
     assert _time_until(ground, lambda: ground.mode_number == HOLD) == pytest.approx(6.6 - 0.1, abs=0.15)
@@ -142,20 +142,20 @@ def test_the_ground_station_failsafe_holds_after_timeout_and_delay_under_a_misle
 @pytest.mark.parametrize(
     ("parameters", "sticks"), [(WITH_RECEIVER, None), ({"FS_GCS_ENABLE": 1}, DRIVING)], ids=["off", "sticks alone"]
 )
-def test_a_ground_station_that_is_silent_by_default_or_moves_sticks_is_not_missed(parameters, sticks):
+def test_a_silent_ground_station_triggers_no_failsafe_by_default_or_while_moving_sticks(parameters, sticks):
     ground = _driving(**parameters)
     ground.sticks, ground._heartbeats = sticks, False
     ground.run(15.0)
     assert ground.mode_number == MANUAL
 
 
-def test_a_ground_station_never_heard_is_not_missed():
+def test_a_ground_station_never_received_triggers_no_failsafe():
     ground = Ground("charlie", heartbeats=False, parameters={**WITH_RECEIVER, "FS_GCS_ENABLE": 1})
     ground.run(15.0)
     assert ground.mode_number == MANUAL
 
 
-def test_a_rov_disarms_when_its_pilot_is_lost():
+def test_an_rov_disarms_when_its_pilot_is_lost():
     ground = rov()
     ground.sticks = None
     assert _time_until(ground, lambda: not ground.armed) == pytest.approx(3.1, abs=0.25)
@@ -164,7 +164,7 @@ def test_a_rov_disarms_when_its_pilot_is_lost():
     assert set(ground.servos[:6]) == {1500}
 
 
-def test_a_rovs_pilot_failsafe_may_only_warn_and_centre_the_sticks():
+def test_the_pilot_failsafe_of_an_rov_can_be_limited_to_a_warning_and_neutral_sticks():
     ground = rov(parameters={"FS_PILOT_INPUT": 1})
     ground.sticks = {4: 1800, 3: 1500}
     ground.run(1.0)
@@ -174,7 +174,7 @@ def test_a_rovs_pilot_failsafe_may_only_warn_and_centre_the_sticks():
     assert set(ground.servos[:6]) == {1500}
 
 
-def test_with_a_receiver_a_rovs_sticks_just_go_back_to_neutral():
+def test_with_a_receiver_the_sticks_of_an_rov_return_to_neutral():
     ground = rov(parameters=WITH_RECEIVER)
     ground.sticks = {4: 1800}
     ground.run(1.0)
@@ -185,7 +185,7 @@ def test_with_a_receiver_a_rovs_sticks_just_go_back_to_neutral():
 
 
 @pytest.mark.parametrize(("action", "armed", "mode"), [(0, True, 19), (1, True, 19), (2, False, 19), (3, True, 2)])
-def test_a_rov_acts_on_a_lost_ground_station_as_told(action, armed, mode):
+def test_an_rov_acts_on_a_lost_ground_station_by_its_parameter(action, armed, mode):
     ground = rov(parameters={**WITH_RECEIVER, "FS_GCS_ENABLE": action})
     ground.sticks, ground._heartbeats = None, False
     ground.run(6.5)
@@ -213,13 +213,13 @@ def test_a_low_battery_is_acted_on_after_its_timer(action, mode, armed):
     assert any(text.startswith("Battery 1 is low") for text in ground.texts())
 
 
-def test_a_rov_with_a_low_battery_disarms_when_told_to():
+def test_an_rov_with_a_low_battery_disarms_by_its_parameter():
     ground = rov(parameters={"BATT_LOW_VOLT": 13, "BATT_LOW_TIMER": 1, "BATT_FS_LOW_ACT": 2}, armed=False)
     assert ground.command(400, 1) == 4
     assert ground.command(400, 1, 21196) == 0
 
 
-def test_a_boat_nobody_talks_to_ends_in_hold():
+def test_a_boat_without_messages_enters_hold():
     ground = Ground("charlie", heartbeats=False)
     ground.run(3.0)
     assert ground.mode_number == HOLD

@@ -1,4 +1,4 @@
-"""The process as a user starts it: over UDP, TCP and a serial pair, against the wall clock."""
+"""The process as started by a user: over UDP, TCP and a serial pair, in real time."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _serial() -> Iterator[_Wire]:
 
 
 @pytest.mark.parametrize("link", [_udp, _tcp, _serial])
-def test_it_answers_over_every_link(link):
+def test_the_simulator_responds_over_every_link(link):
     with link() as wire:
         assert _knock(wire).type == 11
         wire.send(mavlink.MAVLink_param_request_read_message(1, 1, b"WP_SPEED", -1))
@@ -114,7 +114,7 @@ def test_it_answers_over_every_link(link):
         assert (answer.param_id, answer.param_value) == ("WP_SPEED", pytest.approx(1.2))
 
 
-def test_it_can_call_a_listening_ground_station_itself():
+def test_the_simulator_can_connect_to_a_listening_ground_station():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
         end.bind(("127.0.0.1", 0))
         address = f"udpout:127.0.0.1:{end.getsockname()[1]}"
@@ -194,7 +194,7 @@ def test_running_free_agrees_with_lockstep_within_the_stated_tolerance():
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_ends_it_cleanly_and_quietly(stop):
+def test_an_interrupt_ends_the_process_cleanly_and_silently(stop):
     port = _free_port(socket.SOCK_DGRAM)
     with _process("charlie", "--listen", f"udp:127.0.0.1:{port}") as process:
         process.send_signal(stop)
@@ -202,7 +202,7 @@ def test_an_interrupt_ends_it_cleanly_and_quietly(stop):
         assert process.stderr and process.stderr.read() == b""
 
 
-def test_a_client_that_leaves_makes_room_for_the_next():
+def test_after_a_client_leaves_the_next_can_connect():
     link = TcpLink("127.0.0.1", 0)
     port = link._server.getsockname()[1]
     for greeting in (b"one", b"two"):
@@ -224,7 +224,7 @@ def _until(read: Callable[[], bytes]) -> bytes:
     raise AssertionError("nothing came")
 
 
-def test_a_client_that_does_not_read_stops_nothing():
+def test_a_client_that_does_not_read_blocks_nothing():
     link = TcpLink("127.0.0.1", 0)
     with socket.create_connection(link._server.getsockname()):
         link.read()
@@ -236,7 +236,7 @@ def test_a_client_that_does_not_read_stops_nothing():
     link.close()
 
 
-def test_datagrams_go_to_whoever_spoke_last():
+def test_datagrams_go_to_the_last_sender():
     link = UdpLink("127.0.0.1", 0)
     link.write(b"to nobody yet")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
@@ -262,12 +262,12 @@ def test_datagrams_go_to_whoever_spoke_last():
         "usb:1",
     ],
 )
-def test_an_address_that_is_none_is_explained(address):
+def test_an_invalid_address_is_explained(address):
     with pytest.raises(AddressError, match=r"is not|starts with"):
         open_link(address)
 
 
-def test_a_host_or_device_that_is_not_there_is_explained():
+def test_a_missing_host_or_device_is_explained():
     with pytest.raises(CannotListen, match="Check the address"):
         open_link("udp:192.0.2.1:14550")
     with pytest.raises(CannotListen, match="Check that it exists"):
@@ -284,7 +284,7 @@ class _Wall:
         self.t += seconds
 
 
-def test_the_pacer_sleeps_a_speedups_share():
+def test_the_pacer_sleeps_in_proportion_to_the_speedup():
     wall = _Wall()
     pacer = Pacer(10.0, wall=lambda: wall.t, sleep=wall.sleep)
     pacer.wait_until(5.0)
@@ -292,7 +292,7 @@ def test_the_pacer_sleeps_a_speedups_share():
     assert pacer.now() == pytest.approx(5.0)
 
 
-def test_a_pacer_far_behind_lets_time_slip():
+def test_a_pacer_far_behind_skips_time():
     wall = _Wall()
     pacer = Pacer(1.0, wall=lambda: wall.t, sleep=wall.sleep)
     wall.t += 60.0
@@ -315,7 +315,7 @@ class _Loopback:
         pass
 
 
-def test_the_free_loop_sends_what_lockstep_would_send():
+def test_the_free_running_loop_sends_the_same_as_lockstep():
     wall, link = _Wall(), _Loopback()
     pacer = Pacer(10.0, wall=lambda: wall.t, sleep=wall.sleep)
     serve_free_running(sitl.open_vehicle("falcon", seed=5), link, pacer, until=3.0)

@@ -1,4 +1,4 @@
-"""Nothing that arrives may harm it."""
+"""No input may crash the simulator."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _all_of(message: Any) -> dict[str, str]:
     }
 
 
-def test_every_message_is_packed_and_read_as_pymavlink_does_it():
+def test_every_message_is_packed_and_read_as_by_pymavlink():
     assert len(mavlink.mavlink_map) > 200
     rng, theirs, ours = random.Random(3), mavlink.MAVLink(None, 7, 9), Packer(7, 9)
     for cls in mavlink.mavlink_map.values():
@@ -117,15 +117,15 @@ def test_every_message_is_packed_and_read_as_pymavlink_does_it():
         for fields in (values, blank):
             frame = bytes(cls(**fields).pack(theirs))
             assert dialect.pack(cls(**fields), theirs) == ours.pack(cls(**fields)) == frame
-            told = _all_of(mavlink.MAVLink(None).decode(bytearray(frame)))
+            reported = _all_of(mavlink.MAVLink(None).decode(bytearray(frame)))
             (heard,) = dialect.parse(mavlink.MAVLink(None), frame)
             (read,) = Framer().feed(frame)
-            assert _all_of(heard) == _all_of(read.message) == told
+            assert _all_of(heard) == _all_of(read.message) == reported
             assert bytes(read.message.get_msgbuf()) == read.raw == frame
             theirs.seq = (theirs.seq + 1) % 256
 
 
-def test_the_simulator_reads_a_damaged_stream_as_pymavlink_does():
+def test_the_simulator_reads_a_damaged_stream_like_pymavlink():
     mav, rng, read = mavlink.MAVLink(None, 255, 190), random.Random(5), []
     for _ in range(40):
         sent = [mavlink.MAVLink_timesync_message(0, n) for n in range(6)]
@@ -136,8 +136,8 @@ def test_the_simulator_reads_a_damaged_stream_as_pymavlink_does():
         theirs.robust_parsing = ours.robust_parsing = True
         for at in range(0, len(data), 50):
             piece = bytes(data[at : at + 50])
-            told = theirs.parse_buffer(piece) or []
-            read += [_all_of(message)["type"] for message in told]
-            assert [_all_of(m) for m in dialect.parse(ours, piece)] == [_all_of(m) for m in told]
+            reported = theirs.parse_buffer(piece) or []
+            read += [_all_of(message)["type"] for message in reported]
+            assert [_all_of(m) for m in dialect.parse(ours, piece)] == [_all_of(m) for m in reported]
     assert read.count("TIMESYNC") > 100
     assert read.count("BAD_DATA") > 10

@@ -1,4 +1,4 @@
-"""Two independent writings of the same physics and the same wiring must agree: the tuner's and the simulator's."""
+"""Two independent implementations of physics and wiring must agree: the tuner's and the simulator's."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _model(name: str, dof: str) -> SingleDof:
 
 
 @pytest.mark.parametrize(("name", "dof"), CASES)
-def test_a_switched_force_moves_both_alike(name, dof):
+def test_a_switched_force_moves_both_models_the_same_way(name, dof):
     model = _model(name, dof)
     authority = load_vehicle(name).tables[dof]["authority"]["value"]
     body = load_vehicle(name).make_plant()
@@ -48,7 +48,7 @@ def test_a_switched_force_moves_both_alike(name, dof):
 
 
 @pytest.mark.parametrize(("name", "dof"), CASES)
-def test_both_settle_at_the_same_velocity(name, dof):
+def test_both_models_settle_at_the_same_velocity(name, dof):
     model = _model(name, dof)
     force = 0.5 * load_vehicle(name).tables[dof]["authority"]["value"]
     body = load_vehicle(name).make_plant()
@@ -134,11 +134,11 @@ TILTING = [
     for force in "KM"
     if frame != "rov-4-fore-aft" and any(getattr(motor, force) for motor in FRAMES[frame])
 ]
-"""Frames that roll or pitch by their thrusters, without (e), whose vertical thrusters ArduSub cannot tell apart."""
+"""Frames that roll or pitch by their thrusters, without (e), whose vertical thrusters ArduSub cannot distinguish."""
 
 
 @pytest.mark.parametrize(("frame", "force"), TILTING)
-def test_a_tilting_demand_tilts_a_frame_that_way_and_pushes_it_nowhere(frame, force):
+def test_a_roll_or_pitch_demand_gives_only_that_moment(frame, force):
     config, demand = FRAME_CONFIGS[frame], {"K": "roll", "M": "pitch"}[force]
     outputs = motor_outputs(config, **{demand: 0.4})
     wrench = {

@@ -1,4 +1,4 @@
-"""Each instrument alone, and what a vehicle with instruments sends."""
+"""Each instrument alone, and the messages of a vehicle with instruments."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ def test_every_instrument_measures_at_its_own_rate_and_reports_late(heading: str
 
 
 @pytest.mark.parametrize("heading", INSTRUMENTS)
-def test_failures_come_as_often_and_last_as_long_as_the_file_says(heading: str) -> None:
+def test_failures_have_the_frequency_and_duration_of_the_file(heading: str) -> None:
     numbers = {"rate": 5.0, "lost_every": 6.0, "lost_for": 4.0}
     valid = [sample.valid for sample in _measured(INSTRUMENTS[heading](numbers, 3), 300.0)]
     assert statistics.mean(valid) == pytest.approx(0.6, abs=0.12)
     assert all(sample.valid for sample in _measured(INSTRUMENTS[heading]({"rate": 5.0}, 3), 10.0))
 
 
-def test_an_accelerometer_off_the_centre_feels_the_turn() -> None:
+def test_an_off_centre_accelerometer_measures_the_turn() -> None:
     imu = INSTRUMENTS["imu"]({"rate": 10.0, "x": 0.5, "bias_y": 0.1, "gyro_bias_z": 0.01}, 1)
     sample = _measured(imu, 0.2, rates=(0.0, 0.0, 2.0), turning=(0.0, 0.0, 1.0))[-1]
     assert sample.values == pytest.approx((-0.5 * 2.0**2, 0.5 * 1.0 + 0.1, -GRAVITY, 0.0, 0.0, 2.01))
 
 
-def test_a_doppler_log_off_the_centre_measures_the_turn_as_sideways_speed() -> None:
+def test_an_off_centre_dvl_measures_the_turn_as_sway() -> None:
     east = quaternion_of(0.0, 0.0, math.pi / 2)
     dvl = INSTRUMENTS["dvl"]({"rate": 5.0, "x": 0.4}, 1)
     sample = _measured(dvl, 0.2, attitude=east, velocity=(0.0, 1.5, 0.0), rates=(0.0, 0.0, 0.5))[-1]
@@ -66,7 +66,7 @@ def test_gps_measures_its_antenna_and_has_no_fix_below_the_surface() -> None:
     assert not _measured(INSTRUMENTS["gps"]({"rate": 5.0, "z": -0.5}, 1), 0.2, position=(0.0, 0.0, 1.0))[-1].valid
 
 
-def test_a_reflected_signal_displaces_the_position_for_its_time_and_by_another_amount_each_time() -> None:
+def test_a_reflected_gps_signal_displaces_the_position_by_varying_amounts() -> None:
     numbers = {"rate": 5.0, "jump_every": 10.0, "jump_for": 5.0, "jump": 3.0}
     places = [round(sample.values[0], 6) for sample in _measured(INSTRUMENTS["gps"](numbers, 2), 300.0)]
     assert 0.5 < places.count(0.0) / len(places) < 0.8
@@ -118,7 +118,7 @@ def test_a_craft_at_rest_sends_gravity_its_heading_and_its_place() -> None:
     assert gps.lat / 1e7 == pytest.approx(44.4250, abs=2e-5)
 
 
-def test_a_vehicle_moves_by_its_hull_and_knows_only_what_its_instruments_measure() -> None:
+def test_instruments_affect_the_estimates_but_not_the_motion() -> None:
     def flown(name: str) -> tuple[object, float]:
         ground = Ground(name)
         ground.run(4.0)

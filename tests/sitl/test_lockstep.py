@@ -1,4 +1,4 @@
-"""Decision record 1, held from the vehicle's side, over a real pipe."""
+"""Decision record 1 from the side of the vehicle, over a real pipe."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def _script(name: str, seconds: float = 12.0) -> bytes:
         sticks = [side, 65535, 1800, 65535] if boat else [65535, 65535, 1500, side]
         if k < 45:
             sticks = [1500] * 4
-        said = mavlink.MAVLink_rc_channels_override_message(1, 1, *sticks, *[65535] * 4).pack(mav)
+        reported = mavlink.MAVLink_rc_channels_override_message(1, 1, *sticks, *[65535] * 4).pack(mav)
         if k % 10 == 0:
-            said += mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mav)
+            reported += mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mav)
         if k == 42:
             for number, parameters in ((511, (30, 1e5)), (176, (1, 0 if boat else 19)), (400, (1,))):
                 seven = [*parameters, *[0.0] * (7 - len(parameters))]
-                said += mavlink.MAVLink_command_long_message(1, 1, number, 0, *seven).pack(mav)
-        requests += HEAD.pack(round(0.1 * (k + 1), 9), len(said)) + said
+                reported += mavlink.MAVLink_command_long_message(1, 1, number, 0, *seven).pack(mav)
+        requests += HEAD.pack(round(0.1 * (k + 1), 9), len(reported)) + reported
     return bytes(requests)
 
 
@@ -72,27 +72,27 @@ def test_same_seed_and_same_requests_give_the_same_replies_to_the_last_bit(name)
     assert abs(server.vehicle.state.r) > 0.01
 
 
-def test_every_request_is_answered_with_the_time_reached():
+def test_every_reply_contains_the_time_reached():
     replies = _replies(_run_process("charlie", _script("charlie", 2.0)))
     assert [reached for reached, _ in replies] == [pytest.approx(0.1 * (k + 1)) for k in range(20)]
 
 
-def test_a_grant_of_no_time_is_answered_with_nothing():
+def test_a_grant_of_zero_time_gets_an_empty_reply():
     assert _replies(_run_process("charlie", HEAD.pack(0.0, 0))) == [(0.0, b"")]
 
 
 @pytest.mark.parametrize("grant", [-1.0, math.nan, math.inf])
-def test_a_grant_that_is_no_time_ahead_moves_nothing(grant):
+def test_a_grant_that_is_not_in_the_future_has_no_effect(grant):
     requests = HEAD.pack(0.5, 0) + HEAD.pack(grant, 0)
     assert _replies(_run_process("charlie", requests))[1] == (0.5, b"")
 
 
 @pytest.mark.parametrize("ending", [b"", b"\0\0\0", HEAD.pack(1.0, 50) + b"short"])
-def test_the_end_of_its_input_ends_it(ending):
+def test_the_end_of_input_ends_the_process(ending):
     assert len(_replies(_run_process("charlie", HEAD.pack(0.1, 0) + ending))) == 1
 
 
-def test_an_interrupt_is_left_to_the_other_end_and_a_termination_obeyed():
+def test_an_interrupt_is_ignored_and_a_termination_is_obeyed():
     command = [sys.executable, "-m", "sitl", "charlie", "--lockstep"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT) as process:
         assert process.stdin and process.stdout
@@ -107,7 +107,7 @@ def test_an_interrupt_is_left_to_the_other_end_and_a_termination_obeyed():
         assert process.wait(10) == 0
 
 
-def test_how_the_time_is_cut_into_grants_does_not_matter():
+def test_the_result_does_not_depend_on_the_size_of_grants():
     coarse, fine = sitl.open_vehicle("falcon", seed=3), sitl.open_vehicle("falcon", seed=3)
     whole = coarse.advance_to(3.0)
     pieces = b"".join(fine.advance_to(0.013 * k) for k in range(1, 230)) + fine.advance_to(3.0)

@@ -1,4 +1,4 @@
-"""The loop of each firmware runs as often as that of the real one, and nothing else depends on that."""
+"""The loop of each firmware runs at the real rate, and nothing else depends on it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_fastest_telemetry_follows_the_loop() -> None:
     assert {b - a for a, b in itertools.pairwise(stamps)} == {5}
 
 
-def test_a_sensor_draws_new_noise_as_often_whatever_the_loop_rate() -> None:
+def test_sensor_noise_changes_at_the_same_rate_for_every_loop_rate() -> None:
     for rate in (50.0, 400.0):
         vehicle = sitl.open_vehicle("bluerov2", seed=3, parameters={"SCHED_LOOP_RATE": rate}).vehicle
         drawn = set()
@@ -63,7 +63,7 @@ def test_sticks_are_read_50_times_a_second_at_every_loop_rate() -> None:
     assert read_at[0] % 20 == 0
 
 
-def test_a_heading_step_is_the_same_craft_at_every_loop_rate() -> None:
+def test_a_heading_step_is_the_same_at_every_loop_rate() -> None:
     """The loop is quicker, the hull is not: without a link the first half second of full thrust turns it as far."""
     turned = []
     for rate in (50.0, 400.0):

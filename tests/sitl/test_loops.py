@@ -1,4 +1,4 @@
-"""The blocks the control loops are built of."""
+"""The building blocks of the control loops."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_the_gyro_filter_passes_half_the_power_at_its_cutoff():
 
 @pytest.mark.parametrize("cutoff", [4.0, 20.0, 60.0])
 @pytest.mark.parametrize("dt", [0.02, 0.0025])
-def test_the_gyro_filter_is_as_late_as_the_autopilots_whatever_the_loop_rate(cutoff, dt):
+def test_the_gyro_filter_has_the_delay_of_the_autopilot_at_every_loop_rate(cutoff, dt):
     low_pass = TwoPoleLowPass()
     for k in range(round(1.0 / dt) + 1):
         out = low_pass.apply(3.0 * k * dt, cutoff, dt)
@@ -103,14 +103,14 @@ def test_the_gyro_filter_is_the_same_filter_at_every_loop_rate():
         assert out == pytest.approx(wanted, abs=1e-9)
 
 
-def test_the_gyro_filter_starts_where_it_is_and_can_be_off():
+def test_the_gyro_filter_starts_at_its_input_and_can_be_disabled():
     low_pass = TwoPoleLowPass()
     assert low_pass.apply(3.0, 4.0, DT) == pytest.approx(3.0)
     assert low_pass.apply(3.0, 4.0, DT) == pytest.approx(3.0)
     assert low_pass.apply(7.0, 0.0, DT) == 7.0
 
 
-def test_the_square_root_law_is_linear_near_and_can_always_brake():
+def test_the_square_root_law_is_linear_near_zero_and_can_always_brake():
     assert sqrt_controller(0.01, 6.0, 2.0, DT) == pytest.approx(0.06)
     far = sqrt_controller(1.0, 6.0, 2.0, DT)
     assert far == pytest.approx(math.sqrt(2 * 2.0 * (1.0 - 2.0 / 72)))
@@ -147,7 +147,7 @@ def test_the_heading_law_is_proportional_then_limited_by_the_braking_rate():
     assert steering.rate_for_heading(3.0) == pytest.approx(math.sqrt(2 * 3.0 * math.radians(90)))
 
 
-def test_the_wanted_rate_is_slewed_and_limited():
+def test_the_target_rate_is_slewed_and_limited():
     steering = RoverSteering(_rover(ATC_STR_ACC_MAX=100, ATC_STR_RAT_MAX=30), DT)
     steering.run(0, 2.0, 0.0, 1.0, False)
     assert steering.pid.target == pytest.approx(math.radians(100) * DT)
@@ -170,7 +170,7 @@ def test_the_measured_acro_example_is_reproduced():
     assert out == pytest.approx(0.852 + 0.006, abs=1e-3)
 
 
-def test_a_loop_not_run_for_200_ms_starts_anew():
+def test_a_loop_not_run_for_200_ms_is_reset():
     steering = RoverSteering(_rover(), DT)
     for k in range(50):
         steering.run(20 * k, 0.5, 0.0, 2.0, False)
@@ -179,12 +179,12 @@ def test_a_loop_not_run_for_200_ms_starts_anew():
     assert steering.pid.integrator == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_speed_loop_is_led_by_the_cruise_pair():
+def test_the_speed_loop_uses_the_cruise_pair_as_feed_forward():
     speed = RoverSpeedController(_rover(CRUISE_SPEED=1.2, CRUISE_THROTTLE=80, ATC_ACCEL_MAX=0), DT)
     assert speed.run(0, 0.6, 0.6, False) == pytest.approx(0.4)
 
 
-def test_the_wanted_speed_is_slewed_by_atc_accel_max():
+def test_the_target_speed_is_slewed_by_atc_accel_max():
     speed = RoverSpeedController(_rover(ATC_ACCEL_MAX=1.0), DT)
     for k in range(11):
         speed.run(20 * k, 1.2, 0.0, False)

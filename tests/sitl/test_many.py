@@ -77,7 +77,7 @@ def zig_zag_alone(like: str, heading: float) -> tuple[float, float, float]:
     return swung[0] - heading, swung[1] - heading, executes[3] - executes[1]
 
 
-def test_a_spread_of_numbers_is_a_spread_of_zig_zags() -> None:
+def test_a_spread_of_numbers_gives_a_spread_of_zig_zags() -> None:
     found = zig_zags(1, "blueboat", craft=40, heading=math.radians(10.0))
     assert found == zig_zags(1, "blueboat", craft=40, heading=math.radians(10.0))
     assert found["overshoot_1.q05"] < 0.8 * found["overshoot_1.q95"]
@@ -90,21 +90,21 @@ def test_a_craft_with_quick_motors_turns() -> None:
     assert found["steady_diameter.q50"] == pytest.approx(1.202, rel=1e-3)  # so do steps of 1 ms
 
 
-def test_steps_too_long_for_its_motors_are_refused() -> None:
+def test_time_steps_too_long_for_the_motors_are_rejected() -> None:
     plant = Craft(load_vehicle("ies-rov")).plant
     assert isinstance(plant, RigidBody)
     with pytest.raises(ValueError, match=r"diverges with time steps of 0\.05 s\. Use shorter steps"):
         plant.fly_copies(plant.body[None], np.full((20, 4), 0.5), np.zeros((20, 6)), dt=STEP, steps=20)
 
 
-def test_a_spread_of_numbers_is_a_spread_of_circles_and_the_seed_decides() -> None:
+def test_a_spread_of_numbers_gives_a_spread_of_circles_set_by_the_seed() -> None:
     found = circles(1, "blueboat", craft=60, spread=1.5)
     assert found == circles(1, "blueboat", craft=60, spread=1.5)
     assert found != circles(2, "blueboat", craft=60, spread=1.5)
     assert found["diameter.q05"] < 0.8 * found["diameter.q50"] < found["diameter.q95"]
 
 
-def test_a_study_calls_it(tmp_path: Path) -> None:
+def test_a_study_can_run_the_function(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(
         'title = "circles"\ndo = "sitl.many:circles"\nfixed.argument.like = "blueboat"\nfixed.argument.craft = 5\n'
         "vary.argument.steering = [0.2, 0.4]\n"
@@ -114,6 +114,6 @@ def test_a_study_calls_it(tmp_path: Path) -> None:
     assert small > 1.2 * large
 
 
-def test_no_craft_is_refused() -> None:
+def test_zero_craft_are_rejected() -> None:
     with pytest.raises(ValueError, match="at least 1"):
         circles(1, "blueboat", craft=0)

@@ -1,4 +1,4 @@
-"""Missions over MAVLink: what is taken, refused, kept, shown and flown."""
+"""Missions over MAVLink: upload, rejection, storage, telemetry and flight."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _download(ground: Ground) -> list:
     return ground.all("MISSION_ITEM_INT")
 
 
-def test_a_mission_comes_back_as_it_was_sent():
+def test_a_mission_is_downloaded_as_it_was_uploaded():
     ground = boat()
     ground.run(2.0)
     steps = [waypoint(15 + 5j, 3.0), step(CHANGE_SPEED, None, (1, 0.7, -1, 0)), step(LOITER_UNLIMITED, 9j)]
@@ -61,7 +61,7 @@ def test_item_0_is_home_where_the_boat_was_armed():
     assert home.x == pytest.approx(position.lat, abs=30) and home.y == pytest.approx(position.lon, abs=30)
 
 
-def test_an_old_stations_items_are_taken_and_given_too():
+def test_mission_items_of_the_old_message_are_supported_both_ways():
     ground = boat()
     ground.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
     for seq in range(2):
@@ -85,7 +85,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_item_is_refused_and_the_old_mission_stays(name):
+def test_a_bad_item_is_rejected_and_the_old_mission_is_kept(name):
     message, result = BAD[name]
     ground = boat()
     upload(ground, TRIANGLE)
@@ -94,20 +94,20 @@ def test_a_bad_item_is_refused_and_the_old_mission_stays(name):
     assert ground.vehicle.autopilot.mission.items == before
 
 
-def test_a_latitude_beyond_the_pole_is_refused():
+def test_a_latitude_beyond_the_pole_is_rejected():
     ground = boat()
     wrong = item(1, waypoint(9j))
     wrong.x = 910_000_000
     assert send(ground, [item(0, waypoint(0j)), wrong]) == mavlink.MAV_MISSION_INVALID_PARAM5_X
 
 
-def test_a_heading_that_is_not_given_is_allowed_on_a_waypoint():
+def test_a_waypoint_without_a_heading_is_allowed():
     ground = boat()
     free = item(1, (16, 9j, (0.0, 0.0, 0.0, math.nan)))
     assert send(ground, [item(0, waypoint(0j)), free]) == mavlink.MAV_MISSION_ACCEPTED
 
 
-def test_too_many_items_are_refused():
+def test_too_many_items_are_rejected():
     ground = boat()
     ground.send(mavlink.MAVLink_mission_count_message(1, 1, 5000, 0))
     ground.run(0.1)
@@ -115,7 +115,7 @@ def test_too_many_items_are_refused():
     assert "Only 724 items are supported" in ground.texts()
 
 
-def test_an_item_out_of_turn_is_refused_and_the_upload_goes_on():
+def test_an_item_out_of_sequence_is_rejected_and_the_upload_continues():
     ground = boat()
     ground.send(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
     ground.run(0.1)
@@ -128,7 +128,7 @@ def test_an_item_out_of_turn_is_refused_and_the_upload_goes_on():
     assert ground.last("MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
 
 
-def test_an_upload_that_is_interrupted_leaves_the_old_mission():
+def test_an_interrupted_upload_keeps_the_old_mission():
     ground = boat()
     upload(ground, TRIANGLE)
     before = ground.vehicle.autopilot.mission.items
@@ -143,7 +143,7 @@ def test_an_upload_that_is_interrupted_leaves_the_old_mission():
     assert ground.vehicle.autopilot.mission.items == before
 
 
-def test_another_station_is_denied_while_one_uploads():
+def test_another_station_is_denied_during_an_upload():
     ground = boat()
     ground.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
     ground.run(0.1)
@@ -160,7 +160,7 @@ def test_another_station_is_denied_while_one_uploads():
     assert len(ground.all("MISSION_ACK")) == 3
 
 
-def test_a_mission_is_cleared_unless_it_is_under_way():
+def test_a_mission_is_cleared_unless_it_is_running():
     ground = sailing(TRIANGLE)
     ground.run(1.0)
     ground.send(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
@@ -182,7 +182,7 @@ def test_a_mission_survives_a_reboot():
     assert ground.vehicle.autopilot.mission.items == before
 
 
-def test_auto_without_a_mission_is_refused():
+def test_auto_without_a_mission_is_rejected():
     ground = boat()
     assert ground.mode(AUTO) == mavlink.MAV_RESULT_FAILED
     assert ground.mode_number == MANUAL
@@ -210,7 +210,7 @@ def test_the_corner_is_rounded_without_stopping():
     assert speed(ground) > 0.9
 
 
-def test_telemetry_shows_the_way():
+def test_telemetry_shows_target_and_distance():
     ground = sailing([waypoint(40 + 0j)])
     ground.run(6.0)
     way, target = ground.last("NAV_CONTROLLER_OUTPUT"), ground.last("POSITION_TARGET_GLOBAL_INT")
@@ -234,17 +234,17 @@ def test_the_cross_track_error_is_positive_to_port():
     assert ground.last("NAV_CONTROLLER_OUTPUT").xtrack_error < -3.0
 
 
-def test_a_wait_at_a_waypoint_is_waited_for():
+def test_a_delay_at_a_waypoint_is_observed():
     ground = sailing([waypoint(12 + 0j, 5.0), waypoint(0j)])
     reached = run_until_reached(ground, 1)
     assert "Reached waypoint #1. Loiter for 5 seconds" in ground.texts()
-    said = next(k for k, m in enumerate(ground.heard) if "Loiter for 5" in getattr(m, "text", ""))
-    arrived = next(m.time_boot_ms for m in reversed(ground.heard[:said]) if m.get_type() == "ATTITUDE")
+    reported = next(k for k, m in enumerate(ground.heard) if "Loiter for 5" in getattr(m, "text", ""))
+    arrived = next(m.time_boot_ms for m in reversed(ground.heard[:reported]) if m.get_type() == "ATTITUDE")
     assert reached - arrived / 1000.0 == pytest.approx(5.0, abs=1.0)
 
 
 @pytest.mark.parametrize("command", [LOITER_UNLIMITED, LOITER_TIME])
-def test_a_boat_loiters_for_as_long_as_it_is_told(command):
+def test_a_boat_loiters_for_the_commanded_time(command):
     ground = sailing([step(command, 12 + 0j, (4.0, 0.0, 0.0, 0.0)), waypoint(0j)])
     ground.run(60.0)
     if command == LOITER_TIME:
@@ -268,13 +268,13 @@ def test_the_speed_changes_between_two_waypoints():
     assert speed(ground) == pytest.approx(0.6, abs=0.08)
 
 
-def test_a_first_command_for_the_speed_does_nothing_to_a_boat_that_waits():
+def test_a_speed_command_before_the_first_waypoint_has_no_effect():
     ground = sailing([step(CHANGE_SPEED, None, (1.0, 0.6, -1.0, 0.0)), waypoint(60 + 0j)])
     ground.run(15.0)
     assert speed(ground) == pytest.approx(1.2, abs=0.1)
 
 
-def test_the_station_changes_the_speed_on_the_way():
+def test_the_station_changes_the_speed_during_a_mission():
     ground = sailing([waypoint(90 + 0j)])
     ground.run(15.0)
     assert ground.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, 0.7) == mavlink.MAV_RESULT_ACCEPTED
@@ -283,7 +283,7 @@ def test_the_station_changes_the_speed_on_the_way():
     assert ground.command(mavlink.MAV_CMD_DO_CHANGE_SPEED, 1, -1.0) == mavlink.MAV_RESULT_FAILED
 
 
-def test_a_throttle_stick_beyond_the_speed_limit_hurries():
+def test_a_throttle_stick_above_the_speed_limit_raises_the_speed():
     ground = sailing([waypoint(100 + 0j)], parameters={"WP_SPEED": 0.8})
     ground.run(15.0)
     assert speed(ground) == pytest.approx(0.8, abs=0.06)
@@ -315,7 +315,7 @@ def test_a_skip_is_confirmed_with_the_number_that_was_sent():
     assert ground.last("MISSION_CURRENT").seq == 3
 
 
-def test_the_mission_goes_on_where_it_was_left():
+def test_the_mission_resumes_where_it_was_interrupted():
     ground = sailing(TRIANGLE)
     run_until_reached(ground, 1)
     ground.run(3.0)
@@ -326,7 +326,7 @@ def test_the_mission_goes_on_where_it_was_left():
     assert ground.last("MISSION_CURRENT").seq == 2
 
 
-def test_the_mission_starts_again_where_its_owner_wants_that():
+def test_the_mission_restarts_if_so_configured():
     ground = sailing(TRIANGLE, parameters={"MIS_RESTART": 1})
     run_until_reached(ground, 1)
     ground.mode(HOLD)
@@ -335,7 +335,7 @@ def test_the_mission_starts_again_where_its_owner_wants_that():
     assert ground.last("MISSION_CURRENT").seq == 1
 
 
-def test_a_disarmed_boat_outside_auto_starts_its_mission_again():
+def test_a_boat_disarmed_outside_auto_restarts_its_mission():
     ground = sailing(TRIANGLE)
     run_until_reached(ground, 1)
     ground.mode(HOLD)
@@ -344,7 +344,7 @@ def test_a_disarmed_boat_outside_auto_starts_its_mission_again():
     assert ground.last("MISSION_CURRENT").seq == 0
 
 
-def test_a_mission_changed_under_way_is_flown_as_it_is_now():
+def test_a_mission_changed_while_running_is_flown_in_its_new_form():
     ground = sailing([waypoint(40 + 0j)])
     ground.run(3.0)
     assert upload(ground, [waypoint(40j)]) == mavlink.MAV_MISSION_ACCEPTED
@@ -355,7 +355,7 @@ def test_a_mission_changed_under_way_is_flown_as_it_is_now():
 
 
 @pytest.mark.parametrize(("behaviour", "mode"), [(0, AUTO), (1, AUTO), (2, 1), (3, MANUAL)])
-def test_what_follows_a_mission_is_the_owners_choice(behaviour, mode):
+def test_the_mode_after_a_mission_follows_its_parameter(behaviour, mode):
     ground = sailing([waypoint(8 + 0j)], parameters={"MIS_DONE_BEHAVE": behaviour})
     run_until_reached(ground, 1)
     ground.run(1.0)
@@ -381,7 +381,7 @@ def test_disarming_ends_every_output():
 
 
 @pytest.mark.parametrize(("action", "mode"), [(0, AUTO), (1, RTL), (2, HOLD), (3, RTL), (4, HOLD)])
-def test_a_lost_radio_ends_the_mission_as_its_owner_wants(action, mode):
+def test_a_lost_radio_ends_the_mission_by_its_parameter(action, mode):
     ground = sailing([waypoint(200 + 0j)], parameters={"FS_ACTION": action})
     ground.run(5.0)
     ground.sticks = None
@@ -390,7 +390,7 @@ def test_a_lost_radio_ends_the_mission_as_its_owner_wants(action, mode):
     assert ground.mode_number == mode and ground.armed
 
 
-def test_a_lost_radio_disarms_where_its_owner_wants_that():
+def test_a_lost_radio_disarms_if_so_configured():
     ground = sailing([waypoint(200 + 0j)], parameters={"FS_ACTION": 5})
     ground.run(5.0)
     ground.sticks = None
@@ -398,7 +398,7 @@ def test_a_lost_radio_disarms_where_its_owner_wants_that():
     assert not ground.armed
 
 
-def test_a_lost_radio_lets_the_mission_continue_where_its_owner_wants_that():
+def test_a_lost_radio_lets_the_mission_continue_if_so_configured():
     ground = sailing([waypoint(200 + 0j)], parameters={"FS_THR_ENABLE": 2})
     ground.run(5.0)
     ground.sticks = None
@@ -407,7 +407,7 @@ def test_a_lost_radio_lets_the_mission_continue_where_its_owner_wants_that():
     assert ground.mode_number == AUTO
 
 
-def test_a_boat_comes_home_and_stays_there_in_a_current():
+def test_a_boat_returns_home_and_stays_there_in_a_current():
     ground = twin(RTL_SPEED=1.0)
     ground.vehicle.state.x += 25.0
     ground.vehicle.plant.water.V_y = 0.2

@@ -1,4 +1,4 @@
-"""Model files flown instead of a vehicle's own hull, against the tuner's own simulation of the same numbers."""
+"""Model files flown instead of the hull of a vehicle, against the tuner's simulation of the same numbers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def written(tmp_path, form, values, applied=(), **more):
     return path, base
 
 
-def test_a_yaw_model_replaces_the_yaw_of_a_vehicle_alone(tmp_path):
+def test_a_yaw_model_replaces_only_the_yaw_of_a_vehicle(tmp_path):
     path, _ = written(tmp_path, YAW, YAW_VALUES, constants={"swing": {"N": 3.0}})
     ground, plain = rov(model=read_model(path)), rov()
     axis = ground.vehicle.plant.axis("yaw")
@@ -45,7 +45,7 @@ def test_a_yaw_model_replaces_the_yaw_of_a_vehicle_alone(tmp_path):
     assert ground.vehicle.actuators.full["surge"] == plain.vehicle.actuators.full["surge"]
 
 
-def test_a_model_of_one_axis_is_flown_as_the_derivatives_it_stands_for(tmp_path):
+def test_a_model_of_one_axis_is_flown_with_its_derivatives(tmp_path):
     path = tmp_path / "model.json"
     path.write_text(json.dumps(SingleDof("yaw", "1", 2.0, 1.5, 0.5, delta=0.05, delay=0.2).to_dict()), encoding="utf-8")
     flown = read_model(path)
@@ -72,7 +72,7 @@ def test_without_a_largest_command_full_output_is_one_unit(tmp_path):
     assert rov(model=read_model(path)).vehicle.actuators.full["yaw"] == 1.0
 
 
-def test_effects_come_with_the_model_and_their_inputs_become_shares(tmp_path):
+def test_effects_of_the_model_are_included_with_normalised_inputs(tmp_path):
     effects = [
         EffectInstance("dead-zone", "N", {"width": 0.6}, {"swing": 3.0}),
         EffectInstance("input-bias", "yaw", {"bias": 0.3}),
@@ -90,7 +90,7 @@ def test_effects_come_with_the_model_and_their_inputs_become_shares(tmp_path):
     assert wrench.N == pytest.approx(0.3)
 
 
-def test_a_sensor_that_the_model_knows_off_the_centre_is_an_effect_of_the_vehicle(tmp_path):
+def test_an_off_centre_sensor_of_the_model_is_an_effect_of_the_vehicle(tmp_path):
     path, _ = written(tmp_path, YAW.fixing({"x_P": 0.4, "y_P": 0.0}), {**YAW_VALUES, "x_P": 0.4, "y_P": 0.0})
     (effect,) = rov(model=read_model(path)).vehicle.effects
     assert (effect.slug, effect["x_P"], effect["y_P"]) == ("sensor-position", 0.4, 0.0)
@@ -114,7 +114,7 @@ def test_a_coupled_plane_moves_as_the_tuner_predicts(tmp_path):
     assert abs(body.v) > 0.05
 
 
-def test_thrust_and_rudder_of_a_coupled_ship_come_along(tmp_path):
+def test_thrust_and_rudder_of_a_coupled_ship_are_included(tmp_path):
     form = FORMS["rudder"]
     values = dict.fromkeys(form.parameters, 0.0)
     values.update(form.known)
@@ -128,7 +128,7 @@ def test_thrust_and_rudder_of_a_coupled_ship_come_along(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "reason"),
     [
         ({"model": "nomoto"}, "model: invalid value 'nomoto'"),
         ({"base": {}}, "is not a model file: base: missing entry 'form'"),
@@ -137,21 +137,21 @@ def test_thrust_and_rudder_of_a_coupled_ship_come_along(tmp_path):
         ({"effects": [{"slug": "coriolis-coupling", "place": "", "values": {"X_vr": 1.0}}]}, "needs a hull with sway"),
     ],
 )
-def test_a_model_that_cannot_be_flown_is_explained_in_one_line(tmp_path, change, said, capsys):
+def test_a_model_that_cannot_be_flown_is_explained_in_one_line(tmp_path, change, reason, capsys):
     path, _ = written(tmp_path, YAW, YAW_VALUES, **change)
     assert main(["automarine", "--model", str(path)]) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert reason in error
     assert error.count("\n") == 1
 
 
-def test_a_model_the_vehicle_has_no_axis_for_is_explained(tmp_path):
+def test_a_model_without_a_matching_axis_is_explained(tmp_path):
     form = Form("heave", "heave", ("heave",), ("Z_wdot", "Z_w"), {}, {"Z": (("Z", 1.0),)}, coriolis=False)
     path, _ = written(tmp_path, form, {"Z_wdot": -5.0, "Z_w": -2.0})
     with pytest.raises(BadModel, match="has heave, which this vehicle does not have"):
         boat(model=read_model(path))
 
 
-def test_no_file_is_explained(tmp_path, capsys):
+def test_a_missing_file_is_explained(tmp_path, capsys):
     assert main(["automarine", "--model", str(tmp_path / "none.json")]) == 2
     assert "not a model file" in capsys.readouterr().err

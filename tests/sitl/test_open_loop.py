@@ -1,4 +1,4 @@
-"""The tank: a bare hull against closed solutions, and the file its crew writes."""
+"""The open-loop simulator: a bare hull against closed-form solutions, and the file it writes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def turning(time_constant, **more):
 
 
 @pytest.mark.parametrize("time_constant", [0.1, 1.0, 20.0])
-def test_a_step_of_moment_turns_the_hull_as_the_closed_solution_says(time_constant):
+def test_a_step_of_moment_turns_the_hull_as_the_closed_form_solution(time_constant):
     run = open_loop(turning(time_constant), {"N": [(0.0, 0.5)]}, duration=20.0, interval=0.1, measured=("psi", "r"))
     t, T = run["t"], time_constant
     assert len(t) == 200
@@ -32,7 +32,7 @@ def test_a_step_of_moment_turns_the_hull_as_the_closed_solution_says(time_consta
     assert np.max(np.abs(run["psi"] - 0.5 * (t - T * (1.0 - np.exp(-t / T))))) < 1e-4
 
 
-def test_all_degrees_of_freedom_move_as_an_adaptive_integrator_says():
+def test_all_degrees_of_freedom_agree_with_an_adaptive_integrator():
     forces = {"X": 4.0, "Y": -2.0, "Z": 1.0, "N": 1.5}
     commands = {name: [(0.0, value), (6.0, -value)] for name, value in forces.items()}
     run = open_loop(FULL, commands, duration=12.0, interval=0.2, measured=("x", "y", "z", "psi", "u", "v", "w", "r"))
@@ -66,7 +66,7 @@ def test_a_rudder_turns_the_hull_by_its_gain():
     assert run["r"][-1] == pytest.approx(0.3, rel=1e-4)
 
 
-def test_commands_are_held_from_stamp_to_stamp_and_written_as_given():
+def test_commands_are_held_between_stamps_and_written_unchanged():
     values = np.where(np.arange(50) % 10 < 5, 1.0, -1.0)
     run = open_loop(turning(0.5), {"N": values}, duration=5.0, interval=0.1, measured=("r",))
     assert np.array_equal(run["N"], values)
@@ -82,7 +82,7 @@ def test_nothing_is_commanded_before_the_first_step():
     assert run["r"][11] > 0.0
 
 
-def test_noise_is_white_of_the_given_size_and_follows_the_seed():
+def test_noise_is_white_with_the_set_size_and_follows_the_seed():
     def fly(seed):
         return open_loop(
             turning(1.0), {"N": [(0.0, 0.0)]}, duration=100.0, interval=0.1, measured=("psi", "r"),
@@ -96,7 +96,7 @@ def test_noise_is_white_of_the_given_size_and_follows_the_seed():
     assert not np.array_equal(run["psi"], fly(2)["psi"])
 
 
-def test_stamps_can_be_uneven_and_the_motion_is_that_of_the_stamps():
+def test_stamps_can_be_uneven_and_the_motion_matches_them():
     run = open_loop(turning(1.0), {"N": [(0.0, 1.0)]}, duration=10.0, interval=0.1, measured=("r",), stamps_jitter=0.04)
     gaps = np.diff(run["t"])
     assert gaps.min() < 0.08 and gaps.max() > 0.12 and gaps.min() > 0.0
@@ -104,7 +104,7 @@ def test_stamps_can_be_uneven_and_the_motion_is_that_of_the_stamps():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "reason"),
     [
         ({"commands": {"X": [(0.0, 1.0)]}}, "no input 'X'"),
         ({"measured": ("U",)}, "'U' cannot be measured"),
@@ -113,13 +113,13 @@ def test_stamps_can_be_uneven_and_the_motion_is_that_of_the_stamps():
         ({"commands": {"N": [1.0, 2.0, 3.0]}}, "100 values"),
     ],
 )
-def test_a_run_that_cannot_be_is_refused(change, said):
+def test_an_impossible_run_is_rejected(change, reason):
     usual = {"commands": {"N": [(0.0, 1.0)]}, "duration": 10.0, "interval": 0.1, "measured": ("r",)}
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=reason):
         open_loop(turning(1.0), **{**usual, **change})
 
 
-def test_effects_that_do_nothing_leave_the_file_as_it_is():
+def test_neutral_effects_leave_the_file_unchanged():
     usual = {"duration": 20.0, "interval": 0.1, "measured": ("psi", "r")}
     commands = {"N": [(0.0, 1.0), (7.0, -1.0)]}
     plain = open_loop(FULL, commands, **usual)
@@ -144,7 +144,7 @@ def test_the_same_effect_object_flies_again_from_the_start():
     assert np.array_equal(first["r"], second["r"])
 
 
-def test_a_hull_that_only_turns_keeps_the_way_it_begins_with():
+def test_a_hull_that_only_turns_keeps_its_initial_speed():
     run = open_loop(
         turning(1.0), {"N": [(0.0, 0.5)]}, duration=10.0, interval=0.1, measured=("x", "r"), initial={"u": 1.0}
     )

@@ -38,7 +38,7 @@ def test_the_list_is_complete_counted_and_in_order(name):
 
 
 @pytest.mark.parametrize(("name", "firmware"), [("charlie", "ardurover"), ("falcon", "ardusub")])
-def test_every_parameter_the_tuner_names_is_there(name, firmware):
+def test_every_parameter_used_by_the_tuner_exists(name, firmware):
     known = {m.param_id for m in _ask_all(Ground(name))}
     profile = FIRMWARE[firmware]
     for axis in profile.axes.values():
@@ -51,7 +51,7 @@ def test_every_parameter_the_tuner_names_is_there(name, firmware):
     assert channels | servos <= known
 
 
-def test_one_is_read_by_name_and_by_index_alike():
+def test_a_parameter_is_read_by_name_or_index():
     ground = Ground("charlie")
     (by_name,) = _read(ground, "ATC_STR_ANG_P")
     (by_index,) = _read(ground, index=by_name.param_index)
@@ -61,11 +61,11 @@ def test_one_is_read_by_name_and_by_index_alike():
 
 
 @pytest.mark.parametrize(("name", "index"), [("NO_SUCH_PARAM", -1), ("", 30000), ("", -2)])
-def test_an_unknown_parameter_meets_silence(name, index):
+def test_reading_an_unknown_parameter_gets_no_reply(name, index):
     assert _read(Ground("charlie"), name, index) == []
 
 
-def test_an_unknown_name_written_meets_silence():
+def test_writing_an_unknown_parameter_gets_no_reply():
     assert _write(Ground("charlie"), "NO_SUCH_PARAM", 1.0) == []
 
 
@@ -94,26 +94,26 @@ def test_a_value_out_of_its_documented_range_is_accepted():
         ("ARMING_CHECK", 3e9, 2147483648.0),
     ],
 )
-def test_an_integer_parameter_keeps_what_its_type_holds(name, written, stored):
+def test_an_integer_parameter_is_stored_within_its_type(name, written, stored):
     (echo,) = _write(Ground("charlie"), name, written)
     assert echo.param_value == stored
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_value_that_is_no_number_is_ignored(value):
+def test_a_nan_value_is_ignored(value):
     ground = Ground("charlie")
     assert _write(ground, "ATC_STR_RAT_P", value) == []
     assert _read(ground, "ATC_STR_RAT_P")[0].param_value == pytest.approx(0.2)
 
 
-def test_a_read_only_parameter_is_refused_in_words_and_echoes_its_old_value():
+def test_a_write_to_a_read_only_parameter_is_rejected_and_echoes_its_old_value():
     ground = Ground("charlie")
     (echo,) = _write(ground, "SCHED_LOOP_RATE", 400.0)
     assert echo.param_value == 50.0
     assert "Param write denied (SCHED_LOOP_RATE)" in ground.texts()
 
 
-def test_the_hash_changes_with_a_value_and_comes_back_with_it():
+def test_the_hash_follows_the_parameter_values():
     ground = Ground("charlie")
 
     def check() -> float:
@@ -134,7 +134,7 @@ def test_parameters_are_taken_from_any_system():
     assert _write(ground, "ATC_STR_RAT_P", 0.5)[0].param_value == 0.5
 
 
-def test_what_is_addressed_to_another_vehicle_is_left_alone():
+def test_messages_to_another_vehicle_are_ignored():
     ground = Ground("charlie")
     ground.send(mavlink.MAVLink_param_set_message(7, 1, b"ATC_STR_RAT_P", 0.5, 9))
     ground.send(mavlink.MAVLink_param_set_message(1, 154, b"ATC_STR_RAT_P", 0.5, 9))
@@ -148,7 +148,7 @@ def test_a_new_system_id_takes_effect_at_once():
     assert ground.last("HEARTBEAT").get_srcSystem() == 9
 
 
-def test_a_pushed_gain_changes_the_motion():
+def test_a_written_gain_changes_the_motion():
     headings = []
     for gain in (0.5, 3.0):
         ground = boat(mode=15)
@@ -159,7 +159,7 @@ def test_a_pushed_gain_changes_the_motion():
     assert headings[1] - headings[0] > 0.05
 
 
-def test_a_parameter_set_before_boot_is_there():
+def test_a_parameter_set_before_boot_is_stored():
     assert _read(Ground("charlie", parameters={"WP_SPEED": 1.0}), "WP_SPEED")[0].param_value == 1.0
 
 

@@ -1,4 +1,4 @@
-"""The protocol between a simulated body and what pushes it: actuators, effects, sensors."""
+"""The protocol between a simulated body and its actuators, effects and sensors."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def pushed(craft: Craft, seconds: float = 5.0) -> float:
     return craft.plant.state.u
 
 
-def test_another_plant_is_pushed_by_a_vehicles_own_actuators():
+def test_the_actuators_of_a_vehicle_drive_another_plant():
     thrust = load_vehicle("blueboat").make_actuators().full["surge"]
     assert pushed(sled()) == pytest.approx(5.0 * thrust / 20.0)
 
@@ -61,7 +61,7 @@ def test_effects_change_the_parameters_and_the_wrench_of_another_plant():
     assert pushed(sled(make_effect("input-bias", "surge", {"bias": 0.1}))) == pytest.approx(1.1 * plain)
 
 
-def test_a_change_of_mass_acts_on_every_degree_of_freedom_of_its_place():
+def test_a_mass_change_acts_on_every_listed_degree_of_freedom():
     def speed(*place: str) -> float:
         effects = [make_effect("mass-change", where, {"ratio": 2.0, "time": 0.0}) for where in place]
         craft = Craft(load_vehicle("blueboat"), effects=effects)
@@ -79,7 +79,7 @@ def test_sensors_read_another_plant():
     assert reading.u == pytest.approx(1.5, abs=10.0 * data.sensors.speed_noise)
 
 
-def test_a_model_and_a_plant_of_ones_own_exclude_each_other():
+def test_a_model_and_a_user_plant_exclude_each_other():
     with pytest.raises(BadModel, match="either plant or model"):
         Craft(load_vehicle("blueboat"), plant=Sled(), model=FlownModel({}, {}, {}, (), None))
 
@@ -131,6 +131,6 @@ def test_the_specific_force_adds_up_to_the_velocity_over_ground(sways):
     assert velocity == pytest.approx([c * u - s * v, s * u + c * v, body.state.w], abs=1e-9)
 
 
-def test_at_rest_the_specific_force_is_that_of_gravity_alone():
+def test_at_rest_the_specific_force_is_only_gravity():
     body = hull(sways=False)
     assert body.specific_force() == (0.0, 0.0, -GRAVITY)

@@ -39,7 +39,7 @@ def forces(rows, nu, command, rudders=None, angle=0.0) -> np.ndarray:
 
 @pytest.mark.parametrize("command", [0.7, -0.7])
 @pytest.mark.parametrize("u", [0.0, 0.8, -0.5])
-def test_a_thruster_follows_the_bilinear_law_with_its_two_directions(command, u):
+def test_a_thruster_follows_the_bilinear_law_in_both_directions(command, u):
     """Miskovic2010, (2.4), (2.5), (2.8)."""
     n, way = 20.0 * command, "ahead" if command > 0.0 else "astern"
     expected = (LAW[f"a_{way}"] * abs(n) + LAW[f"b_{way}"]) * n - LAW[f"advance_{way}"] * abs(n) * (1.0 - 0.2) * u
@@ -63,7 +63,7 @@ def test_four_thrusters_with_arms_give_the_printed_wrench():
     assert forces(rows, (0.0,) * 6, np.sqrt(F)) == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_propeller_by_its_advance_number_has_k_t_and_k_q():
+def test_a_propeller_has_k_t_and_k_q_by_its_advance_number():
     """Gomes2003, (12), (16), (17)."""
     values = {"density": 1000.0, "diameter": 0.2, "K_T0": 0.4, "K_TJ": -0.35, "K_Q0": 0.05, "K_QJ": -0.03}
     rows = propeller_rows({"full_n": 12.0}, values, {})
@@ -78,7 +78,7 @@ DC = {"inertia": 0.002, "constant": 0.1, "resistance": 0.5, "voltage": 24.0, "fr
 SHAFT = {"a_ahead": 0.05, "torque": 0.002, "full_n": 30.0}
 
 
-def test_a_dc_motor_spins_up_as_another_integrator_has_it():
+def test_the_spin_up_of_a_dc_motor_agrees_with_another_integrator():
     rows = propeller_rows(SHAFT, {}, DC)
     body = RigidBody({}, propellers=rows)
     body.commands[0] = 0.8
@@ -96,7 +96,7 @@ def test_a_dc_motor_spins_up_as_another_integrator_has_it():
     assert static_thrust(rows[0], 0.8)[1] == pytest.approx(body.rotors[0], rel=1e-3)
 
 
-def test_a_motor_gives_no_more_than_its_voltage_and_its_current():
+def test_a_motor_is_limited_by_its_voltage_and_current():
     rows, limited = (propeller_rows(SHAFT, {}, {**DC, **more}) for more in ({}, {"most_current": 4.0}))
     assert static_thrust(rows[0], 3.0) == static_thrust(rows[0], 1.0)
     n = static_thrust(limited[0], 1.0)[1]
@@ -136,7 +136,7 @@ def test_a_rudder_amidships_damps_sway_and_turning():
     assert rudder_force(0.0, (1.0, 0.2, 0.0, 0.0, 0.0, 0.2), flow=0.0) == pytest.approx(np.zeros(6))
 
 
-def test_a_rudder_in_a_stream_from_astern_acts_the_other_way():
+def test_a_rudder_in_flow_from_astern_acts_in_reverse():
     ahead, astern = (rudder_force(0.2, (0.0,) * 6, command)[5] for command in (1.0, -1.0))
     assert astern == pytest.approx(-ahead)
 
@@ -162,7 +162,7 @@ def test_small_angles_of_charlies_rudders_brake_and_turn_with_n_squared_and_u_sq
 
 @pytest.mark.parametrize("command", [1.0, -1.0])
 @pytest.mark.parametrize(("name", "full"), [("launch", 35.0), ("vectored-boat", 45.0)])
-def test_a_motor_that_turns_with_its_propeller_pushes_along_its_axis(name, full, command):
+def test_a_steered_motor_pushes_along_its_axis(name, full, command):
     """The force of the file's rudder and thruster together: along the motor, T cos delta."""
     tables = load_vehicle(name).tables
     thruster, rudder = ({k: v["value"] for k, v in tables[h].items()} for h in ("thrusters", "rudder"))
@@ -178,7 +178,7 @@ def test_a_motor_that_turns_with_its_propeller_pushes_along_its_axis(name, full,
 
 
 @pytest.mark.parametrize("name", ["launch", "vectored-boat"])
-def test_the_cruise_throttle_of_a_boat_with_a_turned_thrust_is_that_of_its_hull(name):
+def test_the_cruise_throttle_of_a_boat_with_steered_thrust_gives_its_cruise_speed(name):
     data = load_vehicle(name)
     craft = Craft(data)
     craft.begin("0")
@@ -217,7 +217,7 @@ def test_pulses_become_outputs_and_back(name):
 
 
 @pytest.mark.parametrize(("axis", "row"), [("K", 3), ("M", 4), ("N", 5), ("X", 0), ("Y", 1), ("Z", 2)])
-def test_each_axis_of_the_vectored_frame_pushes_where_its_name_says(axis, row):
+def test_each_axis_of_the_vectored_frame_pushes_in_its_own_direction(axis, row):
     craft = Craft(load_vehicle("bluerov2-6dof"))
     craft.actuators.apply({axis: 0.5}, craft.plant.parameters, Wrench())
     craft.plant.rotors[:] = craft.plant.commands
@@ -245,7 +245,7 @@ def test_a_model_does_not_replace_thrusters_with_a_place():
         Craft(load_vehicle("charlie-rudders"), model=FlownModel({}, {}, {}))
 
 
-def test_a_body_whose_mass_contradicts_its_inertia_is_refused(tmp_path: Path):
+def test_a_body_whose_mass_contradicts_its_inertia_is_rejected(tmp_path: Path):
     text = SIX.read_text(encoding="utf-8")
     mine = tmp_path / "mine.toml"
     mine.write_text(text.replace("\n[body]", '\n[body]\nx_G = { value = 3.0, unit = "m", source = "x" }'))
@@ -268,7 +268,7 @@ def test_the_tugboat_floats_and_rights_itself():
     assert (at.phi, at.theta, at.z) == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
 
 
-def test_the_tugboat_does_two_metres_a_second():
+def test_the_tugboat_reaches_two_metres_per_second():
     """Erunsal2017, section 2; before it turns by itself."""
     craft = started("tugboat")
     for k in range(500):
@@ -290,7 +290,7 @@ def test_the_air_drags_the_tugboat_by_its_printed_coefficient():
 
 
 @pytest.mark.parametrize("name", ["bluerov2-standard", "launch", "vectored-boat"])
-def test_a_craft_whose_munk_moment_is_cancelled_keeps_its_course(name):
+def test_a_craft_with_cancelled_munk_moment_keeps_its_course(name):
     craft = started(name)
     at, wrench = craft.plant.state, Wrench()
     craft.actuators.apply({"X": 0.5, "N": 0.0}, craft.plant.parameters, wrench)
@@ -300,6 +300,6 @@ def test_a_craft_whose_munk_moment_is_cancelled_keeps_its_course(name):
     assert at.u > 0.6 and abs(at.r) < 1e-3
 
 
-def test_more_propellers_than_the_kernel_has_room_for_are_refused():
+def test_more_propellers_than_the_kernel_supports_are_rejected():
     with pytest.raises(ValueError, match="at most 16 propellers, not 17"):
         RigidBody({}, propellers=np.zeros((17, kernel.PROPELLER)))

@@ -1,4 +1,4 @@
-"""The experiment the simulator is there for: a relay on the heading must swing it as Miskovic2010's boat swung."""
+"""The main experiment: a relay on the heading must give the limit cycle of the boat of Miskovic2010."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_the_relays_period_is_that_of_the_closed_form(amplitude, hysteresis):
     assert switchings[-1] - switchings[-2] == pytest.approx(2 * half, rel=0.01)
 
 
-def test_the_same_relay_flown_over_mavlink_swings_alike():
+def test_the_same_relay_over_mavlink_gives_the_same_limit_cycle():
     ground = boat()
     ground.stream(30, 10)
     ground.sticks = {1: 1500, 3: FULL_AHEAD}

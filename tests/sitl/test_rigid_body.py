@@ -1,4 +1,4 @@
-"""Six degrees of freedom: what must hold for every body, and an integrator that shares nothing with the simulator's."""
+"""Six degrees of freedom: invariants of every body, and comparison with an independent integrator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NU = st.tuples(*6 * (SPEED,))
 
 @st.composite
 def ballasts(draw):
-    """A mass that is light beside the inertia about the origin, so that the inertia is positive."""
+    """A mass that is small relative to the inertia about the origin, so that the inertia is positive."""
     offset = st.floats(-0.1, 0.1)
     centre, lift = draw(st.tuples(*3 * (offset,))), draw(st.tuples(*3 * (offset,)))
     return Ballast(
@@ -129,7 +129,7 @@ def skew(a) -> np.ndarray:
 
 
 class Written:
-    """Miskovic2010, (2.13) to (2.26), as matrices written out: an implementation of its own."""
+    """Miskovic2010, (2.13) to (2.26), as matrices written out: an independent implementation."""
 
     def __init__(self) -> None:
         self.m, self.r_G, self.r_B = 11.0, np.array([0.03, -0.01, 0.04]), np.array([0.01, 0.0, -0.05])
@@ -182,7 +182,7 @@ def flown(hull: RigidBody, tau: np.ndarray, seconds: float, dt: float) -> RigidB
     return hull
 
 
-def test_the_body_flies_the_printed_matrices_by_angles_under_another_integrator():
+def test_the_body_agrees_with_the_printed_matrices_and_another_integrator():
     written, nu = Written(), [0.8, -0.3, 0.2, 0.5, -0.4, 0.6]
     hull = flown(place(written.ours(), nu, (0.3, -0.4, 1.0)), written.tau, 6.0, 0.002)
     start = np.concatenate([[0.0, 0.0, 50.0, 0.3, -0.4, 1.0], nu])
@@ -191,7 +191,7 @@ def test_the_body_flies_the_printed_matrices_by_angles_under_another_integrator(
     assert [at.x, at.y, at.z, at.phi, at.theta, at.psi, *velocity(hull)] == pytest.approx(end, abs=1e-8)
 
 
-def test_the_body_goes_through_ninety_degrees_of_pitch_like_a_rotation_matrix():
+def test_the_body_passes_ninety_degrees_of_pitch_like_a_rotation_matrix():
     written = Written()
     written.r_B = written.r_G.copy()
     written.tau = np.array([1.0, 0.0, 0.0, 0.0, 2.5, 0.1])
@@ -211,7 +211,7 @@ def test_the_body_goes_through_ninety_degrees_of_pitch_like_a_rotation_matrix():
     assert np.column_stack([rotate(q, axis) for axis in np.eye(3)]) == pytest.approx(end[3:12].reshape(3, 3), abs=1e-7)
 
 
-def test_half_the_step_leaves_a_sixteenth_of_the_error():
+def test_halving_the_time_step_reduces_the_error_sixteenfold():
     written, ends = Written(), []
     for dt in (0.04, 0.02, 0.00125):
         hull = flown(place(written.ours(), [0.8, -0.3, 0.2, 0.5, -0.4, 0.6]), written.tau, 2.0, dt)
@@ -232,7 +232,7 @@ def test_one_degree_of_freedom_is_the_same_body_with_the_others_held():
     assert (hull.state.x, hull.state.z, hull.state.theta) == (0.0, 0.0, 0.0)
 
 
-def test_at_rest_an_accelerometer_feels_gravity_along_the_tilted_axes():
+def test_at_rest_an_accelerometer_measures_gravity_along_the_tilted_axes():
     hull = body(Ballast(10.0))
     hull.state.theta = 0.5
     assert hull.specific_force() == pytest.approx((GRAVITY * math.sin(0.5), 0.0, -GRAVITY * math.cos(0.5)))
@@ -254,7 +254,7 @@ def test_the_specific_force_adds_up_to_the_velocity_over_ground_of_a_tilting_bod
     assert gained == pytest.approx(rotate(after, (at.u, at.v, at.w)), abs=1e-9)
 
 
-def test_copies_of_a_body_fly_in_one_call_as_each_does_alone():
+def test_copies_of_a_body_in_one_call_agree_with_single_runs():
     written = Written()
     start = [0.1, 0.0, 0.0, 0.2, 0.1, -0.3]
     hull, drags, inertias = place(written.ours(), start), 2.0 + np.arange(5.0), np.linspace(1.0, 1.4, 5)
@@ -290,6 +290,6 @@ def test_copies_of_a_vehicle_turn_their_propellers_by_the_commands_of_each_inter
         ({"surge.beta": np.ones(3)}, ((4, 0), (3, 6)), "must have the shapes"),
     ],
 )
-def test_what_does_not_fit_a_batch_is_named(numbers, shapes, words):
+def test_inputs_that_do_not_fit_a_batch_are_reported(numbers, shapes, words):
     with pytest.raises(ValueError, match=words):
         Written().ours().fly_copies(numbers, *(np.zeros(shape) for shape in shapes), dt=0.01, steps=1)

@@ -48,7 +48,7 @@ def test_manual_steering_has_the_measured_map(stick, servo):
         (1300, 1320),
     ],
 )
-def test_manual_throttle_comes_in_steps_of_one_percent(stick, servo):
+def test_manual_throttle_has_steps_of_one_percent(stick, servo):
     assert _steady({1: 1500, 3: stick})[2] == servo
 
 
@@ -62,18 +62,18 @@ def test_throttle_slews_one_hundred_percent_a_second():
     assert ground.servos[2] == 2000
 
 
-def test_slew_rate_zero_means_at_once():
+def test_a_slew_rate_of_zero_disables_the_limit():
     ground = boat(parameters={"MOT_SLEWRATE": 0})
     ground.sticks = {1: 1500, 3: 2000}
     ground.run(0.1)
     assert ground.servos[2] == 2000
 
 
-def test_going_astern_the_steering_stick_is_turned_round():
+def test_steering_is_reversed_when_going_astern():
     assert _steady({1: 1700, 3: 1300})[0] == pytest.approx(1319, abs=1)
 
 
-def test_a_reversed_stick_and_a_reversed_servo_are_obeyed():
+def test_a_reversed_stick_and_a_reversed_servo_are_supported():
     ground = boat(parameters={"RC1_REVERSED": 1, "SERVO3_REVERSED": 1})
     ground.sticks = {1: 1700, 3: 1700}
     ground.run(1.0)
@@ -105,7 +105,7 @@ def test_manual_control_steers_with_y_and_drives_with_z():
     assert ground.servos[2] == 1730
 
 
-def test_manual_control_for_another_vehicle_is_left_alone():
+def test_manual_control_for_another_vehicle_is_ignored():
     ground = boat()
     ground.sticks = None
     ground.manual_control(y=1000, target=3)
@@ -139,7 +139,7 @@ def test_acro_turns_at_the_rate_of_the_stick():
     assert ground.vehicle.state.u == pytest.approx(1.2 / 0.8 * 0.89, abs=0.05)
 
 
-def test_steering_mode_turns_the_way_of_the_stick_and_back():
+def test_steering_mode_turns_in_the_direction_of_the_stick():
     ground = boat(mode=STEERING, parameters={"ATC_STR_RAT_FF": 3})
     ground.sticks = {1: 1600, 3: 1900}
     ground.run(10.0)
@@ -156,7 +156,7 @@ def _guided(**parameters: float) -> Ground:
     return ground
 
 
-def test_guided_follows_a_heading_step_at_the_asked_speed():
+def test_guided_follows_a_heading_step_at_the_target_speed():
     ground = _guided()
     assert ground.vehicle.state.u == pytest.approx(1.2, abs=0.03)
     ground.hold_heading(1.1)
@@ -203,7 +203,7 @@ def test_guided_follows_speeds_and_turn_rates(target, r, u):
         assert ground.vehicle.state.u == pytest.approx(u, abs=0.05)
 
 
-def test_an_acceleration_target_is_not_understood():
+def test_an_acceleration_target_is_ignored():
     ground = boat(mode=GUIDED)
     ground.repeated = lambda: _velocity_target(0b010000000111)
     ground.run(5.0)
@@ -220,7 +220,7 @@ def test_guided_stops_three_seconds_after_the_last_target():
     assert ground.vehicle.state.u < 0.9
 
 
-def test_a_boat_that_loiters_comes_back():
+def test_a_loitering_boat_returns():
     ground = boat(mode=GUIDED)
     ground.run(1.0)
     ground.vehicle.state.x -= 30.0
@@ -254,7 +254,7 @@ def test_above_the_base_speed_the_integral_grows():
     assert ground.vehicle.autopilot.steering.pid.integrator > before + 0.01
 
 
-def test_the_yaw_rate_that_is_shown_lags_by_the_gyro_filter():
+def test_the_reported_yaw_rate_lags_by_the_gyro_filter():
     ground = boat()
     ground.stream(30, 40)
     ground.sticks = {1: 1500, 3: 2000}

@@ -1,4 +1,4 @@
-"""Rover goes to a place and stays at one: GUIDED, LOITER, pivot turns, the position controller's laws."""
+"""Rover goes to a position and holds it: GUIDED, LOITER, pivot turns, the laws of the position controller."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _go_globe(ground: Ground, target: complex, frame: int = mavlink.MAV_FRAME_GL
 
 
 @pytest.mark.parametrize("option", [0, 64])
-def test_guided_goes_to_a_place_and_stays_there(option):
+def test_guided_goes_to_a_position_and_stays_there(option):
     ground = _guided(GUID_OPTIONS=option)
     _go_globe(ground, 25 + 10j)
     run_until_reached(ground, 0)
@@ -48,7 +48,7 @@ def test_guided_goes_to_a_place_and_stays_there(option):
     assert speed(ground) < 0.2 and ground.mode_number == GUIDED
 
 
-def test_a_place_needs_no_repetition():
+def test_a_position_target_needs_no_repetition():
     ground = _guided()
     _go(ground, 40.0, 0.0)
     ground.run(15.0)
@@ -57,7 +57,7 @@ def test_a_place_needs_no_repetition():
 
 
 @pytest.mark.parametrize("frame", [LOCAL, OFFSET, BODY])
-def test_every_frame_of_a_place_is_understood(frame):
+def test_every_frame_of_a_position_target_is_supported(frame):
     ground = _guided()
     ground.vehicle.state.x, ground.vehicle.state.y = 5.0, -3.0
     ground.run(0.2)
@@ -70,7 +70,7 @@ def test_every_frame_of_a_place_is_understood(frame):
     assert (target.lat_int, target.lon_int) == pytest.approx(to_globe(wanted), abs=20)
 
 
-def test_a_place_in_an_unknown_frame_is_left_alone():
+def test_a_position_target_in_an_unknown_frame_is_ignored():
     ground = _guided()
     _go(ground, 20.0, 0.0, mavlink.MAV_FRAME_LOCAL_FRD)
     _go_globe(ground, 20 + 0j, mavlink.MAV_FRAME_LOCAL_NED)
@@ -78,14 +78,14 @@ def test_a_place_in_an_unknown_frame_is_left_alone():
     assert ground.servos[2] == 1500
 
 
-def test_a_place_outside_guided_is_left_alone():
+def test_a_position_target_outside_guided_is_ignored():
     ground = boat(mode=LOITER)
     _go(ground, 20.0, 0.0)
     ground.run(3.0)
     assert ground.servos[2] == 1500
 
 
-def test_a_velocity_after_a_place_takes_over_and_times_out():
+def test_a_velocity_target_replaces_a_position_target_and_times_out():
     ground = _guided()
     _go(ground, 60.0, 0.0)
     ground.run(10.0)
@@ -110,7 +110,7 @@ def test_a_velocity_is_limited_to_wp_speed():
     assert ground.vehicle.state.u == pytest.approx(1.2, abs=0.06)
 
 
-def test_a_boat_that_loiters_drifts_within_its_radius_and_comes_back_in_a_current():
+def test_a_loitering_boat_drifts_within_its_radius_and_returns_in_a_current():
     ground = boat(mode=LOITER, parameters=TUNED)
     ground.run(1.0)
     home = place(ground)
@@ -124,7 +124,7 @@ def test_a_boat_that_loiters_drifts_within_its_radius_and_comes_back_in_a_curren
 
 
 @pytest.mark.parametrize(("kind", "astern"), [(0, True), (1, False), (2, True)])
-def test_the_way_back_is_ahead_or_astern_as_its_owner_wants(kind, astern):
+def test_a_loitering_boat_returns_ahead_or_astern_by_its_parameter(kind, astern):
     ground = boat(mode=LOITER, parameters={**TUNED, "LOIT_TYPE": kind})
     ground.run(1.0)
     ground.vehicle.state.x += 20.0 * math.cos(ground.vehicle.state.psi)
@@ -169,7 +169,7 @@ def test_a_flat_corner_is_rounded_without_a_pivot_turn():
     assert slowest > 0.7
 
 
-def test_no_pivot_turn_where_its_angle_is_zero():
+def test_a_pivot_angle_of_zero_disables_pivot_turns():
     ground = twin(WP_PIVOT_ANGLE=0)
     upload(ground, [waypoint(15 + 0j), waypoint(15 + 20j)])
     ground.mode(AUTO)

@@ -23,7 +23,7 @@ def outputs(throttle: float, steering: float, speed: float = 0.5, **values: floa
     return [(rail.pwm[i] - 1500) / ((high - low) / 2.0) for i in (0, 2)], motors
 
 
-def test_left_and_right_are_sum_and_difference_whatever_the_speed() -> None:
+def test_left_and_right_are_sum_and_difference_at_any_speed() -> None:
     for speed in (0.0, 0.5, 5.0, -1.0):
         pair, motors = outputs(0.4, 0.2, speed)
         assert pair == pytest.approx([0.6, 0.2], abs=2e-3)
@@ -34,19 +34,19 @@ def test_left_and_right_are_sum_and_difference_whatever_the_speed() -> None:
     ("mix", "expected"),
     [(0.5, (1.0, 1.0 - 2.0 * 0.8 / 1.6)), (1.0, (1.0, 1.0 - 2.0 * 0.8)), (0.0, (1.0, 0.6))],
 )
-def test_what_does_not_fit_is_shared_out_by_the_mix(mix: float, expected: tuple[float, float]) -> None:
-    """Throttle 0.8 and steering 0.8 want 1.6: shared fairly, all to the steering, or all to the throttle."""
+def test_saturated_outputs_are_distributed_by_the_mix(mix: float, expected: tuple[float, float]) -> None:
+    """Throttle 0.8 and steering 0.8 need 1.6: distributed evenly, all to the steering, or all to the throttle."""
     pair, motors = outputs(0.8, 0.8, MOT_STR_THR_MIX=mix)
     assert pair == pytest.approx(expected, abs=2e-3)
     assert motors.limit_steer is (mix < 1.0)
 
 
-def test_a_thruster_weaker_astern_is_driven_harder_astern() -> None:
+def test_a_thruster_weaker_astern_gets_more_output_astern() -> None:
     pair, _ = outputs(0.0, 0.3, MOT_THST_ASYM=2.0)
     assert pair == pytest.approx([0.3, -0.6], abs=2e-3)
 
 
-def test_the_throttle_is_lifted_over_the_least_and_bent_then() -> None:
+def test_throttle_is_raised_above_the_minimum_before_the_thrust_curve() -> None:
     pair, _ = outputs(0.25, 0.0, MOT_THR_MIN=10, MOT_THST_EXPO=1.0)
     assert pair == pytest.approx([(0.1 + 0.9 * 0.25) ** 0.5] * 2, abs=2e-3)
 

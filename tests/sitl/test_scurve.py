@@ -59,7 +59,7 @@ def test_a_leg_of_no_length_is_finished_at_once():
 
 @pytest.mark.parametrize("speed", [0.5, 2.0])
 @pytest.mark.parametrize("when", [1.0, 8.0])
-def test_a_new_speed_on_the_way_is_reached_and_the_end_stays(speed, when):
+def test_a_new_speed_during_a_leg_is_reached_and_the_end_is_unchanged(speed, when):
     leg = SCurve(0j, 60 + 0j, BOAT)
     leg.t = when
     leg.set_speed(speed)
@@ -71,7 +71,7 @@ def test_a_new_speed_on_the_way_is_reached_and_the_end_stays(speed, when):
         assert b[2] - a[2] == pytest.approx(0.5 * STEP * (a[1] + b[1]), abs=1e-6)
 
 
-def test_a_leg_that_brakes_takes_no_new_speed():
+def test_a_braking_leg_ignores_a_new_speed():
     leg = SCurve(0j, 20 + 0j, BOAT)
     end, leg.t = leg.end, leg.braking_start + 0.1
     leg.set_speed(3.0)

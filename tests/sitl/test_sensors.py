@@ -24,12 +24,12 @@ def _samples(data: SensorData, count: int, seed: int = 1) -> list[SensorReading]
     return readings
 
 
-def test_without_noise_the_truth_is_read():
+def test_without_noise_the_readings_are_true():
     reading = _samples(QUIET, 1)[0]
     assert (reading.psi, reading.z, reading.r) == (0.6, 2.0, 0.0)
 
 
-def test_the_compass_shows_whole_steps():
+def test_the_compass_reading_is_quantised():
     step = math.radians(2)
     readings = list(_samples(dataclasses.replace(QUIET, heading_quantum=step, heading_noise=0.05), 200))
     assert len({round(reading.psi / step) for reading in readings}) > 2
@@ -52,13 +52,13 @@ def test_noise_is_white():
     assert abs(lagged) < 0.05
 
 
-def test_another_seed_is_another_noise_and_the_same_seed_the_same():
+def test_the_noise_depends_on_the_seed():
     data = dataclasses.replace(QUIET, heading_noise=0.004)
     assert _samples(data, 3, seed=1) == _samples(data, 3, seed=1)
     assert _samples(data, 3, seed=1) != _samples(data, 3, seed=2)
 
 
-def test_one_sensors_noise_does_not_disturb_another():
+def test_the_noise_of_one_sensor_does_not_affect_another():
     with_gyro = dataclasses.replace(QUIET, heading_noise=0.004, gyro_noise=0.1)
     without = dataclasses.replace(QUIET, heading_noise=0.004)
     assert [r.psi for r in _samples(with_gyro, 20)] == [r.psi for r in _samples(without, 20)]
@@ -72,7 +72,7 @@ def test_heading_is_wrapped():
     assert reading.psi == pytest.approx(10.0 - 4 * math.pi)
 
 
-def test_a_rangefinder_tells_the_wall_ahead_once_a_period_and_nothing_when_turned_away() -> None:
+def test_a_rangefinder_measures_a_wall_ahead_once_a_period_and_nothing_when_turned_away() -> None:
     vehicle = load_vehicle("videoray-wall")
     body, finder = vehicle.make_plant(), vehicle.make_rangefinder(1)
     assert finder is not None
@@ -88,7 +88,7 @@ def test_a_rangefinder_tells_the_wall_ahead_once_a_period_and_nothing_when_turne
     assert load_vehicle("videoray").make_rangefinder(1) is None
 
 
-def test_two_rangefinders_tell_the_angle_to_the_wall_by_their_difference() -> None:
+def test_two_rangefinders_give_the_angle_to_the_wall_by_their_difference() -> None:
     vehicle = load_vehicle("videoray-lasers")
     body, finder = vehicle.make_plant(), vehicle.make_rangefinder(1)
     assert finder is not None
@@ -98,7 +98,7 @@ def test_two_rangefinders_tell_the_angle_to_the_wall_by_their_difference() -> No
     assert 0.5 * (port + starboard) * math.cos(math.radians(20.0)) == pytest.approx(2.0, abs=0.02)
 
 
-def test_two_rangefinders_that_look_aside_see_the_wall_obliquely() -> None:
+def test_two_sideways_rangefinders_measure_the_wall_obliquely() -> None:
     vehicle = load_vehicle("videoray-beams")
     body, finder = vehicle.make_plant(), vehicle.make_rangefinder(1)
     assert finder is not None

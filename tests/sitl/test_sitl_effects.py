@@ -1,4 +1,4 @@
-"""Each hidden effect on its own, in the tank, against its law worked out by hand."""
+"""Each hidden effect alone, in the open-loop simulator, against its law derived by hand."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def integrate(slope, start, t):
     return solve_ivp(slope, (t[0], t[-1]), start, t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.05).y
 
 
-def test_there_is_every_effect_of_the_book():
+def test_every_effect_of_the_catalogue_exists():
     assert list(EFFECTS) == SLUGS
 
 
@@ -108,11 +108,11 @@ def test_there_is_every_effect_of_the_book():
         ("asymmetric-thrust", {"ratio": 0.5}, lambda u: np.where(u < 0.0, 0.5 * u, u)),
     ],
 )
-def test_an_actuator_without_memory_bends_its_command(slug, values, law):
+def test_a_static_actuator_nonlinearity_changes_its_command(slug, values, law):
     assert moment(slug, values, RAMP) == pytest.approx(law(RAMP[:-1]), abs=1e-2)
 
 
-def test_a_drifting_gain_fades_with_time_and_never_quite_away():
+def test_a_drifting_gain_falls_with_time_to_a_lower_limit():
     done = moment("gain-drift", {"rate": 0.1}, np.ones(201))
     t = 0.1 * np.arange(1, 201)
     assert done == pytest.approx(np.maximum(1.0 - 0.1 * t, 0.05), abs=1e-2)
@@ -153,7 +153,7 @@ def test_backlash_holds_until_the_gap_is_crossed():
     assert done[51:60] == pytest.approx(0.85, abs=1e-2)
 
 
-def test_steering_goes_with_the_square_of_the_speed_through_the_water():
+def test_steering_is_proportional_to_the_square_of_the_speed():
     hull = Hull(("surge", "yaw"), {"surge": 1e6, "yaw": 0.1}, {"yaw": 1.0})
     for speed in (0.5, 1.0, 2.0):
         run = turn(
@@ -214,7 +214,7 @@ def test_sway_and_yaw_share_damping_and_mass_with_the_sign_of_sname():
     assert run["r"] == pytest.approx(exact[1], abs=2e-4)
 
 
-def test_a_payload_changes_the_inertia_and_not_the_speed():
+def test_a_payload_changes_the_inertia_but_not_the_speed():
     run = turn(SLOW, "mass-change", {"ratio": 2.0, "time": 2.0}, np.ones(100))
     t = run["t"]
     before = 1.0 - np.exp(-np.minimum(t, 2.0) / 3.0)
@@ -255,7 +255,7 @@ def test_a_bias_is_added_in_units_of_the_input():
 
 
 @pytest.mark.parametrize(("place", "shown"), [("", True), ("over ground", True), ("through water", False)])
-def test_a_current_carries_the_hull_and_shows_in_speed_over_ground_alone(place, shown):
+def test_a_current_moves_the_hull_and_appears_only_in_speed_over_ground(place, shown):
     run = plane("steady-current", {"V_x": 0.3, "V_y": -0.2}, place=place)
     still = plane("linear-drag", {"coefficient": 0.0})
     assert run["x"] - still["x"] == pytest.approx(0.3 * run["t"], abs=1e-6)
@@ -265,7 +265,7 @@ def test_a_current_carries_the_hull_and_shows_in_speed_over_ground_alone(place, 
     assert run["v"] - still["v"] == pytest.approx(shown * (-0.2 * c - 0.3 * s), abs=1e-6)
 
 
-def test_the_wind_turns_the_bow_where_it_is_told():
+def test_the_wind_turns_the_bow_to_its_direction():
     run = turn(SLOW, "wind-moment", {"strength": 0.5, "direction": 2.0}, np.zeros(1200))
     assert run["psi"][-1] == pytest.approx(2.0, abs=1e-3)
     first = turn(QUICK, "wind-moment", {"strength": 0.01, "direction": 2.0}, np.zeros(11))
@@ -286,7 +286,7 @@ def waves(interval, count, **values):
 
 
 @pytest.mark.parametrize("interval", [0.02, 0.2])
-def test_waves_have_the_rms_and_the_spectrum_they_are_given(interval):
+def test_waves_have_the_specified_rms_and_spectrum(interval):
     count = 40000
     force = waves(interval, count, bandwidth=0.1)
     assert np.std(force) == pytest.approx(0.3, rel=0.1)
@@ -307,7 +307,7 @@ def test_waves_without_bandwidth_are_one_sinusoid():
     assert left[0] < 1e-20
 
 
-def test_waves_go_with_the_seed():
+def test_waves_follow_the_seed():
     wave = {"amplitude": 0.3, "frequency": 2.0, "bandwidth": 0.1}
     a, b, c = (moment("wave-disturbance", wave, np.zeros(50), seed=seed) for seed in (1, 1, 2))
     assert np.array_equal(a, b)
@@ -323,7 +323,7 @@ def test_a_tether_pulls_the_heading_or_the_depth_back_to_its_anchor():
     )
 
 
-def test_a_tether_on_the_plane_pulls_towards_a_place_on_earth():
+def test_a_horizontal_tether_pulls_towards_its_anchor_position():
     run = plane("tether-pull", {"stiffness": 1.0, "x": 2.0, "y": -1.0}, place="surge+sway", initial={"psi": 0.8})
 
     def slope(t, s):
@@ -359,7 +359,7 @@ def test_a_compass_deviates_with_the_heading(truth):
     assert np.array_equal(run["r"], truth["r"])
 
 
-def test_a_sensor_off_the_centre_shows_the_motion_of_its_own_place_without_the_noise_of_others():
+def test_an_off_centre_sensor_measures_the_motion_of_its_own_position_without_extra_noise():
     files = []
     for effects in ([], [make_effect("sensor-position", "", {"x_P": 0.6, "y_P": -0.2})]):
         usual = {"duration": 20.0, "interval": 0.1, "measured": ("u", "v", "x", "y"), "noise": {"u": 0.01}}
@@ -373,7 +373,7 @@ def test_a_sensor_off_the_centre_shows_the_motion_of_its_own_place_without_the_n
     assert shown["y"] - plain["y"] == pytest.approx(0.6 * s - 0.2 * c, abs=1e-9)
 
 
-def test_a_place_aboard_is_nothing_to_a_compass():
+def test_a_sensor_position_for_a_compass_is_rejected():
     with pytest.raises(BadEffect, match="psi does not depend on the sensor's position"):
         turn(SLOW, "sensor-position", {"x_P": 1.0}, COMMAND, place="psi")
     with pytest.raises(BadEffect, match="neither speed nor position"):
@@ -408,7 +408,7 @@ def test_quantised_signals_come_in_steps(truth):
     assert run["psi"] == pytest.approx(0.05 * np.round(truth["psi"] / 0.05), abs=1e-12)
 
 
-def test_outliers_strike_the_share_they_are_told(truth):
+def test_outliers_occur_in_the_specified_fraction_of_samples(truth):
     run = turn(SLOW, "outliers", {"share": 0.1, "size": 0.5}, COMMAND, place="r", seed=3)
     struck = run["r"] != truth["r"]
     assert 0.05 < np.mean(struck) < 0.15
@@ -416,14 +416,14 @@ def test_outliers_strike_the_share_they_are_told(truth):
     assert np.array_equal(run["psi"], truth["psi"])
 
 
-def test_a_wrong_clock_scales_the_stamps_alone(truth):
+def test_a_wrong_clock_scales_only_the_stamps(truth):
     run = turn(SLOW, "time-scale", {"factor": 1.1}, COMMAND)
     assert run["t"] == pytest.approx(1.1 * truth["t"])
     for name in ("N", "psi", "r"):
         assert np.array_equal(run[name], truth[name])
 
 
-def test_signals_stamped_late_seem_to_answer_late(truth):
+def test_signals_with_late_stamps_appear_to_respond_late(truth):
     late = turn(SLOW, "time-offset", {"offset": 0.5}, COMMAND)
     early = turn(SLOW, "time-offset", {"offset": -0.5}, COMMAND)
     change = int(np.argmax(np.diff(truth["N"]) != 0.0)) + 1
@@ -446,7 +446,7 @@ def test_columns_can_have_the_wrong_unit_sign_or_label(truth):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "reason"),
     [
         ("dead-zon.width=0.1", "did you mean dead-zone"),
         ("gremlins.size=3", "see --list-effects"),
@@ -461,12 +461,12 @@ def test_columns_can_have_the_wrong_unit_sign_or_label(truth):
         ("compass-deviation.C=-5", r"The minimum is -1 rad\. Did you mean -0\.0873"),
     ],
 )
-def test_an_effect_that_cannot_be_is_explained(text, said):
-    with pytest.raises(BadEffect, match=said):
+def test_an_impossible_effect_is_explained(text, reason):
+    with pytest.raises(BadEffect, match=reason):
         parse_effect(text)
 
 
-def test_an_effect_is_written_with_its_place_and_several_numbers():
+def test_an_effect_is_specified_with_its_place_and_several_numbers():
     effect = parse_effect("wave-disturbance@surge.amplitude=0.1,frequency=2,bandwidth=0.05")
     assert (effect.slug, effect.place) == ("wave-disturbance", "surge")
     assert effect.values == {
@@ -480,7 +480,7 @@ def test_an_effect_is_written_with_its_place_and_several_numbers():
 
 
 @pytest.mark.parametrize(
-    ("slug", "place", "values", "said"),
+    ("slug", "place", "values", "reason"),
     [
         ("dead-zone", "X", {"width": 0.1}, "no input 'X'"),
         ("net-buoyancy", "", {"force": 1.0}, "acts on heave"),
@@ -492,6 +492,6 @@ def test_an_effect_is_written_with_its_place_and_several_numbers():
         ("ground-effect", "", {"strength": 1.0, "length": 1.0}, "with heave"),
     ],
 )
-def test_an_effect_without_its_place_is_refused(slug, place, values, said):
-    with pytest.raises(BadEffect, match=said):
+def test_an_effect_without_its_place_is_rejected(slug, place, values, reason):
+    with pytest.raises(BadEffect, match=reason):
         turn(SLOW, slug, values, np.ones(10), place=place)

@@ -57,7 +57,7 @@ def test_all_messages_together_run_at_forty_hertz():
         assert 79 <= heard.count(kind) <= 81
 
 
-def test_a_stream_is_turned_off_and_back_to_its_default():
+def test_a_stream_is_switched_off_and_reset_to_its_default():
     ground = Ground("charlie")
     ground.command(511, ATTITUDE, -1)
     assert _stamps(ground, 2.0) == []
@@ -71,7 +71,7 @@ def test_an_unknown_message_is_denied():
     assert "No ap_message for mavlink id (251)" in ground.texts()
 
 
-def test_the_interval_can_be_asked_for():
+def test_the_interval_can_be_requested():
     ground = Ground("charlie")
     ground.stream(SERVO, 40)
     ground.command(510, SERVO)
@@ -79,7 +79,7 @@ def test_the_interval_can_be_asked_for():
     assert (interval.message_id, interval.interval_us) == (SERVO, 25000)
 
 
-def test_the_old_stream_request_works_too():
+def test_the_old_stream_request_is_supported():
     ground = Ground("charlie")
     ground.send(mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 20, 1))
     ground.run(0.1)
@@ -134,7 +134,7 @@ def test_the_battery_is_shown_and_can_be_lowered():
     assert ground.last("SYS_STATUS").voltage_battery < 10000
 
 
-def test_a_working_battery_runs_down():
+def test_a_battery_under_load_is_discharged():
     ground = boat(parameters={"BATT_CAPACITY": 100})
     ground.sticks = {1: 1500, 3: 2000}
     ground.run(30.0)
@@ -161,7 +161,7 @@ def test_pid_tuning_shows_the_steering_loop_in_its_units():
     assert tuning.achieved == pytest.approx(math.degrees(ground.vehicle.state.r), abs=1.5)
 
 
-def test_one_pid_tuning_comes_per_set_bit():
+def test_each_set_bit_gives_one_pid_tuning_message():
     ground = boat(mode=15, parameters={"GCS_PID_MASK": 3})
     ground.stream(PID, 10)
     assert sorted(m.axis for m in ground.run(1.0) if m.get_type() == "PID_TUNING") == [4] * 10 + [5] * 10
@@ -178,7 +178,7 @@ def test_subs_pid_tuning_keeps_the_firmwares_odd_scale():
     assert 4 in {m.axis for m in ground.all("PID_TUNING")}
 
 
-def test_link_delays_hold_bytes_back_a_tenth_of_a_second_each_way():
+def test_link_delays_are_a_tenth_of_a_second_each_way():
     ground = Ground("videoray")
     ground.run(1.0)
     ground.send(mavlink.MAVLink_timesync_message(0, 1))

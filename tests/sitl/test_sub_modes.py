@@ -92,7 +92,7 @@ def test_a_reversed_motor_is_reversed():
     assert ground.servos[:2] == [1300, 1700]
 
 
-def test_an_unknown_frame_drives_nothing():
+def test_an_unknown_frame_has_no_outputs():
     ground = rov("automarine", parameters={"FRAME_CONFIG": 99})
     ground.sticks = {**NEUTRAL, 5: 1900}
     ground.run(0.2)
@@ -118,7 +118,7 @@ def test_depth_is_held_and_a_depth_step_followed(name, mode):
     assert ground.vehicle.state.z == pytest.approx(3.0, abs=0.05)
 
 
-def test_a_depth_target_is_not_heard_in_manual():
+def test_a_depth_target_is_ignored_in_manual():
     ground = rov("falcon")
     ground.repeated = lambda: _depth_target(-5.0)
     ground.run(5.0)
@@ -126,7 +126,7 @@ def test_a_depth_target_is_not_heard_in_manual():
 
 
 @pytest.mark.slow
-def test_a_far_depth_target_sent_once_is_cut_to_what_the_speed_limit_can_use():
+def test_a_far_depth_target_sent_once_is_limited_by_the_speed_limit():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.run(3.0)
     before = ground.vehicle.state.z
@@ -161,7 +161,7 @@ def test_a_heading_step_is_followed(name, mode):
     assert math.degrees(ground.vehicle.state.psi) == pytest.approx(math.degrees(1.1), abs=5.0)
 
 
-def test_a_heading_target_rules_over_the_yaw_stick_for_five_seconds():
+def test_a_heading_target_overrides_the_yaw_stick_for_five_seconds():
     ground = rov("falcon", mode=SUB_STABILIZE)
     ground.hold_heading(0.6)
     ground.run(1.0)
@@ -173,14 +173,14 @@ def test_a_heading_target_rules_over_the_yaw_stick_for_five_seconds():
     assert ground.vehicle.state.r > 0.3
 
 
-def test_the_yaw_stick_asks_for_a_turn_rate():
+def test_the_yaw_stick_commands_a_turn_rate():
     ground = rov("falcon", mode=SUB_STABILIZE, parameters={"ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.5})
     ground.sticks = {**NEUTRAL, 4: 1500 + 20 + 76}
     ground.run(15.0)
     assert math.degrees(ground.vehicle.state.r) == pytest.approx(0.2 * 45.0 * 3.375, abs=3.0)
 
 
-def test_when_the_yaw_stick_is_let_go_the_heading_is_locked():
+def test_releasing_the_yaw_stick_locks_the_heading():
     ground = rov("falcon", mode=SUB_STABILIZE)
     ground.sticks = {**NEUTRAL, 4: 1700}
     ground.run(2.0)
@@ -191,7 +191,7 @@ def test_when_the_yaw_stick_is_let_go_the_heading_is_locked():
     assert ground.vehicle.state.psi == pytest.approx(locked, abs=0.05)
 
 
-def test_the_throttle_stick_asks_for_a_climb_rate_in_alt_hold():
+def test_the_throttle_stick_commands_a_climb_rate_in_alt_hold():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.run(3.0)
     ground.sticks = {**NEUTRAL, 3: 1500 - 20 - 57}
@@ -199,7 +199,7 @@ def test_the_throttle_stick_asks_for_a_climb_rate_in_alt_hold():
     assert ground.vehicle.state.w == pytest.approx(0.25, abs=0.1)
 
 
-def test_within_its_dead_zone_the_throttle_stick_is_not_felt():
+def test_the_throttle_stick_has_no_effect_within_its_dead_zone():
     ground = rov("falcon", mode=SUB_ALT_HOLD)
     ground.run(3.0)
     before = ground.vehicle.autopilot.depth.target
@@ -244,7 +244,7 @@ def test_each_depth_parameter_changes_the_motion(name, value):
     assert abs(depths[0] - depths[1]) > 1e-3
 
 
-def test_taking_up_alt_hold_while_turning_and_sinking_stays_calm():
+def test_entering_alt_hold_while_turning_and_sinking_causes_no_jump():
     ground = rov("falcon")
     ground.sticks = {**NEUTRAL, 3: 1300, 4: 1700}
     ground.run(2.0)

@@ -1,4 +1,4 @@
-"""Sub holds a place (POSHOLD) and goes to another one (GUIDED)."""
+"""Sub holds a position (POSHOLD) and goes to another one (GUIDED)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _go(ground: Ground, target: complex, altitude: float, mask: int = ONLY_PLACE
     )
 
 
-def test_poshold_holds_a_place_in_a_current():
+def test_poshold_holds_a_position_in_a_current():
     ground = _holding()
     here = place(ground)
     ground.vehicle.plant.water.V_x, ground.vehicle.plant.water.V_y = 0.12, -0.08
@@ -43,7 +43,7 @@ def test_poshold_holds_a_place_in_a_current():
     assert ground.vehicle.state.z == pytest.approx(4.0, abs=0.2)
 
 
-def test_alt_hold_drifts_where_poshold_holds():
+def test_alt_hold_drifts_in_a_current():
     ground = _holding(mode=SUB_ALT_HOLD)
     here = place(ground)
     ground.vehicle.plant.water.V_x = 0.12
@@ -52,7 +52,7 @@ def test_alt_hold_drifts_where_poshold_holds():
 
 
 @pytest.mark.parametrize(("channel", "turn"), [(5, 0.0), (6, 0.5 * math.pi)])
-def test_a_stick_moves_the_place_that_is_held(channel, turn):
+def test_a_stick_moves_the_held_position(channel, turn):
     ground = _holding()
     here = place(ground)
     ground.sticks[channel] = 1700
@@ -86,7 +86,7 @@ def test_poshold_needs_a_position():
     assert ground.mode(POSHOLD) == mavlink.MAV_RESULT_FAILED
 
 
-def test_guided_goes_to_a_place_and_depth_on_a_straight_line_and_stays():
+def test_guided_goes_to_position_and_depth_on_a_straight_line_and_stays():
     ground = _holding(mode=SUB_GUIDED)
     _go(ground, 5 + 3j, -5.0)
     offside = 0.0
@@ -112,7 +112,7 @@ def test_guided_keeps_to_the_speed_limit():
     assert 0.15 < fastest < 0.25
 
 
-def test_guided_without_a_target_holds_its_place():
+def test_guided_without_a_target_holds_its_position():
     ground = _holding(mode=SUB_GUIDED)
     here = place(ground)
     ground.vehicle.plant.water.V_x = 0.12
@@ -120,7 +120,7 @@ def test_guided_without_a_target_holds_its_place():
     assert abs(place(ground) - here) < 0.15
 
 
-def test_a_new_target_on_the_way_is_taken_at_once():
+def test_a_new_target_replaces_the_old_one_at_once():
     ground = _holding(mode=SUB_GUIDED)
     _go(ground, 6 + 0j, -4.0)
     ground.run(6.0)
@@ -130,7 +130,7 @@ def test_a_new_target_on_the_way_is_taken_at_once():
 
 
 @pytest.mark.parametrize("frame", [mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED])
-def test_a_local_place_is_understood(frame):
+def test_a_local_position_target_is_supported(frame):
     ground = _holding(mode=SUB_GUIDED)
     ground.vehicle.state.x = 2.0
     ground.run(0.2)
@@ -146,7 +146,7 @@ def test_a_local_place_is_understood(frame):
     assert ground.vehicle.state.z == pytest.approx(5.0, abs=0.15)
 
 
-def test_a_depth_alone_leaves_the_place():
+def test_a_depth_target_keeps_the_horizontal_position():
     ground = _holding(mode=SUB_GUIDED)
     here = place(ground)
     _go(ground, 20 + 20j, -5.0, ONLY_DEPTH)
@@ -155,7 +155,7 @@ def test_a_depth_alone_leaves_the_place():
     assert ground.vehicle.state.z == pytest.approx(5.0, abs=0.15)
 
 
-def test_a_place_in_alt_hold_is_left_alone():
+def test_a_position_target_in_alt_hold_is_ignored():
     ground = _holding(mode=SUB_ALT_HOLD)
     here = place(ground)
     _go(ground, 5 + 0j, -4.0)
@@ -163,7 +163,7 @@ def test_a_place_in_alt_hold_is_left_alone():
     assert abs(place(ground) - here) < 0.2
 
 
-def test_the_way_is_shown():
+def test_telemetry_shows_target_and_distance():
     ground = _holding(mode=SUB_GUIDED)
     _go(ground, 5 + 0j, -4.0)
     ground.run(2.0)
@@ -173,7 +173,7 @@ def test_the_way_is_shown():
 
 
 @pytest.mark.parametrize("names", ["own", "4.7"])
-def test_both_names_of_the_gains_act(names):
+def test_both_names_of_the_gains_take_effect(names):
     gain = "PSC_POSXY_P" if names == "own" else "PSC_NE_POS_P"
     ground = rov("bluerov2-sway", names=names)
     ground.set(gain, 1.7)
@@ -182,7 +182,7 @@ def test_both_names_of_the_gains_act(names):
     assert ground.vehicle.autopilot.position.gain == pytest.approx(1.7)
 
 
-def test_sub_keeps_a_mission_and_has_no_auto():
+def test_sub_stores_a_mission_but_has_no_auto():
     ground = rov()
     assert upload(ground, [waypoint(5 + 0j)]) == mavlink.MAV_MISSION_ACCEPTED
     assert ground.mode(3) == mavlink.MAV_RESULT_FAILED
@@ -208,7 +208,7 @@ def _stay(ground: Ground, target: complex, altitude: float, yaw: float) -> None:
     )
 
 
-def test_guided_stays_at_a_place_that_is_repeated_and_keeps_the_heading_that_is_given():
+def test_guided_holds_a_repeated_position_with_the_commanded_heading():
     ground = _holding(mode=SUB_GUIDED)
     here, heading = place(ground), ground.vehicle.state.psi
     for _ in range(150):
@@ -219,7 +219,7 @@ def test_guided_stays_at_a_place_that_is_repeated_and_keeps_the_heading_that_is_
     assert ground.vehicle.state.z == pytest.approx(4.0, abs=0.2)
 
 
-def test_a_stick_within_a_tenth_pushes_and_leaves_the_place():
+def test_a_stick_within_a_tenth_pushes_without_moving_the_held_position():
     ground = _holding()
     ground.run(10.0)
     here = place(ground)

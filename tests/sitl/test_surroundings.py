@@ -1,4 +1,4 @@
-"""Effects of the surroundings in the simulator, against laws worked out by hand."""
+"""Effects of the surroundings in the simulator, against laws derived by hand."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_currents_add_up():
     assert craft.plant.water.V_x == pytest.approx(0.5)
 
 
-def test_a_current_faster_than_the_craft_is_refused_with_both_speeds():
+def test_a_current_faster_than_the_craft_is_rejected_with_both_speeds():
     with pytest.raises(
         BadEffect, match=r"changing-current: the current of 9 m/s is faster than the craft .*Use a slower"
     ):
@@ -105,7 +105,7 @@ def test_wind_acts_on_the_speed_over_ground():
     assert forces_of(text, State(u=1.0), water=Water(V_x=-1.0)).X == pytest.approx(10.0)
 
 
-def test_gusts_have_the_spread_of_their_spectrum_and_go_with_the_seed():
+def test_gusts_have_the_spread_of_their_spectrum_and_follow_the_seed():
     effects = [parse_effect("wind-load.speed=10,direction=0,X=1,gust=1") for _ in range(2)]
     for effect, seed in zip(effects, ("1", "2"), strict=True):
         effect.begin(Setting(State(), Water(), {}, ("surge", "yaw"), {}, {}, {}, (), seed=seed))
@@ -117,7 +117,7 @@ def test_gusts_have_the_spread_of_their_spectrum_and_go_with_the_seed():
     assert abs(np.corrcoef(speeds)[0, 1]) < 0.2
 
 
-def test_a_negative_gust_is_refused():
+def test_a_negative_gust_is_rejected():
     with pytest.raises(BadEffect, match=r"wind-load.gust: -1 is too small. The minimum is 0$"):
         parse_effect("wind-load.direction=0,gust=-1")
 
@@ -131,7 +131,7 @@ like = "charlie"
 
 
 @pytest.mark.parametrize(
-    ("heading", "entries", "line", "said"),
+    ("heading", "entries", "line", "reason"),
     [
         ("current", {"V_x": (9.0, "m/s")}, 4, r"current: the current of 9 m/s is faster than the craft"),
         ("current", {"V_x": (0.1, "m/s"), "turn": (math.nan, "rad/s")}, 6, r"current\.turn.* nan"),
@@ -154,15 +154,15 @@ like = "charlie"
         ),
     ],
 )
-def test_a_vehicle_file_with_surroundings_that_are_wrong_is_refused_by_line(tmp_path, heading, entries, line, said):
+def test_wrong_surroundings_in_a_vehicle_file_are_rejected_with_the_line(tmp_path, heading, entries, line, reason):
     rows = "\n".join(f'{n} = {{ value = {v}, unit = "{unit}", source = "here" }}' for n, (v, unit) in entries.items())
     path = tmp_path / "mine.toml"
     path.write_text(FILE.format(heading=heading, entries=rows), encoding="utf-8")
     (fault,) = check_vehicle(path)
-    assert re.match(rf"{re.escape(str(path))}:{line}: .*{said}", fault), fault
+    assert re.match(rf"{re.escape(str(path))}:{line}: .*{reason}", fault), fault
 
 
-def test_a_vehicle_file_brings_its_surroundings(tmp_path):
+def test_a_vehicle_file_defines_its_surroundings(tmp_path):
     path = tmp_path / "mine.toml"
     entries = '\n'.join((
         'speed = { value = 8.0, unit = "m/s", source = "here" }',
@@ -209,7 +209,7 @@ def test_a_sea_has_its_size_and_its_spectrum():
     assert peak_of(force) == pytest.approx(1.2 * mean, rel=0.05)
 
 
-def test_waves_are_met_more_often_ahead_than_astern():
+def test_the_encounter_frequency_is_higher_in_head_seas():
     way = np.column_stack([1.5 * TIMES, 0.0 * TIMES])  # 1.5 m/s to the north
     with_them, against = (peak_of(of_a_sea(f"{SEA},direction={d}", way, TIMES)) for d in (0.0, math.pi))
     still = peak_of(of_a_sea(SEA, 0.0 * way, TIMES))
@@ -225,15 +225,15 @@ def test_the_drift_force_of_a_sea_has_its_mean_and_varies_slowly():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "reason"),
     [
         ("wave-disturbance.amplitude=-1,frequency=1", r"amplitude: -1 is too small"),
         ("wave-disturbance@surge.amplitude=1,frequency=1,drift=1", "needs a sea. Set gamma"),
         ("wave-disturbance.amplitude=1,frequency=1,gamma=3.3,drift=1", "acts on surge or sway, not on yaw"),
     ],
 )
-def test_a_sea_that_cannot_be_is_refused(text, said):
-    with pytest.raises(BadEffect, match=said):
+def test_an_impossible_sea_is_rejected(text, reason):
+    with pytest.raises(BadEffect, match=reason):
         Craft(load_vehicle("charlie"), effects=[parse_effect(text)]).begin("1")
 
 
@@ -255,7 +255,7 @@ def test_a_tether_is_dragged_across_itself_and_not_along():
     assert (across.X, across.Y, across.Z) == pytest.approx((0.0, 0.0, -16.0))
 
 
-def test_a_tilted_craft_feels_the_pull_of_a_tether_in_its_own_axes():
+def test_the_pull_of_a_tether_acts_in_the_axes_of_a_tilted_craft():
     text = "tether-line.stiffness=10,length=5"
     pitched = forces_of(text, State(z=8.0, theta=0.5 * math.pi, tilts=True), dofs=("surge", "sway", "heave", "yaw"))
     assert (pitched.X, pitched.Z) == pytest.approx((30.0, 0.0), abs=1e-9)  # bow up: ahead is up
@@ -286,7 +286,7 @@ def test_a_hull_is_slower_towards_the_shore():
     assert ran[math.pi] < 0.5 * ran[0.0]
 
 
-def test_a_wall_pulls_with_the_square_of_the_speed_over_the_gap_and_turns_the_bow_away():
+def test_bank_suction_grows_with_speed_squared_over_the_gap_and_turns_the_bow_away():
     text = "bank-suction.direction=1.5707963,distance=5,Y=6,N=3"  # the wall is to the east
     beside = forces_of(text, State(u=2.0, y=3.0))
     assert (beside.X, beside.Y, beside.N) == pytest.approx((0.0, 6.0 * 4.0 / 2.0, -3.0 * 4.0 / 2.0))
@@ -298,7 +298,7 @@ def test_a_wall_pulls_with_the_square_of_the_speed_over_the_gap_and_turns_the_bo
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "reason"),
     [
         ("shallow-water.draught=1,depth=1", "the depth of 1 m at the origin must exceed the draught of 1 m"),
         ("shallow-water.draught=nan,depth=2", "'nan' is not a finite number"),
@@ -309,8 +309,8 @@ def test_a_wall_pulls_with_the_square_of_the_speed_over_the_gap_and_turns_the_bo
         ),
     ],
 )
-def test_impossible_shallows_or_banks_are_rejected(text, said):
-    with pytest.raises(BadEffect, match=said):
+def test_impossible_shallows_or_banks_are_rejected(text, reason):
+    with pytest.raises(BadEffect, match=reason):
         Craft(load_vehicle("charlie"), effects=[parse_effect(text)]).begin("1")
 
 
@@ -329,7 +329,7 @@ def test_impossible_shallows_or_banks_are_rejected(text, said):
         ("time-offset", "offset=0.1", "t"),
     ],
 )
-def test_an_unknown_place_is_rejected_with_the_places_there_are(head, values, places):
+def test_an_unknown_place_is_rejected_with_the_valid_places(head, values, places):
     with pytest.raises(BadEffect, match=f"^{head} cannot act on 'foo'. Use {re.escape(places)}$"):
         parse_effect(f"{head}@foo.{values}")
     for place in places.split(" or "):

@@ -1,4 +1,4 @@
-"""A sub that rolls and pitches: what its autopilot does about it, and what it sends."""
+"""A sub that rolls and pitches: the control by its autopilot, and its messages."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ def sub(mode: int = SUB_STABILIZE, **options) -> Ground:
     return ground
 
 
-def test_attitude_tells_the_true_roll_and_pitch():
+def test_attitude_messages_contain_the_true_roll_and_pitch():
     ground = sub(SUB_MANUAL)
     ground.stream(mavlink.MAVLINK_MSG_ID_ATTITUDE, 20)
     ground.sticks = {**NEUTRAL, 2: 1540}
     ground.run(1.5)
-    at, told = ground.vehicle.state, ground.last("ATTITUDE")
-    assert at.phi > 0.1 and told.rollspeed > 0.0
-    assert told.roll == pytest.approx(at.phi, abs=0.1)
-    assert told.pitch == pytest.approx(at.theta, abs=0.02)
+    at, reported = ground.vehicle.state, ground.last("ATTITUDE")
+    assert at.phi > 0.1 and reported.rollspeed > 0.0
+    assert reported.roll == pytest.approx(at.phi, abs=0.1)
+    assert reported.pitch == pytest.approx(at.theta, abs=0.02)
 
 
 def test_the_gyro_filter_delays_roll_and_pitch_rates_like_the_yaw_rate():
@@ -51,7 +51,7 @@ def test_a_manual_stick_rolls_to_starboard_and_pitches_up(channel, angle):
     assert abs(getattr(ground.vehicle.state, other)) < 0.1 * getattr(ground.vehicle.state, angle)
 
 
-def test_a_craft_that_stays_level_still_passes_the_roll_stick_to_its_motors():
+def test_a_craft_without_roll_passes_the_roll_stick_to_its_motors():
     ground = rov("falcon", mode=SUB_MANUAL)
     ground.sticks = {**NEUTRAL, 2: 1600}
     ground.run(0.5)
@@ -106,7 +106,7 @@ def test_pid_tuning_has_the_roll_and_pitch_loops():
     assert {message.axis for message in ground.all("PID_TUNING")} == {1, 2}
 
 
-def test_a_level_sub_pays_no_heed_to_roll_sticks():
+def test_a_level_sub_ignores_roll_sticks():
     ground = rov("bluerov2", mode=SUB_STABILIZE)
     ground.sticks = NEUTRAL
     ground.run(0.5)

@@ -1,4 +1,4 @@
-"""A study on Dask: processes that are killed, workers that do not fit, a scheduler that goes away."""
+"""A study on Dask: killed processes, unsuitable workers, a lost scheduler."""
 
 from __future__ import annotations
 
@@ -53,20 +53,20 @@ def _first_to_ask(started: Started) -> str:
     return "wrong version 1, but the study needs 2" if asked.read_text() == own else ""
 
 
-def test_a_worker_that_does_not_fit_is_reported_and_the_others_do_its_cases(client: Any, tmp_path: Path) -> None:
-    told: list[str] = []
+def test_an_unsuitable_worker_is_reported_and_the_others_run_its_cases(client: Any, tmp_path: Path) -> None:
+    reported: list[str] = []
 
     def executor(started: Started) -> Executor:
-        return on(client, unsuited=partial(_first_to_ask, started), reports=told.append)(started)
+        return on(client, unsuited=partial(_first_to_ask, started), reports=reported.append)(started)
 
     client.wait_for_workers(2)  # before the tests that kill workers: Dask may not start one again that dies at once
     ran(study_file(tmp_path, "add", TEN), tmp_path / "out", executor)
     assert len(open_study(tmp_path / "out")) == 10
-    assert len(told) == 1
-    assert "is not used: wrong version 1, but the study needs 2" in told[0]
+    assert len(reported) == 1
+    assert "is not used: wrong version 1, but the study needs 2" in reported[0]
 
 
-def test_a_case_that_kills_its_worker_is_given_up_after_three_tries(client: Any, tmp_path: Path) -> None:
+def test_a_case_that_kills_its_worker_is_abandoned_after_three_tries(client: Any, tmp_path: Path) -> None:
     ran(study_file(tmp_path, "kills_at_three", TEN), tmp_path / "out", on(client))
     table = open_study(tmp_path / "out")
     assert table["status"].tolist() == ["done"] * 3 + ["given up"] + ["done"] * 6
@@ -74,7 +74,7 @@ def test_a_case_that_kills_its_worker_is_given_up_after_three_tries(client: Any,
     assert tried(tmp_path).count("3") == 3
 
 
-def test_short_cases_are_done_together_and_each_once(client: Any, tmp_path: Path) -> None:
+def test_short_cases_are_run_in_groups_and_each_once(client: Any, tmp_path: Path) -> None:
     path = study_file(tmp_path, "counted", "vary.argument.x = { from = 1, to = 300, steps = 300 }")
     submitted: list[int] = []
 
@@ -88,7 +88,7 @@ def test_short_cases_are_done_together_and_each_once(client: Any, tmp_path: Path
     assert len(submitted) < 100
 
 
-def test_a_case_that_kills_its_worker_is_given_up_alone_of_its_group(client: Any, tmp_path: Path) -> None:
+def test_only_the_case_that_kills_its_worker_is_abandoned(client: Any, tmp_path: Path) -> None:
     path = study_file(tmp_path, "kills_at_three", f"vary.argument.x = {[*range(103, 2, -1)]}")
     ran(path, tmp_path / "out", on(client))
     table = open_study(tmp_path / "out")
@@ -101,22 +101,22 @@ def _square(x: int) -> int:
 
 
 def test_results_are_in_the_order_of_the_tasks(client: Any) -> None:
-    told: list[tuple[int, int]] = []
-    found = list(DaskExecutor(client).map(_square, range(20), lambda done, total: told.append((done, total))))
+    reported: list[tuple[int, int]] = []
+    found = list(DaskExecutor(client).map(_square, range(20), lambda done, total: reported.append((done, total))))
     assert found == [x * x for x in range(20)]
-    assert told == [(k, 20) for k in range(1, 21)]
+    assert reported == [(k, 20) for k in range(1, 21)]
 
 
 def _wrong(started: Started) -> str:
     return "version 1, but the study needs version 2"
 
 
-def test_a_study_without_a_fitting_worker_ends_with_both_versions(client: Any, tmp_path: Path) -> None:
+def test_a_study_without_a_suitable_worker_ends_and_names_both_versions(client: Any, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="every worker is refused: version 1, but the study needs version 2"):
         ran(study_file(tmp_path, "add", TEN), tmp_path / "out", lambda s: on(client, unsuited=partial(_wrong, s))(s))
 
 
-def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_does_not_respond_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs_autotune.study.cluster._PATIENCE", 0.5)
     with pytest.raises(CannotOpenLink, match="no Dask scheduler answers at nowhere"), cluster_of(1, "nowhere:1"):
         pass
@@ -133,7 +133,7 @@ def test_a_lost_connection_to_a_scheduler_is_reported_without_log_lines_of_dask(
             ran(study_file(tmp_path, "add", TEN), tmp_path / "out", on(other))
 
 
-def test_workers_that_end_late_on_a_busy_machine_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_that_end_late_on_a_busy_machine_are_not_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import LocalCluster
 
     close = LocalCluster.close
@@ -148,7 +148,7 @@ def test_workers_that_end_late_on_a_busy_machine_are_no_error(monkeypatch: pytes
     assert answer == 7
 
 
-def test_a_scheduler_that_goes_away_ends_the_study_and_loses_no_row(tmp_path: Path) -> None:
+def test_a_lost_scheduler_ends_the_study_without_loss_of_rows(tmp_path: Path) -> None:
     path = study_file(tmp_path, "add", TEN)
     with cluster_of(1) as client:
 

@@ -90,7 +90,7 @@ experiment.relay-hysteresis = [5, 10]
         ("= 4", "= -4", r".*--duration: -4 is out of range"),
     ],
 )
-def test_unknown_options_are_refused_before_anything_flies(own: str, wrong: str, why: str, tmp_path: Path) -> None:
+def test_unknown_options_are_rejected_before_any_flight(own: str, wrong: str, why: str, tmp_path: Path) -> None:
     with pytest.raises(BadFile, match=rf"study\.toml: {why}"):
         check_plan(plan_of(tmp_path, FLIGHT.replace(own, wrong)), parse)
 
@@ -114,14 +114,14 @@ vary.fly.duration = [4, 5]
 """
 
 
-def test_an_effect_that_the_simulator_refuses_is_named(tmp_path: Path) -> None:
+def test_an_effect_rejected_by_the_simulator_is_reported(tmp_path: Path) -> None:
     text = PLAIN + "vary.effect = ['none', 'dead-zone.width=0.1', 'dead-zne.width=0.1']\n"
     links = ("sitl:videoray", "sitl:videoray?effect=dead-zone.width=0.1")
     with pytest.raises(BadFile, match=r"study\.toml: vary\.effect: dead-zne\.width=0\.1: cannot start"):
         check_plan(plan_of(tmp_path, text), parse, starting(*links))
 
 
-def test_a_fixed_number_that_the_simulator_refuses_is_named(tmp_path: Path) -> None:
+def test_a_fixed_number_rejected_by_the_simulator_is_reported(tmp_path: Path) -> None:
     text = PLAIN + "fixed.effect.dead-zone.widht = 0.1\n"
     with pytest.raises(BadFile, match=r"study\.toml: fixed\.effect\.dead-zone\.widht: 0\.1: cannot start"):
         check_plan(plan_of(tmp_path, text), parse, starting("sitl:videoray"))
@@ -129,18 +129,18 @@ def test_a_fixed_number_that_the_simulator_refuses_is_named(tmp_path: Path) -> N
         check_plan(plan_of(tmp_path, PLAIN), parse, starting())
 
 
-def test_options_that_the_study_sets_are_refused(tmp_path: Path) -> None:
+def test_options_set_by_the_study_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match=r"fly\.seed: a study sets this option itself"):
         check_plan(plan_of(tmp_path, FLIGHT.replace("fly.duration", "fly.seed")), parse)
 
 
-def test_a_varied_value_outside_its_limits_is_named(tmp_path: Path) -> None:
+def test_a_varied_value_outside_its_limits_is_reported(tmp_path: Path) -> None:
     text = FLIGHT.replace("fly.duration = 4\n", "") + "fly.duration = [4, -1]\n"
     with pytest.raises(BadFile, match=r"study\.toml: vary\.fly\.duration: -1: "):
         check_plan(plan_of(tmp_path, text), parse)
 
 
-def test_what_to_fly_must_be_stated(tmp_path: Path) -> None:
+def test_the_manoeuvre_is_required(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match=r"fly\.manoeuvre is missing"):
         check_plan(plan_of(tmp_path, FLIGHT.replace('fly.manoeuvre = "steps"\n', "")), parse)
 
@@ -205,7 +205,7 @@ def test_the_first_study_of_the_page_is_accepted(tmp_path: Path) -> None:
     assert len(plan) == 24
 
 
-def test_the_command_names_the_extra_where_dask_is_missing(
+def test_a_missing_dask_is_reported_with_the_extra_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan_of(tmp_path, 'title = "t"\ndo = "builtins:dict"\n')
@@ -214,7 +214,7 @@ def test_the_command_names_the_extra_where_dask_is_missing(
     assert "pip install 'gcs-autotune[study]'" in capsys.readouterr().err
 
 
-def test_every_job_can_be_asked_for() -> None:
+def test_every_job_is_available() -> None:
     assert set(JOBS) == {"tune", "experiment", "fly", "identify", "diagnose"}
     with pytest.raises(UsageError):
         list(commands_of("tune", {"seed": 1}, Path(), Path()))

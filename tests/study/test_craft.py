@@ -15,7 +15,7 @@ def file_of(link: str) -> str:
     return link.removeprefix("sitl:").partition("?")[0]
 
 
-def test_a_vehicle_without_changes_is_named(tmp_path: Path) -> None:
+def test_a_vehicle_without_changes_is_used_by_name(tmp_path: Path) -> None:
     assert link_of({"vehicle.like": "blueboat", "seed": 1}, tmp_path, tmp_path) == "sitl:blueboat"
 
 
@@ -42,7 +42,7 @@ def test_a_scaled_craft_has_the_same_motion_in_scaled_time(name: str, tmp_path: 
     assert own.sensors == load_vehicle(name).sensors
 
 
-def test_a_vehicle_file_of_the_user_lies_beside_the_study(tmp_path: Path) -> None:
+def test_a_vehicle_file_of_the_user_is_found_next_to_the_study(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text('title = "mine"\nlike = "blueboat"\n')
     case = tmp_path / "case"
     case.mkdir()
@@ -76,11 +76,11 @@ def test_effects_are_written_in_the_simulator_s_notation(tmp_path: Path) -> None
         ({"vehicle.like": "blueboat", "vehicle.length": 2.0}, "one level deeper"),
     ],
 )
-def test_a_wrong_vehicle_is_refused_with_its_key(given: dict[str, object], why: str, tmp_path: Path) -> None:
+def test_a_wrong_vehicle_is_rejected_with_its_key(given: dict[str, object], why: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=why):
         link_of(given, tmp_path, tmp_path)
 
 
-def test_an_unknown_vehicle_is_refused_with_the_nearest(tmp_path: Path) -> None:
+def test_an_unknown_vehicle_is_rejected_with_the_nearest(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"'vidoray'.* Did you mean videoray"):
         link_of({"vehicle.like": "vidoray", "vehicle.yaw.alpha": 1.0}, tmp_path, tmp_path)

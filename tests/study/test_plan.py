@@ -26,7 +26,7 @@ def test_a_grid_has_every_combination_and_the_repeats_have_further_seeds(tmp_pat
 
 
 @pytest.mark.parametrize("design", ["random", "sobol"])
-def test_more_cases_of_a_drawn_design_begin_with_the_same_cases(design: str, tmp_path: Path) -> None:
+def test_a_larger_random_design_begins_with_the_same_cases(design: str, tmp_path: Path) -> None:
     text = (
         f'design = "{design}"\ncases = %d\nvary.argument.x = {{ from = 0.0, to = 1.0 }}\nvary.argument.n = ["a", "b"]'
     )
@@ -36,13 +36,13 @@ def test_more_cases_of_a_drawn_design_begin_with_the_same_cases(design: str, tmp
     assert 0.3 < sum(c.given["argument.x"] for c in few) / 30 < 0.7
 
 
-def test_no_two_cases_of_a_drawn_design_are_the_same(tmp_path: Path) -> None:
+def test_all_cases_of_a_random_design_are_different(tmp_path: Path) -> None:
     """Equal values are likely: of 1000 numbers with six digits, two are equal in every other study."""
     plan = plan_of(tmp_path, 'design = "random"\ncases = 300\nrepeats = 2\nvary.argument.x = [1, 2]')
     assert len({case.point(plan.do) for case in plan}) == 600
 
 
-def test_the_same_values_are_the_same_point_however_they_are_written(tmp_path: Path) -> None:
+def test_the_same_values_in_any_notation_are_the_same_point(tmp_path: Path) -> None:
     one, other = (plan_of(tmp_path, f"fixed.argument.x = {x}")[0].point("m:f") for x in ("2", "2.0"))
     assert one == other
     assert plan_of(tmp_path, "fixed.argument.x = 3")[0].point("m:f") != one
@@ -72,7 +72,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("text", list(BAD))
-def test_a_wrong_entry_is_refused_in_one_line_with_file_and_key(text: str, tmp_path: Path) -> None:
+def test_a_wrong_entry_is_rejected_in_one_line_with_file_and_key(text: str, tmp_path: Path) -> None:
     with pytest.raises(BadFile) as refused:
         plan_of(tmp_path, text)
     assert str(tmp_path / "study.toml") in str(refused.value)
@@ -80,7 +80,7 @@ def test_a_wrong_entry_is_refused_in_one_line_with_file_and_key(text: str, tmp_p
     assert "\n" not in str(refused.value)
 
 
-def test_an_unknown_job_is_refused_with_the_nearest(tmp_path: Path) -> None:
+def test_an_unknown_job_is_rejected_with_the_nearest(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text('title = "t"\ndo = "tun"\n')
     with pytest.raises(BadFile, match=r"do: 'tun' is not .* Did you mean tune"):
         load_plan(tmp_path / "study.toml")

@@ -1,4 +1,4 @@
-"""What a study reports of its rows."""
+"""The report of a study."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_the_confusion_matrix_compares_names_of_effects(folder: Path) -> None:
     assert found.counts == ((32, 4, 4), (0, 4, 36))
 
 
-def test_without_a_definition_a_right_answer_is_a_success(tmp_path: Path) -> None:
+def test_without_a_definition_a_correct_answer_is_a_success(tmp_path: Path) -> None:
     ran(study_file(tmp_path, "work", GRID.replace('success = "good"\n', ""), FUNCTIONS), tmp_path / "out")
     found = case_study_of(tmp_path / "out").success
     assert found is not None
@@ -134,7 +134,7 @@ def test_the_worst_cases_come_first_and_their_command_repeats_them(
     assert main(["study", "replay", str(folder), "zzz"]) == 2
 
 
-def test_a_replay_by_another_version_is_done_and_both_versions_are_named(
+def test_a_replay_by_another_version_runs_and_names_both_versions(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = case_study_of(folder).worst[8].command.split()[1:]
@@ -159,7 +159,7 @@ def test_a_goal_is_a_limit_on_a_result(tmp_path: Path) -> None:
     assert (found.of, found.hits) == ("cost at least 1 and at most 2.5", 16)
 
 
-def test_a_result_that_no_case_has_is_named_with_file_and_key(tmp_path: Path) -> None:
+def test_a_result_missing_in_all_cases_is_reported_with_file_and_key(tmp_path: Path) -> None:
     ran(study_file(tmp_path, "work", GRID.replace('"cost"', '"coast"'), FUNCTIONS), tmp_path / "out")
     with pytest.raises(BadFile, match=r"report.measure: no case has a result 'coast'. Did you mean cost"):
         case_study_of(tmp_path / "out")
@@ -194,8 +194,8 @@ def test_studies_without_a_common_case_are_not_compared(folder: Path, tmp_path: 
 
 def test_the_page_and_the_json_show_the_same_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["study", "report", str(folder), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["success"]["hits"] == 32
+    document = json.loads(capsys.readouterr().out)
+    assert document["success"]["hits"] == 32
     page = to_html(case_study_document(case_study_of(folder)))
     assert "Success map" in page
     assert "32 of 80" in page

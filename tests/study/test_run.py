@@ -1,4 +1,4 @@
-"""A study runs once, whatever interrupts it."""
+"""Every case of a study runs once, even after interruptions."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_stopped_study_continues_with_the_missing_cases(tmp_path: Path) -> Non
     assert len(open_study(tmp_path / "out")) == 10
 
 
-def test_a_study_with_more_repeats_does_the_new_cases_only(tmp_path: Path) -> None:
+def test_a_study_with_more_repeats_runs_only_the_new_cases(tmp_path: Path) -> None:
     path = study_file(tmp_path, "counted", TEN)
     ran(path, tmp_path / "out")
     path.write_text(path.read_text().replace("vary", "repeats = 2\nvary", 1))
@@ -79,22 +79,22 @@ def test_a_study_with_more_repeats_does_the_new_cases_only(tmp_path: Path) -> No
     assert open_study(tmp_path / "out")["seed"].tolist() == [1] * 10 + [2] * 10
 
 
-def test_a_part_cut_short_is_named_and_its_cases_are_repeated(tmp_path: Path) -> None:
+def test_a_truncated_part_is_reported_and_its_cases_are_repeated(tmp_path: Path) -> None:
     path = study_file(tmp_path, "counted", TEN)
     ran(path, tmp_path / "out")
     (part,) = Store(tmp_path / "out").parts()
     part.write_bytes(part.read_bytes()[:200])
     with pytest.raises(BadFile, match=f"{part.name} cannot be read: it is cut short"):
         open_study(tmp_path / "out")
-    told: list[str] = []
-    run_study(load_plan(path), tmp_path / "out", serial, reports=told.append)
-    assert len(told) == 1
-    assert str(part) in told[0]
+    reported: list[str] = []
+    run_study(load_plan(path), tmp_path / "out", serial, reports=reported.append)
+    assert len(reported) == 1
+    assert str(part) in reported[0]
     assert len(open_study(tmp_path / "out")) == 10
     assert len(tried(tmp_path)) == 20
 
 
-def test_the_folder_of_another_study_is_refused_with_the_entry_that_differs(tmp_path: Path) -> None:
+def test_the_folder_of_another_study_is_rejected_with_the_differing_entry(tmp_path: Path) -> None:
     path = study_file(tmp_path, "add", TEN)
     ran(path, tmp_path / "out")
     path.write_text(path.read_text().replace("[0, 1,", "[0, 1, 77,"))
@@ -102,7 +102,7 @@ def test_the_folder_of_another_study_is_refused_with_the_entry_that_differs(tmp_
         ran(path, tmp_path / "out")
 
 
-def test_results_of_another_version_are_refused_with_both(tmp_path: Path) -> None:
+def test_results_of_another_version_are_rejected_with_both_versions(tmp_path: Path) -> None:
     path = study_file(tmp_path, "add", TEN)
     plan = ran(path, tmp_path / "out")
     own = Started.of(plan).build
@@ -151,7 +151,7 @@ def test_a_long_text_of_a_function_is_stored_whole(tmp_path: Path) -> None:
     assert open_study(tmp_path / "out")["t"][0] == "a" * 900
 
 
-def test_a_full_disk_is_named_and_stored_rows_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_and_stored_rows_remain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = study_file(tmp_path, "counted", TEN)
     monkeypatch.setattr(store, "ROWS", 4)
     write, written = parquet().write_table, []
@@ -194,12 +194,12 @@ def test_two_runs_do_not_write_to_one_folder(tmp_path: Path) -> None:
         ran(path, tmp_path / "out")
 
 
-def test_a_folder_without_a_study_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_study_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(BadFile, match="contains no study"):
         open_study(tmp_path)
 
 
-def test_a_function_that_does_not_import_is_named_with_file_and_key(tmp_path: Path) -> None:
+def test_a_function_that_cannot_be_imported_is_reported_with_file_and_key(tmp_path: Path) -> None:
     path = study_file(tmp_path, "missing", TEN)
     with pytest.raises(BadFile, match=r"study.toml: do: 'toys_.*:missing' cannot be imported"):
         check_plan(load_plan(path))
@@ -215,7 +215,7 @@ def test_a_function_that_does_not_import_is_named_with_file_and_key(tmp_path: Pa
         ("vary.argument.x = [1]\nfixed.vehicle.like = 'blueboat'", r"uri: toys_.*:add has no argument 'uri'"),
     ],
 )
-def test_arguments_that_a_function_does_not_take_are_named_before_it_runs(text: str, why: str, tmp_path: Path) -> None:
+def test_unexpected_arguments_of_a_function_are_reported_before_it_runs(text: str, why: str, tmp_path: Path) -> None:
     with pytest.raises(BadFile, match=rf"study\.toml: {why}"):
         check_plan(load_plan(study_file(tmp_path, "add", text)))
 

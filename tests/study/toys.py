@@ -37,7 +37,7 @@ _NUMBERS = itertools.count()
 
 
 def study_file(folder: Path, do: str, text: str, functions: str = FUNCTIONS) -> Path:
-    """Write a study of a function *do* below *folder*, and its module under a name of its own."""
+    """Write a study of a function *do* below *folder*, and its module under a unique name."""
     name = f"toys_{folder.name}_{next(_NUMBERS)}"
     (folder / f"{name}.py").write_text(functions)
     path = folder / "study.toml"

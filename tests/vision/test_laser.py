@@ -15,7 +15,7 @@ TAPE = np.arange(10.0, 100.1, 5.0)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_table_3_1_comes_back_from_its_own_calibration_points(side: str, published: dict[str, Any]) -> None:
+def test_table_3_1_is_reproduced_from_its_calibration_points(side: str, published: dict[str, Any]) -> None:
     """Miskovic2010 prints the coefficients only; its 19 distances and whole pixels are enough to find them again."""
     printed = LaserCurve(*published["laser_calibration_table_3_1"][side])
     pixels = np.array([printed.pixels(v) for v in TAPE])
@@ -27,7 +27,7 @@ def test_table_3_1_comes_back_from_its_own_calibration_points(side: str, publish
     assert (rounded.c, rounded.d) == pytest.approx((printed.c, printed.d), rel=0.1)
 
 
-def test_distances_outside_the_curve_and_too_few_points_are_refused() -> None:
+def test_distances_outside_the_curve_and_too_few_points_are_rejected() -> None:
     curve = LaserCurve(230.2, -0.03876, 83.3, -0.007234)
     with pytest.raises(NotInformative, match="outside"):
         curve.pixels(400.0)

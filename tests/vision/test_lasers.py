@@ -46,13 +46,13 @@ def test_dots_are_found_within_a_third_of_a_pixel(noise: str) -> None:
         assert np.array([dots.port, dots.starboard]) + centre == pytest.approx(camera.dots(distance, angle), abs=0.35)
 
 
-def test_windows_follow_the_dots_and_the_whole_picture_is_searched_when_one_is_lost() -> None:
+def test_windows_follow_the_dots_and_the_whole_image_is_searched_after_a_loss() -> None:
     camera, finder = WallCamera(seed=1), DotFinder()
     searched = [finder.find(seen(camera, d)).searched for d in (0.5, 0.48, 0.46, 0.15, 0.16)]
     assert searched == ["picture", "windows", "windows", "picture", "windows"]
 
 
-def test_a_calibration_from_pictures_gives_distance_and_angle(module: LaserModule) -> None:
+def test_a_calibration_from_images_gives_distance_and_angle(module: LaserModule) -> None:
     camera = WallCamera("turbid", seed=5)
     finder = DotFinder("red", module.lines)
     for distance, angle in ((0.3, 0.15), (0.6, -0.12), (0.8, 0.05)):
@@ -82,7 +82,7 @@ def test_a_reflection_off_the_line_of_a_dot_is_not_the_dot(module: LaserModule) 
 
 
 @pytest.mark.parametrize(("count", "words"), [(0, "shows no laser dot"), (1, "one laser dot, on the port side")])
-def test_pictures_without_two_dots_are_reported(count: int, words: str, module: LaserModule, tmp_path: Path) -> None:
+def test_images_without_two_dots_are_reported(count: int, words: str, module: LaserModule, tmp_path: Path) -> None:
     camera = WallCamera(seed=4)
     write_png(tmp_path / "1.png", camera.with_dots(camera.dots(0.5, 0.0)[:count], [4.0] * count))
     with pytest.raises(NotInformative, match=words):
@@ -116,7 +116,7 @@ def bad_folder(folder: Path, wall: Path, kind: str) -> None:
         ("no picture", "contains no picture"),
     ],
 )
-def test_bad_pictures_are_named(kind: str, words: str, module: LaserModule, wall: Path, tmp_path: Path) -> None:
+def test_bad_images_are_reported(kind: str, words: str, module: LaserModule, wall: Path, tmp_path: Path) -> None:
     bad_folder(tmp_path, wall, kind)
     with pytest.raises(BadFile, match=words):
         list(read_lasers(module, str(tmp_path)))
@@ -132,13 +132,13 @@ def test_bad_pictures_are_named(kind: str, words: str, module: LaserModule, wall
         ("d[cm],x_L,x_R\n10,300,300\n20,200,200\n", "port dot: a laser calibration needs at least five"),
     ],
 )
-def test_bad_tables_are_named(text: str, words: str, tmp_path: Path) -> None:
+def test_bad_tables_are_reported(text: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text(text)
     with pytest.raises((BadFile, NotInformative), match=words):
         calibrate_laser(tmp_path / "table.csv", apart=0.2)
 
 
-def test_a_table_with_other_rows_than_pictures_is_named(wall: Path, tmp_path: Path) -> None:
+def test_a_table_with_another_number_of_rows_than_images_is_reported(wall: Path, tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("d[cm]\n10\n20\n")
     with pytest.raises(BadFile, match="2 rows for 19 pictures"):
         calibrate_laser(tmp_path / "table.csv", str(wall), apart=0.2)
@@ -152,7 +152,7 @@ def test_a_table_with_other_rows_than_pictures_is_named(wall: Path, tmp_path: Pa
         ({"starboard": {"a": 1.0, "b": 0.1, "c": 1.0, "d": -0.1}}, "curve of starboard does not fall"),
     ],
 )
-def test_bad_calibration_files_are_named(
+def test_bad_calibration_files_are_reported(
     change: dict[str, Any], words: str, module: LaserModule, tmp_path: Path
 ) -> None:
     import json

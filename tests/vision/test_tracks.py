@@ -1,4 +1,4 @@
-"""A run from a video from above and a log: camera, marker, clocks, and what is refused."""
+"""A run from a video from above and a log: camera, marker, clocks, and rejections."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_a_delay_is_found_in_the_run_of_a_track() -> None:
 
 
 @pytest.mark.slow
-def test_a_bias_is_found_although_the_plain_model_is_wrong_without_it() -> None:
+def test_a_bias_is_found_from_a_wrong_plain_model() -> None:
     runs, units = [], {"X": "N", "N": "N m", "r": "rad/s"}
     for seed in (110, 111, 112):
         dive = pool_dive(seed, 25, [parse_effect("input-bias@yaw.bias=0.015")])
@@ -176,7 +176,7 @@ def test_turns_that_repeat_are_not_aligned_by_chance() -> None:
         clock_offset(seen, log)
 
 
-def test_bow_and_stern_of_a_line_follow_from_the_command_ahead() -> None:
+def test_bow_and_stern_of_a_line_follow_from_the_surge_command() -> None:
     seen, log, _ = dive_of()
     wrong_end = replace(seen, psi=seen.psi + math.pi)
     turned = joined(wrong_end, log).run["psi"].values - joined(seen, log).run["psi"].values
@@ -192,7 +192,7 @@ def gapped(log: Trial) -> Trial:
     return replace(log, channels={n: replace(c, t=c.t[keep], values=c.values[keep]) for n, c in log.channels.items()})
 
 
-def test_logs_that_cannot_be_joined_are_refused() -> None:
+def test_logs_that_cannot_be_joined_are_rejected() -> None:
     seen, log, offset = dive_of()
     with pytest.raises(MissingChannel, match=r"log: no command \(X, Y, N, delta"):
         joined(seen, without(log, "X", "N"))
@@ -209,7 +209,7 @@ def test_logs_that_cannot_be_joined_are_refused() -> None:
         joined(seen, replace(log, channels={**log.channels, "r": replace(log["r"], values=noise)}))
 
 
-def test_a_video_without_a_craft_or_with_a_gap_is_refused(camera: FloorCamera, pool: Path, tmp_path: Path) -> None:
+def test_a_video_without_a_craft_or_with_a_gap_is_rejected(camera: FloorCamera, pool: Path, tmp_path: Path) -> None:
     made = PoolCamera(seed=3)
     for number in range(3):
         write_png(tmp_path / f"{number}.png", made.empty())
@@ -224,7 +224,7 @@ def test_a_video_without_a_craft_or_with_a_gap_is_refused(camera: FloorCamera, p
     ("change", "words"),
     [({"matrix": None}, "matrix"), ({"floor": [[0.0] * 3] * 3}, "floor cannot be inverted"), ({"schema": 2}, "not a")],
 )
-def test_bad_camera_files_are_named(change: dict[str, Any], words: str, camera: FloorCamera, tmp_path: Path) -> None:
+def test_bad_camera_files_are_reported(change: dict[str, Any], words: str, camera: FloorCamera, tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
     save_camera(camera, path)
     data = {k: v for k, v in {**json.loads(path.read_text()), **change}.items() if v is not None}
@@ -241,13 +241,13 @@ def test_bad_camera_files_are_named(change: dict[str, Any], words: str, camera: 
         ("column,x[m],y[m]\n0,1,1\n", "no column row"),
     ],
 )
-def test_bad_floors_are_named(text: str, words: str, tmp_path: Path) -> None:
+def test_bad_floors_are_reported(text: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "floor.csv").write_text(text)
     with pytest.raises((BadFile, NotInformative), match=words):
         calibrate_camera(tmp_path / "floor.csv")
 
 
-def test_pictures_without_a_board_are_counted(pool: Path, tmp_path: Path) -> None:
+def test_images_without_a_board_are_counted(pool: Path, tmp_path: Path) -> None:
     write_png(tmp_path / "1.png", PoolCamera(seed=3).empty())
     with pytest.raises(NotInformative, match="0 of 1 pictures show a board"):
         calibrate_camera(pool / "floor.csv", str(tmp_path))

@@ -15,7 +15,7 @@ from .visiting import Page
 
 @pytest.fixture(scope="session")
 def scripted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The link of a server whose runs are a script: they say, ask and stop at once."""
+    """The link of a server with scripted runs, which print, prompt and stop at once."""
     with served(tmp_path_factory.mktemp("runs"), scripted=True) as link:
         yield link
 
@@ -30,7 +30,7 @@ def flying(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path
 
 @pytest.fixture
 def visit(browser: Any) -> Iterator[Any]:
-    """Open pages; none may log an error, or call anybody but the server."""
+    """Open pages; none may log an error, or call anything but the server."""
     pages: list[Page] = []
 
     def opened(link: str, **context: Any) -> Page:

@@ -1,4 +1,4 @@
-"""A reverse proxy that shows a server under a path prefix, as BlueOS does: cuts it off and passes the rest on."""
+"""A reverse proxy that shows a server under a path prefix, as BlueOS does: it strips the prefix."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Stands in for a run of our command line: says what a run would, asks, and heeds STOP. Flies nothing.
+"""Replaces a run of our command line: prints the same messages, prompts, and obeys STOP. Flies nothing.
 
-What it says is one of :data:`STORIES`, named by the link ``story:NAME``; without one it is a tune that asks. An undo of
-a run (``params restore``) is the story ``undo``.
+Its messages are one of :data:`STORIES`, named by the link ``story:NAME``; the default is a tune that prompts.
+An undo of a run (``params restore``) is the story ``undo``.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ STOPPED = "stopped by the operator"
 
 
 def vitals(mode: str, *, armed: bool) -> tuple[str, object]:
-    told = {"battery_voltage": 12.46, "battery_remaining": 0.98, "round_trip": 0.1, "attitude_rate": 10.0}
-    return "vitals", {"mode": mode, "armed": armed, **told}
+    values = {"battery_voltage": 12.46, "battery_remaining": 0.98, "round_trip": 0.1, "attitude_rate": 10.0}
+    return "vitals", {"mode": mode, "armed": armed, **values}
 
 
 def oscillating() -> Tale:
@@ -103,15 +103,15 @@ TRACK = {
 
 @dataclass(frozen=True)
 class Story:
-    """What is said until an answer or a STOP, and how the run ends.
+    """The messages until an answer or a STOP, and how the run ends.
 
-    told : messages. waits : whether an answer or a STOP is awaited; ``stops``: how many. code, error, left : exit
+    messages : as sent. waits : whether an answer or a STOP is awaited; ``stops``: how many. code, error, left : exit
     code, last message and final state of the vehicle, after a yes or without waiting; any other end is a STOP with
     ``left``. ending, after : ending of the summary, and the parameters at the end. journal : whether it is left open
     or closed; None: there is none. files : others by name.
     """
 
-    told: Tale
+    messages: Tale
     waits: bool = True
     stops: int = 1
     code: int = 0
@@ -234,7 +234,7 @@ def word(option: str) -> str:
     return next((word.partition("=")[2] for word in sys.argv if word.startswith(f"--{option}=")), "")
 
 
-def told(stops: int) -> bool:
+def wait_for_yes(stops: int) -> bool:
     """Wait for an answer, or for so many stops; return whether it is a yes."""
     for line in sys.stdin:
         answer = json.loads(line).get("answer")
@@ -256,17 +256,17 @@ def main() -> int:
     held = (out / "parameters_before.json").open("rb")  # for as long as it runs: whoever locks it knows when that ends
     if fcntl is not None:
         fcntl.flock(held, fcntl.LOCK_EX)
-    for key, value in story.told:
+    for key, value in story.messages:
         tell(key, value)
         sys.stdout.write("this is no line of ours\n")
-    went = told(story.stops) if story.waits else True
+    went = wait_for_yes(story.stops) if story.waits else True
     if story.after is not None:
         (out / "parameters_after.json").write_text(json.dumps(story.after if went else OLD))
     return end(story, out, link, went=went)
 
 
 def end(story: Story, out: Path, link: str, *, went: bool) -> int:
-    """Write the files of the run, say how the vehicle is left, and return the exit code."""
+    """Write the files of the run, send the final state of the vehicle, and return the exit code."""
     files = dict(story.files)
     if story.journal is not None:
         events = [{**OPENED, "link": link}, *[{**OPENED, "event": "closed"}] * (story.journal == "closed")]
@@ -286,9 +286,9 @@ def end(story: Story, out: Path, link: str, *, went: bool) -> int:
 
 
 def undo(story: Story) -> int:
-    for key, value in story.told:
+    for key, value in story.messages:
         tell(key, value)
-    if not told(story.stops):
+    if not wait_for_yes(story.stops):
         sys.stderr.write("gcs-autotune: nothing was written: the answer was no\n")
         return 130
     tell("say", "ATC_STR_RAT_P: 0.4 -> 0.2")

@@ -17,11 +17,11 @@ BRIEF = ROOT / "tests" / "brief_program.py"
 
 @contextmanager
 def served(runs: Path, *, scripted: bool, host: str = "127.0.0.1", ends_by_kill: bool = False) -> Iterator[str]:
-    """Yield the link of a server that keeps its runs in *runs*; *scripted*: with a stand-in for what flies.
+    """Yield the link of a server that keeps its runs in *runs*; *scripted*: with a scripted run instead of a flight.
 
-    A server that *ends_by_kill* has no time to tell its pages how a run ended.
+    A server that *ends_by_kill* cannot send its pages the end of a run.
 
-    What flies designs in few evaluations: ``tests/closed_loop/test_real_links.py`` flies our own command line.
+    Flights use designs of few evaluations; ``tests/closed_loop/test_real_links.py`` flies our own command line.
     """
     words = [sys.executable, "-m", "tests.web.serving", str(runs), "scripted" if scripted else "real", host]
     with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True) as server:

@@ -1,4 +1,4 @@
-"""Who may look and who may touch."""
+"""Access: who may view and who may operate."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def trouble(access: Access | None = None, **headers: str) -> str:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8090", "localhost:8090", "[::1]:8090", "192.168.2.2", "blueos.local"])
-def test_names_that_no_stranger_can_own_are_ours(host: str) -> None:
+def test_local_names_are_accepted(host: str) -> None:
     assert trouble(host=host) == ""
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example", "localhost.evil.example", "", "evil.example:8090", "127.0.0.1.nip.io"]
 )
-def test_a_name_made_to_point_at_us_is_refused(host: str) -> None:
+def test_a_foreign_host_name_is_rejected(host: str) -> None:
     assert "not a known name of this server" in trouble(host=host)
 
 
@@ -36,7 +36,7 @@ def test_a_name_may_be_allowed() -> None:
     assert trouble(Access(hosts=["Boat.example"]), host="boat.example", origin="http://boat.example") == ""
 
 
-def test_a_page_elsewhere_is_refused_by_its_origin_or_by_what_the_browser_says() -> None:
+def test_a_foreign_page_is_rejected_by_origin_or_fetch_metadata() -> None:
     assert "evil.example" in trouble(host="127.0.0.1:8090", origin="http://evil.example")
     assert "another port" not in trouble(host="127.0.0.1:8090", origin="http://127.0.0.1:8090")
     assert trouble(host="127.0.0.1:8090", origin="http://127.0.0.1:9999") != ""
@@ -44,7 +44,7 @@ def test_a_page_elsewhere_is_refused_by_its_origin_or_by_what_the_browser_says()
     assert trouble(host="127.0.0.1:8090", origin="null") != ""
 
 
-def test_only_the_token_opens_and_a_missing_one_says_what_to_do() -> None:
+def test_only_the_token_grants_access_and_a_missing_one_is_explained() -> None:
     access = Access("right")
     assert access.refusal(Headers({TOKEN_HEADER: "right"}), "a") is None
     assert access.refusal(Headers({}), "a") == (401, access.refusal(Headers({}), "a")[1])  # type: ignore[index]
@@ -52,7 +52,7 @@ def test_only_the_token_opens_and_a_missing_one_says_what_to_do() -> None:
     assert access.refusal(Headers({TOKEN_HEADER: "rïght"}), "a")[0] == 403  # type: ignore[index]
 
 
-def test_guessing_is_slowed_per_address_and_never_keeps_the_owner_out() -> None:
+def test_guessing_is_limited_per_address_and_never_locks_out_the_owner() -> None:
     watch = Watch()
     access = Access("right", now=watch)
     wrong = Headers({TOKEN_HEADER: "wrong"})
@@ -69,6 +69,6 @@ def test_tokens_differ_and_are_long() -> None:
     assert len(Access.new_token()) >= 22
 
 
-def test_this_machine_alone_is_told_from_all_others() -> None:
+def test_only_loopback_addresses_count_as_this_machine() -> None:
     assert [h for h in ("127.0.0.1", "127.9.9.9", "::1", "localhost") if not is_loopback(h)] == []
     assert [h for h in ("0.0.0.0", "::", "192.168.1.2", "boat.local") if is_loopback(h)] == []

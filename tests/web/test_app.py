@@ -1,4 +1,4 @@
-"""The server as a browser meets it, with a scripted run in place of one that flies."""
+"""The server as seen by a browser, with a scripted run instead of a flight."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Viewer:
         return self.state
 
 
-def test_a_run_is_started_watched_and_stopped_and_it_is_said_what_was_put_back(client: TestClient) -> None:
+def test_a_run_is_started_viewed_and_stopped_and_the_restored_values_are_reported(client: TestClient) -> None:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         viewer = Viewer(socket)
         assert client.post("/start", json=HEADING, headers=OURS).status_code == 200
@@ -88,7 +88,7 @@ def test_a_run_is_started_watched_and_stopped_and_it_is_said_what_was_put_back(c
     assert client.post("/stop", headers=OURS).json() == {"stopping": False}
 
 
-def test_a_joystick_s_key_stops_a_run(tmp_path: Path) -> None:
+def test_the_key_of_a_joystick_stops_a_run(tmp_path: Path) -> None:
     with (
         client_of(tmp_path, Access("right", stop_key="only-stop")) as client,
         client.websocket_connect("ws://127.0.0.1:8090/live") as socket,
@@ -100,7 +100,7 @@ def test_a_joystick_s_key_stops_a_run(tmp_path: Path) -> None:
         assert viewer.until("end")["end"]["code"] == 130
 
 
-def test_the_first_answer_counts_and_no_other(client: TestClient) -> None:
+def test_only_the_first_answer_counts(client: TestClient) -> None:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         viewer = Viewer(socket)
         client.post("/start", json=HEADING, headers=OURS)
@@ -114,7 +114,7 @@ def test_the_first_answer_counts_and_no_other(client: TestClient) -> None:
     assert "ATC_STR_RAT_P 0.2 -> 0.4" in end["put_back"][1]
 
 
-def test_a_stop_that_comes_before_the_process_is_there_reaches_it(tmp_path: Path) -> None:
+def test_a_stop_sent_before_the_process_starts_reaches_it(tmp_path: Path) -> None:
     live = Live()
     live.begin({"name": "run"})
     job = Job(PROGRAM, [f"--out={tmp_path / 'run'}"], tmp_path / "run", live)
@@ -127,7 +127,7 @@ def test_a_stop_that_comes_before_the_process_is_there_reaches_it(tmp_path: Path
     assert live.get("end")["code"] == 130
 
 
-def test_viewers_come_and_go_without_the_run_noticing(client: TestClient) -> None:
+def test_viewers_connect_and_leave_without_effect_on_the_run(client: TestClient) -> None:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         client.post("/start", json=HEADING, headers=OURS)
         Viewer(socket).until("question")
@@ -139,7 +139,7 @@ def test_viewers_come_and_go_without_the_run_noticing(client: TestClient) -> Non
         assert again.until("end")["end"]["code"] == 130
 
 
-def test_the_server_s_end_stops_the_run_and_waits_for_it(tmp_path: Path) -> None:
+def test_the_server_stops_the_run_and_waits_for_it_on_exit(tmp_path: Path) -> None:
     with client_of(tmp_path) as client, client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         name = client.post("/start", json=HEADING, headers=OURS).json()["name"]
         Viewer(socket).until("question")
@@ -148,7 +148,7 @@ def test_the_server_s_end_stops_the_run_and_waits_for_it(tmp_path: Path) -> None
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
-def test_a_disk_that_fills_up_under_a_tune_is_said_and_everything_is_put_back(tmp_path: Path) -> None:
+def test_a_disk_that_fills_during_a_tune_is_reported_and_everything_is_restored(tmp_path: Path) -> None:
     program = CommandLine((sys.executable, str(Path(__file__).with_name("full_disk.py"))))
     with (
         client_of(tmp_path, program=program) as client,
@@ -165,9 +165,9 @@ def test_a_disk_that_fills_up_under_a_tune_is_said_and_everything_is_put_back(tm
     ]
 
 
-def test_the_same_is_told_by_server_sent_events(tmp_path: Path) -> None:
+def test_server_sent_events_carry_the_same_state(tmp_path: Path) -> None:
     async def scene() -> list[bytes]:
-        """Ask as a browser would, and go after the first event: the test client waits for an end there is none of."""
+        """Request as a browser does and leave after the first event: the test client would wait for ever."""
         sent: list[bytes] = []
         gone = asyncio.Event()
         scope = {
@@ -197,7 +197,7 @@ def test_the_same_is_told_by_server_sent_events(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("where", ["/start", "/stop", "/answer", "/token"])
-def test_nobody_without_the_token_touches_but_he_may_look(where: str, tmp_path: Path) -> None:
+def test_without_the_token_requests_are_rejected_and_viewing_is_allowed(where: str, tmp_path: Path) -> None:
     with client_of(tmp_path, Access("right")) as client:
         assert client.post(where, json=HEADING).status_code == 401
         assert client.post(where, json=HEADING, headers={TOKEN_HEADER: "wrong"}).status_code == 403
@@ -208,7 +208,7 @@ def test_nobody_without_the_token_touches_but_he_may_look(where: str, tmp_path: 
         assert client.post("/token", headers={TOKEN_HEADER: "right"}).status_code == 200
 
 
-def test_a_form_of_another_page_does_not_touch_even_where_no_token_is_needed(client: TestClient) -> None:
+def test_a_form_of_another_page_is_rejected_even_without_a_token(client: TestClient) -> None:
     assert client.post("/stop").status_code == 403  # a form cannot set the header
     assert client.post("/stop", headers={**OURS, "Origin": "http://evil.example"}).status_code == 403
     assert client.post("/stop", headers={**OURS, "Sec-Fetch-Site": "cross-site"}).status_code == 403
@@ -218,7 +218,7 @@ def test_a_form_of_another_page_does_not_touch_even_where_no_token_is_needed(cli
 
 
 @pytest.mark.parametrize("headers", [{"origin": "http://evil.example"}, {"host": "evil.example"}])
-def test_a_socket_of_another_page_is_refused(client: TestClient, headers: dict[str, str]) -> None:
+def test_a_socket_of_another_page_is_rejected(client: TestClient, headers: dict[str, str]) -> None:
     with (
         pytest.raises(WebSocketDisconnect),
         client.websocket_connect("ws://127.0.0.1:8090/live", headers=headers) as socket,
@@ -226,7 +226,7 @@ def test_a_socket_of_another_page_is_refused(client: TestClient, headers: dict[s
         socket.receive_text()
 
 
-def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestClient) -> None:
+def test_every_response_forbids_foreign_scripts(client: TestClient) -> None:
     for where in ("/", "/about", "/nothing", "/static/main.js"):
         policy = client.get(where).headers["content-security-policy"]
         assert "default-src 'none'" in policy
@@ -235,7 +235,7 @@ def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestCli
 
 
 @pytest.mark.parametrize(
-    ("chosen", "said"),
+    ("chosen", "text"),
     [
         ({**HEADING, "axis": "sideways"}, "sideways"),
         ({**HEADING, "job": "restore"}, "restore"),
@@ -255,16 +255,16 @@ def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestCli
         ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"heading": "900"}}, "heading: 900 is out of range"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name_before_anything_starts(
-    client: TestClient, tmp_path: Path, chosen: dict[str, Any], said: str
+def test_impossible_choices_are_rejected_by_name_before_the_start(
+    client: TestClient, tmp_path: Path, chosen: dict[str, Any], text: str
 ) -> None:
     answer = client.post("/start", json=chosen, headers=OURS)
     assert answer.status_code == 400
-    assert said in answer.json()["error"]
+    assert text in answer.json()["error"]
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_was_chosen_becomes_a_command_line_that_its_parser_takes(tmp_path: Path) -> None:
+def test_choices_become_a_valid_command_line(tmp_path: Path) -> None:
     numbers = {"steering": "0.3", "f-stop": "0.4", "max-time": "300", "relays": "3", "throttle": ""}
     chosen = {
         "job": "fly",
@@ -297,7 +297,7 @@ def test_every_manoeuvre_can_be_chosen_with_each_force_and_its_options(kind: Man
         assert make_parser().parse_args(list(order.arguments)).force == force
 
 
-def test_the_settings_file_is_shown_where_a_field_is_left_empty(tmp_path: Path) -> None:
+def test_empty_fields_show_the_value_of_the_settings_file(tmp_path: Path) -> None:
     otter = {"connect": "udpin:0.0.0.0:14561", "max-speed": 2.0, "signing-key": tmp_path / "key"}
     preset = {"connect": "/dev/ttyUSB0,57600", "max-distance": 40.0, "craft": {"otter": otter}}
     with TestClient(make_app(tmp_path, Access(), PROGRAM, preset), base_url="http://127.0.0.1:8090") as one:
@@ -310,7 +310,7 @@ def test_the_settings_file_is_shown_where_a_field_is_left_empty(tmp_path: Path) 
     assert make_parser().parse_args(list(order.arguments)).craft == "otter"
 
 
-def test_ports_are_listened_to_by_the_command_and_never_during_a_run(tmp_path: Path) -> None:
+def test_the_ports_command_listens_to_ports_but_never_during_a_run(tmp_path: Path) -> None:
     program = CommandLine((sys.executable, "-c", "import sys; print(sys.argv[1:])"))
     with client_of(tmp_path, program=program) as one, one.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         assert one.post("/work", json={"verb": "ports"}, headers=OURS).status_code == 200
@@ -324,7 +324,7 @@ def test_ports_are_listened_to_by_the_command_and_never_during_a_run(tmp_path: P
         assert one.post("/work", json={"verb": "ports"}, headers=OURS).status_code == 409
 
 
-def test_a_guided_run_is_tune_all_and_has_only_its_options(tmp_path: Path) -> None:
+def test_a_guided_run_is_tune_all_with_its_options(tmp_path: Path) -> None:
     chosen = {"job": "all", "style": "gentle", "dry_run": True, "model": "a/b.json", "axis": "heading"}
     numbers = {"step": "30", "full-scale": "40", "relays": "3", "max-distance": "40"}
     order = make_order({**chosen, "numbers": numbers}, tmp_path, datetime(2026, 11, 23))
@@ -344,7 +344,7 @@ def job_of(folder: Path, link: str, *endings: str) -> Path:
     return folder
 
 
-def test_a_guided_run_that_was_stopped_is_continued_in_its_own_directory(tmp_path: Path) -> None:
+def test_a_stopped_guided_run_continues_in_its_own_directory(tmp_path: Path) -> None:
     folder = job_of(tmp_path / "lake", "/dev/ttyUSB0", "kept", "aborted")
     with client_of(tmp_path) as one:
         resume = one.get("/runs/lake").json()["resume"]
@@ -356,14 +356,14 @@ def test_a_guided_run_that_was_stopped_is_continued_in_its_own_directory(tmp_pat
         make_order({**resume, "resume": "../etc"}, tmp_path, datetime(2026, 11, 23))
 
 
-def test_a_guided_run_is_not_continued_where_nothing_is_left_or_the_vehicle_is_gone(tmp_path: Path) -> None:
+def test_a_finished_or_simulated_guided_run_cannot_be_continued(tmp_path: Path) -> None:
     job_of(tmp_path / "done", "/dev/ttyUSB0", "kept", "restored")
     job_of(tmp_path / "simulated", "sitl:charlie", "kept", "open")
     with client_of(tmp_path) as one:
         assert [one.get(f"/runs/{name}").json()["resume"] for name in ("done", "simulated")] == [None, None]
 
 
-def test_the_end_of_a_guided_run_states_what_each_step_left(tmp_path: Path) -> None:
+def test_the_end_of_a_guided_run_states_the_result_of_each_step(tmp_path: Path) -> None:
     folder = job_of(tmp_path / "lake", "/dev/ttyUSB0", "kept", "restored", "open")
     left = {"mode": "HOLD", "armed": False, "differs": {}}
     end = how_it_ended(8, "", folder, left)
@@ -388,9 +388,7 @@ def kept_run(folder: Path, link: str, *, settled: bool = True, ending: str = "ke
 
 
 @pytest.mark.parametrize("settled", [True, False])
-def test_a_run_that_ends_before_arming_is_judged_by_whether_earlier_steps_restored_the_vehicle(
-    tmp_path: Path, settled: bool
-) -> None:
+def test_a_run_ended_before_arming_is_fine_if_earlier_steps_restored_the_vehicle(tmp_path: Path, settled: bool) -> None:
     (tmp_path / "job").mkdir()
     kept_run(tmp_path / "job" / "02-heading", "/dev/ttyUSB0", settled=settled)
     end = how_it_ended(130, "", tmp_path / "job", None)
@@ -398,7 +396,7 @@ def test_a_run_that_ends_before_arming_is_judged_by_whether_earlier_steps_restor
     assert ("vehicle is restored" in end["put_back"][0]) == settled
 
 
-def test_a_run_that_kept_its_gains_is_undone_by_restoring_its_parameters(tmp_path: Path) -> None:
+def test_kept_gains_are_undone_by_restoring_the_parameters(tmp_path: Path) -> None:
     folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0")
     with client_of(tmp_path) as one:
         assert one.get("/runs/lake").json()["undo"]
@@ -411,22 +409,20 @@ def test_a_run_that_kept_its_gains_is_undone_by_restoring_its_parameters(tmp_pat
     )
 
 
-def test_a_run_that_did_not_restore_its_vehicle_is_restored_as_by_the_command(tmp_path: Path) -> None:
+def test_an_unrestored_run_is_restored_by_the_restore_command(tmp_path: Path) -> None:
     folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0", settled=False, ending="aborted")
     args = make_parser().parse_args(list(make_order({"job": "undo", "run": "lake"}, tmp_path, NOW).arguments))
     assert (args.command, args.run, args.yes) == ("restore", folder, False)
 
 
 @pytest.mark.parametrize(("link", "ending"), [("sitl:charlie", "kept"), ("/dev/ttyUSB0", "restored"), ("", "kept")])
-def test_nothing_is_undone_where_nothing_was_kept_or_the_vehicle_is_gone(
-    tmp_path: Path, link: str, ending: str
-) -> None:
+def test_a_run_without_kept_gains_or_vehicle_cannot_be_undone(tmp_path: Path, link: str, ending: str) -> None:
     kept_run(tmp_path / "lake", link, ending=ending)
     with pytest.raises(UsageError, match="nothing to undo"):
         make_order({"job": "undo", "run": "lake"}, tmp_path, NOW)
 
 
-def test_a_run_with_the_model_of_a_loop_offers_what_if_and_its_proof_flies_the_gains_shown(
+def test_a_run_with_a_loop_model_offers_what_if_and_proves_the_gains_shown(
     tmp_path: Path,
 ) -> None:
     folder = kept_run(tmp_path / "lake", "/dev/ttyUSB0")
@@ -456,7 +452,7 @@ def test_a_run_with_the_model_of_a_loop_offers_what_if_and_its_proof_flies_the_g
             make_order({**proof, "style": style}, tmp_path, NOW)
 
 
-def test_a_run_is_downloaded_whole_without_files_that_are_not_of_a_run(tmp_path: Path) -> None:
+def test_a_run_is_downloaded_without_foreign_files(tmp_path: Path) -> None:
     (kept_run(tmp_path / "lake", "/dev/ttyUSB0") / "signing.key").write_text("secret")
     with client_of(tmp_path) as one:
         answer = one.get("/zip/lake")
@@ -466,7 +462,7 @@ def test_a_run_is_downloaded_whole_without_files_that_are_not_of_a_run(tmp_path:
         assert whole.namelist() == names
 
 
-def test_what_was_chosen_for_a_run_is_kept_with_it_to_start_it_again(client: TestClient) -> None:
+def test_the_choices_of_a_run_are_stored_to_start_it_again(client: TestClient) -> None:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         name = client.post("/start", json=HEADING, headers=OURS).json()["name"]
         viewer = Viewer(socket)
@@ -476,11 +472,16 @@ def test_what_was_chosen_for_a_run_is_kept_with_it_to_start_it_again(client: Tes
     assert client.get(f"/runs/{name}").json()["again"] == HEADING
 
 
-def test_an_undo_asks_first_and_its_end_lists_what_was_restored() -> None:
-    said = ["connected", "answered yes: Write P 2 -> 1?", "P: 2 -> 1", "1 parameter changed, verified by reading back"]
-    end = how_the_undo_ended(0, "", said)
-    assert end["fine"] and end["put_back"] == said[2:]
-    declined = how_the_undo_ended(130, "gcs-autotune: nothing was written: the answer was no\n", said[:1])
+def test_an_undo_asks_first_and_ends_with_the_restored_values() -> None:
+    reported = [
+        "connected",
+        "answered yes: Write P 2 -> 1?",
+        "P: 2 -> 1",
+        "1 parameter changed, verified by reading back",
+    ]
+    end = how_the_undo_ended(0, "", reported)
+    assert end["fine"] and end["put_back"] == reported[2:]
+    declined = how_the_undo_ended(130, "gcs-autotune: nothing was written: the answer was no\n", reported[:1])
     assert (declined["fine"], declined["put_back"]) == (False, [])
     assert declined["reason"] == "nothing was written: the answer was no"
 
@@ -493,7 +494,7 @@ def test_a_new_step_begins_without_the_proposal_of_the_last_one() -> None:
         assert (live.get("proposal") is not None) == kept
 
 
-def test_a_model_of_an_earlier_run_is_designed_from_or_previewed_with_and_no_other_file_is(tmp_path: Path) -> None:
+def test_only_models_of_earlier_runs_can_be_used_for_design_and_preview(tmp_path: Path) -> None:
     model = tmp_path / "20261123-lake" / "diagnosis" / "model.json"
     model.parent.mkdir(parents=True)
     model.write_text("{}")
@@ -511,21 +512,21 @@ def test_a_model_of_an_earlier_run_is_designed_from_or_previewed_with_and_no_oth
 
 
 @pytest.mark.parametrize("body", [b"", b"[]", b"{", b"x" * 100_000, b"null"])
-def test_what_is_not_understood_is_said_and_harms_nothing(client: TestClient, body: bytes) -> None:
+def test_a_malformed_request_is_rejected_without_effect(client: TestClient, body: bytes) -> None:
     for where in ("/start", "/answer"):
         answer = client.post(where, content=body, headers=OURS)
         assert answer.status_code == 400
         assert answer.json()["error"]
 
 
-def test_only_the_page_s_own_files_are_served(client: TestClient) -> None:
+def test_only_the_files_of_the_page_are_served(client: TestClient) -> None:
     for name in ("..%2Fapp.py", "%2e%2e/app.py", "index.html", "%2Fetc%2Fpasswd"):
         assert client.get(f"/static/{name}").status_code == 404
     assert {path.name for path in STATIC.iterdir()} == {*FILES, "index.html"}
     assert [client.get(f"/static/{name}").status_code for name in FILES] == [200] * len(FILES)
 
 
-def test_the_page_is_small_and_asks_nobody_else() -> None:
+def test_the_page_is_small_and_loads_nothing_external() -> None:
     sizes = {path.name: path.stat().st_size for path in STATIC.iterdir()}
     assert sum(sizes.values()) < 300_000
     for path in STATIC.iterdir():

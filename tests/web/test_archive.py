@@ -1,4 +1,4 @@
-"""What is on disk: listed, handed out, taken in; nothing outside the folder of runs."""
+"""Files on disk: listed, served and accepted; nothing outside the folder of runs."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def runs(tmp_path: Path) -> Path:
     (tmp_path / "secret.txt").write_text("not yours")
     (trials / "01-step.csv").write_bytes(TABLE)
     marks = [{"t": 0.1, "kind": "target", "detail": {"value": 0.5}}, {"t": 0.2, "kind": "switch", "detail": {}}]
-    told = {"name": "step", "ending": "completed", "reason": "flown", "meta": {"signal": "psi"}, "marks": marks}
-    (trials / "01-step.json").write_text(json.dumps(told))
+    values = {"name": "step", "ending": "completed", "reason": "flown", "meta": {"signal": "psi"}, "marks": marks}
+    (trials / "01-step.json").write_text(json.dumps(values))
     (folder / "20260101-run" / "report.html").write_text("<script>alert(1)</script>")
     (folder / "20260101-run" / "summary.json").write_text(json.dumps({"title": "tune heading", "ending": "kept"}))
     (folder / "20260101-run" / "telemetry.tlog").write_bytes(b"\xfe")
@@ -61,14 +61,14 @@ def test_runs_are_listed_with_what_can_be_replayed(client: TestClient) -> None:
         "report.html",
         "",
     )
-    told = client.get("/runs/20260101-run").json()
-    assert [t["name"] for t in told["trials"]] == ["step"]
-    assert told["trials"][0]["targets"] == [[0.1, 0.5]]
-    assert "trials/01-step.csv" in told["files"]
+    document = client.get("/runs/20260101-run").json()
+    assert [t["name"] for t in document["trials"]] == ["step"]
+    assert document["trials"][0]["targets"] == [[0.1, 0.5]]
+    assert "trials/01-step.csv" in document["files"]
     assert client.get("/files/20260101-run/trials/01-step.csv").content == TABLE
 
 
-def test_a_report_may_run_nothing_but_the_script_of_its_charts(client: TestClient) -> None:
+def test_a_report_may_run_only_the_script_of_its_charts(client: TestClient) -> None:
     answer = client.get("/files/20260101-run/report.html")
     assert answer.status_code == 200
     policy = answer.headers["content-security-policy"]
@@ -76,13 +76,13 @@ def test_a_report_may_run_nothing_but_the_script_of_its_charts(client: TestClien
     assert policy.endswith(f"; script-src {script_digest()}")
 
 
-def test_a_report_that_is_served_links_to_the_zip_of_its_run(client: TestClient, runs: Path) -> None:
+def test_a_served_report_links_to_the_zip_of_its_run(client: TestClient, runs: Path) -> None:
     file = runs / "20260101-run" / "report.html"
     for page in (file, runs / "20260101-run" / "trials" / "more.html"):
         page.write_text("<main>a<footer>b</footer></main>")
         where = f"/files/{page.relative_to(runs).as_posix()}"
-        told = client.get(where).text
-        (link,) = re.findall(r'<main>a<p><a href="([^"]*)">Download the whole run \(zip\)</a></p><footer>', told)
+        output = client.get(where).text
+        (link,) = re.findall(r'<main>a<p><a href="([^"]*)">Download the whole run \(zip\)</a></p><footer>', output)
         assert client.get(urljoin(where, link)).headers["content-type"] == "application/zip"
     assert "zip" not in file.read_text()
 
@@ -108,13 +108,13 @@ def test_a_report_that_is_served_links_to_the_zip_of_its_run(client: TestClient,
 )
 def test_no_path_leaves_the_folder_of_runs(client: TestClient, where: str) -> None:
     answer = client.get(where)
-    assert answer.status_code in (404, 200)  # `..` may be folded to the page itself on the way
+    assert answer.status_code in (404, 200)  # `..` may be resolved to the page itself
     assert b"not yours" not in answer.content
     assert b"root:" not in answer.content
     assert answer.status_code == 404 or answer.request.url.path in ("/", "/runs")
 
 
-def test_a_dropped_log_is_kept_in_a_folder_of_its_own_under_a_harmless_name(client: TestClient, runs: Path) -> None:
+def test_an_uploaded_log_is_stored_in_its_own_folder_under_a_safe_name(client: TestClient, runs: Path) -> None:
     name = client.post("/drop?name=..%2F..%2F<b>my log.CSV", content=TABLE, headers=OURS).json()["name"]
     kept = list((runs / name).iterdir())
     assert [p.name for p in kept] == ["b_my_log.CSV"]
@@ -123,7 +123,7 @@ def test_a_dropped_log_is_kept_in_a_folder_of_its_own_under_a_harmless_name(clie
 
 
 @pytest.mark.parametrize("name", ["", "a", "a.toml", "a.html", "..csv", ".csv", "a.csv/b", "a.py"])
-def test_what_is_no_log_is_not_taken(client: TestClient, runs: Path, name: str) -> None:
+def test_a_file_that_is_not_a_log_is_rejected(client: TestClient, runs: Path, name: str) -> None:
     before = set(runs.iterdir())
     answer = client.post("/drop", params={"name": name}, content=b"x", headers=OURS)
     assert answer.status_code == 400
@@ -131,7 +131,7 @@ def test_what_is_no_log_is_not_taken(client: TestClient, runs: Path, name: str) 
     assert set(runs.iterdir()) == before
 
 
-def test_what_is_too_large_leaves_nothing_whether_it_says_so_or_not(
+def test_a_too_large_file_leaves_nothing_with_or_without_a_declared_size(
     runs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(archive_module, "MOST_BYTES", 1000)
@@ -147,7 +147,7 @@ def test_what_is_too_large_leaves_nothing_whether_it_says_so_or_not(
         assert set(runs.iterdir()) == before
 
 
-def test_a_full_disk_is_said_and_nothing_is_left(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_and_nothing_is_left(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async def pieces() -> AsyncIterator[bytes]:
         yield b"x"
         raise OSError(28, "No space left on device")
@@ -164,8 +164,8 @@ def test_a_full_disk_is_said_and_nothing_is_left(runs: Path, monkeypatch: pytest
 def until_done(client: TestClient) -> dict[str, Any]:
     with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
         while True:
-            told = json.loads(socket.receive_text())
-            desk = told.get("whole", told).get("desk")
+            document = json.loads(socket.receive_text())
+            desk = document.get("whole", document).get("desk")
             if desk and not desk["running"]:
                 return dict(desk)
 
@@ -174,7 +174,7 @@ def until_done(client: TestClient) -> dict[str, Any]:
     ("verb", "words"),
     [("list", "logs list"), ("identify", "identify"), ("diagnose", "diagnose")],
 )
-def test_a_log_is_worked_on_by_our_command_line_in_another_process(client: TestClient, verb: str, words: str) -> None:
+def test_a_log_is_processed_by_our_command_line_in_another_process(client: TestClient, verb: str, words: str) -> None:
     name = client.post("/drop?name=a.csv", content=TABLE, headers=OURS).json()["name"]
     assert client.post("/work", json={"name": name, "verb": verb, "dof": "yaw"}, headers=OURS).status_code == 200
     desk = until_done(client)
@@ -183,7 +183,7 @@ def test_a_log_is_worked_on_by_our_command_line_in_another_process(client: TestC
     assert desk["text"].splitlines()[1] == "\\x1b[2J<b>"
 
 
-def test_two_runs_are_compared_and_the_page_stands_with_the_first(client: TestClient) -> None:
+def test_two_runs_are_compared_and_the_page_is_stored_with_the_first(client: TestClient) -> None:
     one, other = (client.post(f"/drop?name={n}.csv", content=TABLE, headers=OURS).json()["name"] for n in "ab")
     asked = {"name": one, "verb": "compare", "dof": "yaw", "other": other}
     assert client.post("/work", json=asked, headers=OURS).status_code == 200
@@ -193,16 +193,16 @@ def test_two_runs_are_compared_and_the_page_stands_with_the_first(client: TestCl
 
 
 @pytest.mark.parametrize(
-    "told",
+    "order",
     [{"name": "20260101-run", "verb": "compare", "other": "../x"},
      {"name": "none", "verb": "list"}, {"name": "../x", "verb": "list"}, {"name": "20260101-run", "verb": "restore"},
      {"name": "20260101-run", "verb": "identify", "dof": "--out=/"}],
 )  # fmt: skip
-def test_work_that_cannot_be_is_refused(client: TestClient, told: dict[str, str]) -> None:
-    assert client.post("/work", json=told, headers=OURS).status_code == 400
+def test_impossible_work_is_rejected(client: TestClient, order: dict[str, str]) -> None:
+    assert client.post("/work", json=order, headers=OURS).status_code == 400
 
 
-def test_nobody_without_the_token_drops_or_works(runs: Path) -> None:
+def test_upload_and_processing_require_the_token(runs: Path) -> None:
     with TestClient(make_app(runs, Access("right"), ECHO), base_url="http://127.0.0.1:8090") as client:
         assert client.post("/drop?name=a.csv", content=TABLE).status_code == 401
         assert client.post("/work", json={"name": "20260101-run", "verb": "list"}).status_code == 401

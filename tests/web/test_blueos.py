@@ -1,4 +1,4 @@
-"""The extension for BlueOS, as far as it can be tried without it: image, labels, answers, another's path."""
+"""The BlueOS extension, as far as it can be tested without BlueOS: image, labels, responses, path prefix."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def with_a_key(runs: Path) -> TestClient:
     return TestClient(app, base_url="http://blueos.local")
 
 
-def test_the_labels_are_those_that_blueos_reads_and_their_json_is_whole():
+def test_the_labels_are_those_that_blueos_reads_with_valid_json():
     found = labels()
     assert set(found) == {
         "version", "permissions", "authors", "company", "readme", "links", "type", "tags", "requirements"
@@ -105,7 +105,7 @@ def test_the_labels_are_those_that_blueos_reads_and_their_json_is_whole():
     assert all(isinstance(tag, str) for tag in json.loads(found["tags"]))
 
 
-def test_the_permissions_ask_for_no_more_than_is_needed():
+def test_the_permissions_are_minimal():
     asked = json.loads(labels()["permissions"])
     host = asked["HostConfig"]
     assert set(asked) == {"ExposedPorts", "HostConfig"}
@@ -118,7 +118,7 @@ def test_the_permissions_ask_for_no_more_than_is_needed():
     assert host["Memory"] >= 512 << 20
 
 
-def test_the_image_starts_what_there_is_with_runs_on_the_mount():
+def test_the_image_starts_the_server_with_runs_on_the_mount():
     command = json.loads(re.search(r"^ENTRYPOINT (\[.*\])$", DOCKERFILE, re.MULTILINE)[1])
     assert command[0] == "gcs-autotune"
     args = make_parser().parse_args(command[1:])
@@ -132,7 +132,7 @@ def test_the_image_starts_what_there_is_with_runs_on_the_mount():
         assert all((ROOT / name).exists() for name in copied.split())
 
 
-def test_the_link_that_the_image_names_is_one_and_the_page_begins_with_it(monkeypatch):
+def test_the_link_of_the_image_is_valid_and_the_default_of_the_page(monkeypatch):
     named = re.search(rf"^ENV {LINK_VARIABLE}=(\S+)$", DOCKERFILE, re.MULTILINE)[1]
     open_link(named.replace("host.docker.internal", "127.0.0.1")).close()
     monkeypatch.setenv(LINK_VARIABLE, named)
@@ -141,12 +141,12 @@ def test_the_link_that_the_image_names_is_one_and_the_page_begins_with_it(monkey
     assert fields()["link"] == ""
 
 
-def test_blueos_and_cockpit_are_answered_without_a_token_and_find_what_they_are_told_of(behind_a_prefix):
-    told: dict[str, Any] = behind_a_prefix.get(f"{PREFIX}/register_service").json()
+def test_blueos_and_cockpit_need_no_token_and_find_the_announced_addresses(behind_a_prefix):
+    document: dict[str, Any] = behind_a_prefix.get(f"{PREFIX}/register_service").json()
     needed = ("name", "description", "icon", "company", "version", "webpage", "api")
-    assert all(isinstance(told[key], str) and told[key] for key in needed)
-    assert told["works_in_relative_paths"] is True
-    extras = behind_a_prefix.get(PREFIX + told["extras"]["cockpit"])
+    assert all(isinstance(document[key], str) and document[key] for key in needed)
+    assert document["works_in_relative_paths"] is True
+    extras = behind_a_prefix.get(PREFIX + document["extras"]["cockpit"])
     assert extras.status_code == 200
     assert {"targetSystem", "targetCockpitApiVersion", "widgets", "actions"} == set(extras.json())
     (widget,) = extras.json()["widgets"]
@@ -155,17 +155,17 @@ def test_blueos_and_cockpit_are_answered_without_a_token_and_find_what_they_are_
         assert behind_a_prefix.get(PREFIX + url).status_code == 200
 
 
-def test_what_cockpit_reads_is_as_its_schema_wants_it(behind_a_prefix, tmp_path):
+def test_the_cockpit_extras_match_their_schema(behind_a_prefix, tmp_path):
     where = behind_a_prefix.get(f"{PREFIX}/register_service").json()["extras"]["cockpit"]
     without = behind_a_prefix.get(PREFIX + where).json()
     with_stop = with_a_key(tmp_path).get(PREFIX + where).json()
-    for told in (without, with_stop):
-        jsonschema.validate(told, COCKPIT)
+    for reported in (without, with_stop):
+        jsonschema.validate(reported, COCKPIT)
     assert without["actions"] == []
     assert [action["id"] for action in with_stop["actions"]] == ["gcs-autotune-stop"]
 
 
-def test_the_button_s_stop_arrives_from_any_page_and_its_key_does_nothing_else(tmp_path):
+def test_the_joystick_key_stops_from_any_page_and_does_nothing_else(tmp_path):
     client = with_a_key(tmp_path)
     ((action,),) = [client.get(f"{PREFIX}/cockpit_extras.json").json()["actions"]]
     asked = action["config"]
@@ -185,12 +185,12 @@ def test_the_button_s_stop_arrives_from_any_page_and_its_key_does_nothing_else(t
     assert client.post(f"http://evil.example{PREFIX}/joystick-stop", params=asked["urlParams"]).status_code == 403
 
 
-def test_no_button_stops_where_none_was_offered(behind_a_prefix):
+def test_no_joystick_key_works_if_none_was_offered(behind_a_prefix):
     for key in ("", "secret", "only-stop"):
         assert behind_a_prefix.post(f"{PREFIX}/joystick-stop", params={"key": key}).status_code == 403
 
 
-def test_every_address_in_the_page_is_relative_and_leads_somewhere_under_a_prefix(behind_a_prefix):
+def test_every_address_in_the_page_is_relative_and_works_under_a_prefix(behind_a_prefix):
     page = behind_a_prefix.get(f"{PREFIX}/")
     assert page.status_code == 200
     links = re.findall(r'(?:src|href)="(?!data:)([^"#]+)"', page.text)
@@ -200,7 +200,7 @@ def test_every_address_in_the_page_is_relative_and_leads_somewhere_under_a_prefi
         assert behind_a_prefix.get(f"{PREFIX}/{link}").status_code == 200, link
 
 
-def test_behind_blueos_nobody_touches_without_the_token(behind_a_prefix):
+def test_behind_blueos_operating_requires_the_token(behind_a_prefix):
     assert behind_a_prefix.post(f"{PREFIX}/stop").status_code == 401
     right = {"x-autotune-token": "secret"}
     assert behind_a_prefix.post(f"{PREFIX}/stop", headers=right).json() == {"stopping": False}

@@ -38,7 +38,7 @@ def asking(visit: Any, scripted: str) -> Iterator[Page]:
 # --- the whole thing, flown ---------------------------------------------------------------------------------------
 
 
-def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flying: tuple[str, Path]) -> None:
+def test_a_complete_tune_is_flown_from_the_page_and_its_gains_are_kept(visit: Any, flying: tuple[str, Path]) -> None:
     link, runs = flying
     before = set(runs.iterdir())
     page = visit(link)
@@ -52,7 +52,7 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
     assert "tracking error (ITAE)" in page.page.inner_text("#flown")
     assert " are chosen for the smallest predicted tracking error" in page.page.inner_text(
         "#gains"
-    )  # said once for all of them
+    )  # shown once for all of them
     (run,) = set(runs.iterdir()) - before
     assert json.loads((run / "summary.json").read_text())["ending"] == "kept"
     assert not page.page.is_enabled("#stop")
@@ -60,11 +60,11 @@ def test_a_whole_tune_is_flown_from_the_page_and_its_gains_stay(visit: Any, flyi
 
 @pytest.fixture
 def at_sea(request: pytest.FixtureRequest) -> Iterator[str]:
-    """The link to a vehicle that keeps a clock of its own, four times ours, and is asked about as a real one is.
+    """The link to a vehicle with its own clock, four times ours, confirmed like a real one.
 
-    Its failsafes are four times as patient: a pause beside other processes is as long in our time as ever. At eight
-    times our clock, beside two busy processes, commands came so unevenly that oscillations never settled, and the boat
-    swung on until she was 300 m away.
+    Its failsafes are four times as patient: a pause caused by other processes is as long in our time. At eight
+    times our clock, with two busy processes, commands came so unevenly that oscillations never settled, and the boat
+    continued until it was 300 m away.
 
     It is a Charlie, or the vehicle in the parameter of the fixture.
     """
@@ -83,9 +83,7 @@ def at_sea(request: pytest.FixtureRequest) -> Iterator[str]:
         vehicle.terminate()
 
 
-def test_over_a_link_it_asks_before_it_moves_and_before_it_writes(
-    visit: Any, flying: tuple[str, Path], at_sea: str
-) -> None:
+def test_over_a_link_motion_and_writing_need_confirmation(visit: Any, flying: tuple[str, Path], at_sea: str) -> None:
     page = visit(flying[0])
     page.start(connect=at_sea)
     page.shows("#question-text", "Go ahead?")
@@ -100,7 +98,7 @@ def test_over_a_link_it_asks_before_it_moves_and_before_it_writes(
 
 
 @pytest.mark.parametrize("at_sea", ["blueboat"], indirect=True)
-def test_what_if_shows_designs_from_gentle_to_quick_and_the_one_shown_is_proved(
+def test_what_if_shows_designs_from_gentle_to_quick_and_proves_the_one_shown(
     visit: Any, flying: tuple[str, Path], at_sea: str, barriers: Any
 ) -> None:
     link, runs = flying
@@ -140,9 +138,7 @@ def test_what_if_shows_designs_from_gentle_to_quick_and_the_one_shown_is_proved(
     assert "disarmed, as before the run" in page.page.inner_text("#put-back")
 
 
-def test_a_manoeuvre_is_chosen_with_its_options_previewed_asked_about_and_flown(
-    visit: Any, flying: tuple[str, Path], at_sea: str
-) -> None:
+def test_a_manoeuvre_is_chosen_previewed_confirmed_and_flown(visit: Any, flying: tuple[str, Path], at_sea: str) -> None:
     link, runs = flying
     before = set(runs.iterdir())
     page = visit(link)
@@ -170,7 +166,7 @@ def test_a_manoeuvre_is_chosen_with_its_options_previewed_asked_about_and_flown(
     assert page.page.get_attribute("#end-report-link", "href").endswith("/report.html")
 
 
-def test_a_preview_alone_is_drawn_and_moves_nothing(visit: Any, flying: tuple[str, Path]) -> None:
+def test_a_preview_is_plotted_and_moves_nothing(visit: Any, flying: tuple[str, Path]) -> None:
     page = visit(flying[0])
     page.start(job="fly", manoeuvre="steps", force="Z", dry=True)
     page.shows("#end-title", "preview of steps: done")
@@ -179,7 +175,7 @@ def test_a_preview_alone_is_drawn_and_moves_nothing(visit: Any, flying: tuple[st
     assert page.page.get_attribute("#end-report-link", "href").endswith("/preview.html")
 
 
-def test_the_options_are_those_of_the_manoeuvre_with_their_limits(visit: Any, scripted: str) -> None:
+def test_the_page_offers_the_options_of_the_manoeuvre_with_limits(visit: Any, scripted: str) -> None:
     page = visit(scripted)
     page.page.click("#tab-start")
     page.page.select_option("#job", "fly")
@@ -194,7 +190,7 @@ def test_the_options_are_those_of_the_manoeuvre_with_their_limits(visit: Any, sc
     page.troubles.clear()  # the browser logs the refusal
 
 
-def test_a_model_that_a_run_left_is_offered_to_design_from_and_to_preview_with(visit: Any, tmp_path: Path) -> None:
+def test_the_model_of_a_run_is_offered_for_design_and_preview(visit: Any, tmp_path: Path) -> None:
     (tmp_path / "20261123-lake").mkdir()
     with served(tmp_path, scripted=True) as link:
         page = visit(link)
@@ -234,12 +230,12 @@ def known(flying: tuple[str, Path]) -> str:
         ("step with new gains", False, True),
     ],
 )
-def test_stop_in_every_stage_of_a_tune_puts_everything_back(
+def test_stop_in_every_stage_of_a_tune_restores_everything(
     visit: Any, flying: tuple[str, Path], at_sea: str, known: str, stage: str, is_question: bool, has_model: bool
 ) -> None:
-    """Over a link that keeps its own time: in a time that flies ahead of ours the last stage is over unseen.
+    """Over a link with its own clock: with a faster clock the last stage would pass unseen.
 
-    Stopped at any other point, and by whatever asks for it, a tune is in ``tests/workflow/test_bad_input.py``.
+    Stops at other points and by other means are in ``tests/workflow/test_bad_input.py``.
     """
     page = visit(flying[0])
     page.start(connect=at_sea, **{"n-step-duration": "12", **({"model": known} if has_model else {})})
@@ -260,7 +256,7 @@ def test_stop_in_every_stage_of_a_tune_puts_everything_back(
 
 
 @pytest.mark.parametrize("at_sea", ["bluerov2"], indirect=True)
-def test_stop_under_water_puts_everything_back(visit: Any, flying: tuple[str, Path], at_sea: str) -> None:
+def test_stop_under_water_restores_everything(visit: Any, flying: tuple[str, Path], at_sea: str) -> None:
     page = visit(flying[0])
     page.start(axis="depth", connect=at_sea)
     page.shows("#question-text", "Go ahead?")
@@ -277,7 +273,7 @@ def test_stop_under_water_puts_everything_back(visit: Any, flying: tuple[str, Pa
 # --- STOP and questions -------------------------------------------------------------------------------------------
 
 
-def test_the_question_shows_what_will_happen_and_the_gains_and_no_ends_it(asking: Page) -> None:
+def test_the_prompt_shows_the_effects_and_gains_and_no_ends_the_run(asking: Page) -> None:
     assert asking.page.inner_text("#offer td >> nth=3") == "quicker <b>turns</b>"
     assert "at worst 3" in asking.page.inner_text("#offer")
     asking.page.click("#no")
@@ -286,8 +282,8 @@ def test_the_question_shows_what_will_happen_and_the_gains_and_no_ends_it(asking
 
 def test_the_announcement_is_a_table_and_the_steps_of_the_job_are_listed_with_their_state(asking: Page) -> None:
     assert "yes, and disarms at the end" in asking.page.inner_text("#intentions-table")
-    told = [row.inner_text().split("\t")[:2] for row in asking.page.locator("#steps-list tr").all()]
-    assert told == [["speed", "new gains kept"], ["heading", "in progress"], ["line", "to do"]]
+    output = [row.inner_text().split("\t")[:2] for row in asking.page.locator("#steps-list tr").all()]
+    assert output == [["speed", "new gains kept"], ["heading", "in progress"], ["line", "to do"]]
     assert asking.page.inner_text("[aria-current=step] th") == "heading"
 
 
@@ -313,36 +309,34 @@ def test_a_craft_of_an_earlier_run_is_chosen_with_its_settings(visit: Any, tmp_p
         page.ending.close()  # before its server, which it would miss
 
 
-def test_yes_goes_on(asking: Page) -> None:
+def test_yes_continues_the_run(asking: Page) -> None:
     asking.page.click("#yes")
     asking.shows("#end-title", "done")
     assert "ATC_STR_RAT_P 0.2\u00a0\u2192\u00a00.4" in asking.page.inner_text("#put-back")
 
 
-def test_words_of_the_vehicle_are_text_and_never_html(asking: Page) -> None:
+def test_texts_of_the_vehicle_are_never_html(asking: Page) -> None:
     asking.shows("#words", "<img src=x onerror=alert(1)>\\x1b[2J")
     assert asking.page.locator("#words img").count() == 0
 
 
-def test_a_reload_changes_nothing_about_the_run_and_shows_it_again(asking: Page) -> None:
+def test_a_reload_does_not_affect_the_run_and_shows_it_again(asking: Page) -> None:
     asking.page.reload()
     asking.shows("#question-text", "Go ahead?")
     asking.shows("#stage", "Step 3 of 8: first self-oscillation")
-    asking.shows("#stage", "first self-oscillation, flown")  # no tick for a while: it is not under way any more
+    asking.shows("#stage", "first self-oscillation, flown")  # no tick for a while: it no longer runs
     asking.page.click("#stop")
     assert "as before the run" in asking.stopped()
 
 
-def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_about_the_run(
-    visit: Any, scripted: str
-) -> None:
+def test_a_closed_or_disconnected_page_does_not_affect_the_run(visit: Any, scripted: str) -> None:
     with behind(scripted, "/ashore") as link:  # a network that goes away
         page = visit(link)
         page.start()
         page.shows("#question-text", "Go ahead?")
     page.shows("#alarm", "The run does not depend on this page")
     page.page.close()
-    page.troubles.clear()  # the browser said as much
+    page.troubles.clear()  # the browser logs this
     closed = visit(scripted, wait=False)
     closed.shows("#question-text", "Go ahead?")
     closed.page.close()
@@ -353,7 +347,7 @@ def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_abo
     assert "ATC_STR_RAT_P 0.2\u00a0\u2192\u00a00.4" in late.page.inner_text("#put-back")
 
 
-def test_a_question_that_is_there_before_the_page_knows_that_it_may_answer_can_be_answered(asking: Page) -> None:
+def test_a_prompt_shown_before_access_is_known_can_be_answered(asking: Page) -> None:
     late = asking.context.new_page()
     held: list[Any] = []
     late.route("**/about", lambda route: held.append(route))
@@ -366,7 +360,7 @@ def test_a_question_that_is_there_before_the_page_knows_that_it_may_answer_can_b
     assert "ATC_STR_RAT_P 0.2\u00a0\u2192\u00a00.4" in asking.page.inner_text("#put-back")
 
 
-def test_two_viewers_see_the_same_and_either_may_stop(asking: Page) -> None:
+def test_two_viewers_see_the_same_and_either_can_stop(asking: Page) -> None:
     second = asking.context.new_page()
     second.goto(asking.link)
     second.locator("#question-text", has_text="Go ahead?").wait_for()
@@ -375,7 +369,7 @@ def test_two_viewers_see_the_same_and_either_may_stop(asking: Page) -> None:
     second.locator("#end-title", has_text="stopped by the operator").wait_for()
 
 
-def test_the_keyboard_alone_starts_answers_and_stops(visit: Any, scripted: str) -> None:
+def test_a_run_is_started_answered_and_stopped_by_keyboard_alone(visit: Any, scripted: str) -> None:
     page = visit(scripted)
     keyboard = page.page.keyboard
 
@@ -396,7 +390,7 @@ def test_the_keyboard_alone_starts_answers_and_stops(visit: Any, scripted: str) 
     assert "as before the run" in page.stopped()
 
 
-def test_a_space_in_a_text_field_is_a_space(asking: Page) -> None:
+def test_a_space_in_a_text_field_does_not_stop_the_run(asking: Page) -> None:
     asking.page.click("#tab-start")
     asking.page.fill("#connect", "udpin:")
     asking.page.press("#connect", "Space")
@@ -404,7 +398,7 @@ def test_a_space_in_a_text_field_is_a_space(asking: Page) -> None:
     assert asking.page.inner_text("#stop") == "STOP"
 
 
-def test_stop_is_on_screen_wherever_one_has_scrolled(visit: Any, scripted: str) -> None:
+def test_stop_stays_on_screen_while_scrolling(visit: Any, scripted: str) -> None:
     page = visit(scripted, viewport={"width": 390, "height": 700})
     page.start()
     page.shows("#question-text", "Go ahead?")
@@ -417,7 +411,7 @@ def test_stop_is_on_screen_wherever_one_has_scrolled(visit: Any, scripted: str) 
     page.stopped()
 
 
-def test_a_lost_server_is_said_and_a_stop_that_is_not_confirmed_too(visit: Any, tmp_path: Path) -> None:
+def test_a_lost_server_and_an_unconfirmed_stop_are_reported(visit: Any, tmp_path: Path) -> None:
     with served(tmp_path, scripted=True) as link:
         page = visit(link)
         page.start()
@@ -428,13 +422,13 @@ def test_a_lost_server_is_said_and_a_stop_that_is_not_confirmed_too(visit: Any, 
         page.page.unroute("**/stop")
         page.stopped()
     page.shows("#alarm", "No connection to the server")
-    page.troubles.clear()  # the browser says as much
+    page.troubles.clear()  # the browser logs this
 
 
 # --- who looks, and with what ---------------------------------------------------------------------------------------
 
 
-def test_without_the_token_one_looks_and_does_not_touch(visit: Any, tmp_path: Path) -> None:
+def test_without_the_token_the_page_is_view_only(visit: Any, tmp_path: Path) -> None:
     with served(tmp_path, scripted=True, host="0.0.0.0") as link:
         owner = visit(link)
         assert "#" not in owner.page.url  # it does not stay in the address
@@ -458,7 +452,7 @@ def test_without_the_token_one_looks_and_does_not_touch(visit: Any, tmp_path: Pa
         owner.ending.close()  # before its server, which it would miss
 
 
-def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, scripted: str) -> None:
+def test_without_websockets_the_page_uses_server_sent_events(browser: Any, scripted: str) -> None:
     context = browser.new_context()
     context.add_init_script("delete window.WebSocket")
     host = urlsplit(scripted).netloc
@@ -469,7 +463,7 @@ def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, s
         page.locator("#stage", has_text="over").or_(page.locator("#stage", has_text="No run")).wait_for()
         shown.append(page.inner_text("#stage"))
         page.close()
-        for _ in range(MOST_VIEWERS):  # more than may look at once: those who left have made room
+        for _ in range(MOST_VIEWERS):  # more than the limit of viewers: those who left freed their places
             viewer = http.client.HTTPConnection(host, timeout=60.0)
             viewer.request("GET", "/events")
             assert b"whole" in viewer.getresponse().readline()
@@ -479,7 +473,7 @@ def test_without_websockets_the_page_lives_by_server_sent_events(browser: Any, s
     assert "Connecting" not in "".join(shown)
 
 
-def test_nothing_is_said_of_a_run_before_the_server_answers(browser: Any, scripted: str) -> None:
+def test_no_run_state_is_shown_before_the_server_responds(browser: Any, scripted: str) -> None:
     page = browser.new_page()
     page.add_init_script("window.WebSocket = class { close() {} send() {} }")
     page.route("**/about", lambda route: None)
@@ -508,7 +502,7 @@ ACROSS_NORTH = """async () => {
 }"""
 
 
-def test_a_heading_that_passes_north_is_read_off_from_0_to_360(visit: Any, scripted: str) -> None:
+def test_a_heading_across_north_is_shown_from_0_to_360(visit: Any, scripted: str) -> None:
     page = visit(scripted)
     page.context.add_init_script(SPY)
     page.page.reload()
@@ -519,9 +513,7 @@ def test_a_heading_that_passes_north_is_read_off_from_0_to_360(visit: Any, scrip
 
 
 @pytest.mark.parametrize("has_sockets", [True, False])
-def test_behind_a_proxy_under_a_prefix_the_page_lives_starts_and_stops(
-    visit: Any, scripted: str, has_sockets: bool
-) -> None:
+def test_behind_a_prefix_proxy_the_page_updates_starts_and_stops(visit: Any, scripted: str, has_sockets: bool) -> None:
     prefix = "/extensionv2/gcsautotune"
     with behind(scripted, prefix) as link:
         page = visit(link)
@@ -539,13 +531,13 @@ def test_behind_a_proxy_under_a_prefix_the_page_lives_starts_and_stops(
         page.shows("#runs", "-heading")
         page.context.close()
     assert all(path.startswith(f"{prefix}/") for path in paths)
-    told = {path.removeprefix(f"{prefix}/") for path in paths}
-    assert {"", "about", "start", "stop", "runs", "live" if has_sockets else "events"} <= told
+    values = {path.removeprefix(f"{prefix}/") for path in paths}
+    assert {"", "about", "start", "stop", "runs", "live" if has_sockets else "events"} <= values
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
-def test_it_fits_and_can_be_read(visit: Any, scripted: str, scheme: str, width: int, barriers: Any) -> None:
+def test_the_page_fits_and_is_readable(visit: Any, scripted: str, scheme: str, width: int, barriers: Any) -> None:
     page = visit(scripted, color_scheme=scheme, viewport={"width": width, "height": 800})
 
     def see() -> None:
@@ -564,7 +556,7 @@ def test_it_fits_and_can_be_read(visit: Any, scripted: str, scheme: str, width: 
     see()
 
 
-def test_what_cannot_be_read_or_has_no_name_is_found(visit: Any, scripted: str, barriers: Any) -> None:
+def test_unreadable_or_unnamed_elements_are_detected(visit: Any, scripted: str, barriers: Any) -> None:
     page = visit(scripted)
     page.page.evaluate("document.getElementById('stage').style.color = '#ddd'")
     page.page.click("#tab-start")
@@ -575,7 +567,7 @@ def test_what_cannot_be_read_or_has_no_name_is_found(visit: Any, scripted: str, 
 # --- runs and logs ------------------------------------------------------------------------------------------------
 
 
-def test_a_recorded_trial_replays_and_a_dropped_log_is_listed_and_identified(
+def test_a_recorded_trial_replays_and_an_uploaded_log_is_listed_and_identified(
     visit: Any, flying: tuple[str, Path], barriers: Any
 ) -> None:
     link, runs = flying

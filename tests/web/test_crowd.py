@@ -38,7 +38,7 @@ HALF_OPEN = 1200
 
 
 @posix
-def test_a_stop_is_answered_beside_1200_half_open_connections_which_are_closed_and_not_logged(tmp_path: Path) -> None:
+def test_a_stop_works_with_1200_half_open_connections_which_are_closed_without_logging(tmp_path: Path) -> None:
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -71,7 +71,7 @@ def test_a_stop_is_answered_beside_1200_half_open_connections_which_are_closed_a
 
 
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"])
-def test_a_connection_without_a_whole_request_is_closed_after_a_while(
+def test_a_connection_without_a_complete_request_is_closed_after_a_timeout(
     sent: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(crowd, "HEADERS_WITHIN", 0.05)
@@ -96,7 +96,7 @@ def test_a_connection_without_a_whole_request_is_closed_after_a_while(
     assert asyncio.run(scene()) == b""
 
 
-def test_those_who_wait_are_bounded_per_address_and_in_all_and_the_oldest_goes() -> None:
+def test_waiting_connections_are_limited_per_address_and_in_total() -> None:
     room, gone = WaitingRoom(), []
     for k in range(OF_ONE_ADDRESS + 10):
         room.enter(("one", k), "one", lambda k=k: gone.append(k))
@@ -107,7 +107,7 @@ def test_those_who_wait_are_bounded_per_address_and_in_all_and_the_oldest_goes()
     assert gone[10:12] == [10, 11]
 
 
-def test_a_line_of_the_log_comes_a_few_times_a_minute() -> None:
+def test_a_repeated_log_line_is_limited_to_a_few_per_minute() -> None:
     now = [0.0]
     seldom = Seldom(lambda: now[0])
     record: Any = SimpleNamespace(msg="socket.accept() out of system resource")
@@ -121,7 +121,7 @@ async def first_of(viewer: AsyncIterator[str]) -> str:
     return await anext(viewer)
 
 
-def test_who_has_the_token_takes_a_seat_from_one_who_has_not() -> None:
+def test_a_viewer_with_the_token_replaces_one_without() -> None:
     async def scene() -> None:
         live = Live()
         guests = [live.watch() for _ in range(MOST_VIEWERS)]
@@ -136,20 +136,20 @@ def test_who_has_the_token_takes_a_seat_from_one_who_has_not() -> None:
     asyncio.run(scene())
 
 
-def test_the_token_gives_a_key_to_a_seat_beside_40_viewers_without_it(tmp_path: Path) -> None:
+def test_the_token_grants_a_seat_even_with_40_viewers_without_it(tmp_path: Path) -> None:
     access = Access("right")
     with TestClient(make_app(tmp_path, access), base_url="http://127.0.0.1:8090") as client, ExitStack() as stack:
         for _ in range(40):
             socket = stack.enter_context(client.websocket_connect("ws://127.0.0.1:8090/live"))
             socket.receive()
-        told = client.post("/token", headers={TOKEN_HEADER: "right"}).json()
-        owner = stack.enter_context(client.websocket_connect(f"ws://127.0.0.1:8090/live?seat={told['seat']}"))
+        document = client.post("/token", headers={TOKEN_HEADER: "right"}).json()
+        owner = stack.enter_context(client.websocket_connect(f"ws://127.0.0.1:8090/live?seat={document['seat']}"))
         assert "whole" in owner.receive_text()
     assert not access.may_sit("")
     assert not Access().may_sit("")
 
 
-def test_requests_without_the_token_are_bounded_and_a_stop_is_not_counted(
+def test_requests_without_the_token_are_limited_and_a_stop_is_not_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live_module, "MOST_VIEWERS", 1000)
@@ -215,7 +215,7 @@ def test_requests_without_the_token_are_bounded_and_a_stop_is_not_counted(
         b'{"job": "fly", "manoeuvre": "zig-zag", "area": "59,10 60,11 59,11 60,10"}',
     ],
 )
-def test_odd_requests_are_refused_with_a_word_and_never_break_the_server(tmp_path: Path, body: bytes) -> None:
+def test_malformed_requests_are_rejected_with_a_message(tmp_path: Path, body: bytes) -> None:
     app = make_app(tmp_path, Access())
     with TestClient(app, base_url="http://127.0.0.1:8090") as client:
         for where in ("/start", "/answer", "/work"):
@@ -225,7 +225,7 @@ def test_odd_requests_are_refused_with_a_word_and_never_break_the_server(tmp_pat
 
 
 @pytest.mark.parametrize("origin", ["http://[bad", "http://[::1", "//", "null", "\x00", "http://évil"])
-def test_an_origin_that_is_no_address_is_refused(tmp_path: Path, origin: str) -> None:
+def test_an_invalid_origin_is_rejected(tmp_path: Path, origin: str) -> None:
     with TestClient(make_app(tmp_path, Access()), base_url="http://127.0.0.1:8090") as client:
         headers = {TOKEN_HEADER: "none", "Origin": origin.encode()}
         assert client.post("/stop", headers=headers).status_code == 403  # type: ignore[arg-type]
@@ -245,7 +245,7 @@ def test_an_origin_that_is_no_address_is_refused(tmp_path: Path, origin: str) ->
         '{"marks": [null]}',
     ],
 )
-def test_an_odd_side_file_of_a_trial_leaves_its_run_to_be_looked_at(tmp_path: Path, side: str) -> None:
+def test_a_run_with_an_invalid_side_file_can_be_viewed(tmp_path: Path, side: str) -> None:
     trials = tmp_path / "20261126-boat" / "trials"
     trials.mkdir(parents=True)
     (trials / "1-relay.csv").write_text("t[s],psi[rad]\n0,0\n")
@@ -259,9 +259,7 @@ def test_an_odd_side_file_of_a_trial_leaves_its_run_to_be_looked_at(tmp_path: Pa
         assert answer.json()["trials"][0]["name"] == "1-relay"
 
 
-def test_a_dropped_file_of_unknown_size_ends_where_the_spare_of_the_disk_begins(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_upload_of_unknown_size_ends_at_the_disk_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = [archive_module._SPARE + 10_000]
 
     async def pieces() -> AsyncIterator[bytes]:
@@ -276,7 +274,7 @@ def test_a_dropped_file_of_unknown_size_ends_where_the_spare_of_the_disk_begins(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_wrong_tokens_are_counted_by_address_and_not_by_connection(tmp_path: Path) -> None:
+def test_wrong_tokens_are_counted_per_address_not_per_connection(tmp_path: Path) -> None:
     access = Access("right")
     app = make_app(tmp_path, access)
     statuses = []

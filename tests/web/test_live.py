@@ -1,4 +1,4 @@
-"""What viewers are told: everything once, then what changed; nobody's slowness is another's."""
+"""Updates of viewers: the whole state once, then changes; a slow viewer does not delay others."""
 
 from __future__ import annotations
 
@@ -16,47 +16,47 @@ def samples(count: int, signal: str = "psi") -> bytes:
     return json.dumps({"samples": value}).encode()
 
 
-async def told(viewer: Any) -> dict[str, Any]:
+async def next_message(viewer: Any) -> dict[str, Any]:
     return json.loads(await asyncio.wait_for(anext(viewer), 5.0))
 
 
-def test_one_who_comes_later_gets_everything_once() -> None:
+def test_a_late_viewer_gets_the_whole_state_once() -> None:
     async def scene() -> None:
         live = Live()
         live.begin({"name": "one"})
         live.take(samples(3))
         live.say("hello")
         viewer = live.watch()
-        whole = (await told(viewer))["whole"]
+        whole = (await next_message(viewer))["whole"]
         assert len(whole["rows"]) == 3
         assert [w["text"] for w in whole["words"]] == ["hello"]
         assert not live.tell()  # nothing of it comes a second time
         live.take(samples(2, "z"))
         live.tell()
-        delta = await told(viewer)
+        delta = await next_message(viewer)
         assert [leg["signal"] for leg in delta["+legs"]] == ["z"]
         assert [row[0] for row in delta["+rows"]] == [1, 1]
 
     asyncio.run(scene())
 
 
-def test_one_who_falls_behind_gets_everything_again_and_others_every_delta() -> None:
+def test_a_slow_viewer_gets_the_whole_state_again_and_others_every_delta() -> None:
     async def scene() -> None:
         live = Live()
         live.begin({"name": "one"})
         slow, quick = live.watch(), live.watch()
-        await told(slow)
-        await told(quick)
+        await next_message(slow)
+        await next_message(quick)
         for k in range(3 * BEHIND):
             live.put("now", {"k": k})
             live.tell()
-            assert (await told(quick))["now"]["k"] == k
-        assert (await told(slow))["whole"]["now"]["k"] == 3 * BEHIND - 1
+            assert (await next_message(quick))["now"]["k"] == k
+        assert (await next_message(slow))["whole"]["now"]["k"] == 3 * BEHIND - 1
 
     asyncio.run(scene())
 
 
-def test_memory_does_not_grow_with_a_run() -> None:
+def test_memory_does_not_grow_during_a_run() -> None:
     live = Live()
     live.begin({"name": "one"})
     for k in range(60):
@@ -71,7 +71,7 @@ def test_memory_does_not_grow_with_a_run() -> None:
     assert len(live.whole()) < 1_500_000
 
 
-def test_what_is_none_of_its_words_is_ignored() -> None:
+def test_unknown_messages_are_ignored() -> None:
     live = Live()
     live.begin({"name": "one"})
     for line in (b"", b"no json", b"[]", b"{}", b'{"run": {"name": "other"}}', b'{"samples": 3}', b'{"question": "a"}'):
@@ -80,42 +80,42 @@ def test_what_is_none_of_its_words_is_ignored() -> None:
     assert live.get("question") is None
 
 
-def test_characters_that_act_do_not_reach_a_viewer() -> None:
+def test_control_characters_do_not_reach_a_viewer() -> None:
     live = Live()
     live.take(json.dumps({"words": {"severity": 4, "text": "\x1b[2J\u202ekept"}}).encode())
     assert json.loads(live.whole())["whole"]["words"][0]["text"] == "\\x1b[2J\\u202ekept"
 
 
-def test_there_is_an_end_to_how_many_may_look() -> None:
+def test_the_number_of_viewers_is_limited() -> None:
     async def scene() -> None:
         live = Live()
         viewers = [live.watch() for _ in range(MOST_VIEWERS)]
         for viewer in viewers:
-            await told(viewer)
+            await next_message(viewer)
         assert [text async for text in live.watch()] == []
         await viewers[0].aclose()
-        assert "whole" in await told(live.watch())
+        assert "whole" in await next_message(live.watch())
 
     asyncio.run(scene())
 
 
-def test_at_the_end_viewers_are_let_go_and_not_waited_for() -> None:
+def test_viewers_are_released_at_the_end_without_waiting() -> None:
     async def scene() -> None:
         live = Live()
         viewer, behind = live.watch(), live.watch()
-        await told(viewer)
-        await told(behind)
+        await next_message(viewer)
+        await next_message(behind)
         live.put("now", {})
         live.tell()
         live.close()
         assert [text async for text in viewer] == []
         assert [text async for text in behind] == []
-        assert "whole" in await told(live.watch())
+        assert "whole" in await next_message(live.watch())
 
     asyncio.run(scene())
 
 
-def test_a_radio_failsafe_is_explained_once_the_run_has_released_the_sticks_and_not_before() -> None:
+def test_a_radio_failsafe_is_explained_only_after_the_run_has_released_the_sticks() -> None:
     live = Live()
     for key in ("", "stopping"):
         if key:

@@ -1,4 +1,4 @@
-"""The server as a process: its port, its link, and its end, with a run under way and without."""
+"""The server as a process: its port, its link, and its end, with and without a run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them
 
 
 class Serving:
-    """A server with a scripted run under way, or without one (``run`` is the folder of runs then)."""
+    """A server with a scripted run, or without one (then ``run`` is the folder of runs)."""
 
     def __init__(self, runs: Path, *, begins: bool = True) -> None:
         words = [sys.executable, "-m", "tests.web.serving", str(runs), "scripted", "127.0.0.1"]
@@ -56,7 +56,7 @@ class Serving:
 
 
 @posix
-def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
+def test_ctrl_c_stops_the_run_waits_for_it_and_reports_it(tmp_path: Path) -> None:
     serving = Serving(tmp_path)
     serving.process.send_signal(signal.SIGINT)
     output = serving.ended()
@@ -68,7 +68,7 @@ def test_ctrl_c_stops_the_run_waits_for_it_and_says_so(tmp_path: Path) -> None:
 
 @posix
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_where_no_run_is_under_way_closes_the_page_in_a_word(tmp_path: Path, sign: signal.Signals) -> None:
+def test_ctrl_c_without_a_run_closes_the_page_at_once(tmp_path: Path, sign: signal.Signals) -> None:
     serving = Serving(tmp_path, begins=False)
     serving.process.send_signal(sign)
     with closing(serving.viewer):
@@ -78,7 +78,7 @@ def test_ctrl_c_where_no_run_is_under_way_closes_the_page_in_a_word(tmp_path: Pa
 
 
 @posix
-def test_a_run_whose_server_is_killed_stops_by_itself(tmp_path: Path) -> None:
+def test_a_run_stops_if_its_server_is_killed(tmp_path: Path) -> None:
     import fcntl  # POSIX alone has it
 
     serving = Serving(tmp_path)
@@ -90,7 +90,7 @@ def test_a_run_whose_server_is_killed_stops_by_itself(tmp_path: Path) -> None:
     assert json.loads((serving.run / "parameters_after.json").read_text()) == OLD
 
 
-def test_a_port_in_use_is_said_with_what_to_try(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use_is_reported_with_advice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -101,7 +101,7 @@ def test_a_port_in_use_is_said_with_what_to_try(tmp_path: Path, capsys: pytest.C
     assert "Stop the other server" in capsys.readouterr().err
 
 
-def test_a_missing_extra_is_one_clear_sentence(
+def test_a_missing_extra_is_reported_in_one_sentence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in [name for name in sys.modules if name.startswith(("gcs_autotune.web", "starlette", "segno"))]:
@@ -112,7 +112,7 @@ def test_a_missing_extra_is_one_clear_sentence(
     assert "pip install 'gcs-autotune[web]'" in capsys.readouterr().err
 
 
-def test_the_token_is_shown_as_link_and_qr_code_only_where_others_can_come() -> None:
+def test_the_token_link_and_qr_code_are_shown_only_for_external_addresses() -> None:
     alone = told("127.0.0.1", 8090, "")
     assert len(alone) == 1
     assert "#" not in alone[0]

@@ -1,4 +1,4 @@
-"""Every state of the page: what it shows there is true, can be read, and fits a phone and a desk, by day and night."""
+"""Every state of the page: correct, readable, and fitting on phone and desktop, in light and dark mode."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def cut_off(page: Page) -> None:
 
 
 def looking(page: Page) -> None:
-    """Without the token, while the run of somebody else asks."""
+    """Without the token, while a run of another viewer prompts."""
     runs = page.ending.enter_context(TemporaryDirectory())
     link, _, token = page.ending.enter_context(served(Path(runs), scripted=True, host="0.0.0.0")).partition("#")
     order = {"job": "tune", "axis": "heading", "connect": "story:asking"}
@@ -260,7 +260,7 @@ BROKEN = """() => {
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_each_state_is_true_and_can_be_read_on_a_phone_and_at_a_desk_by_day_and_night(
+def test_each_state_is_correct_and_readable_on_phone_and_desktop_in_both_colour_schemes(
     visit: Any, at_rest: str, barriers: Any, name: str
 ) -> None:
     state, page = STATES[name], visit(at_rest)
@@ -283,7 +283,7 @@ def test_each_state_is_true_and_can_be_read_on_a_phone_and_at_a_desk_by_day_and_
     page.troubles[:] = [one for one in page.troubles if "ERR_CONNECTION_REFUSED" not in one]  # of a server that ended
 
 
-def test_words_that_are_broken_cover_each_other_or_are_cut_off_are_found(visit: Any, scripted: str) -> None:
+def test_broken_overlapping_or_truncated_words_are_detected(visit: Any, scripted: str) -> None:
     page = visit(scripted)
     assert page.page.evaluate(BROKEN) == []
     wrong = {
@@ -297,11 +297,11 @@ def test_words_that_are_broken_cover_each_other_or_are_cut_off_are_found(visit: 
     assert {"broken: STOP", "Live over Start", "clipped: Runs and logs"} <= set(page.page.evaluate(BROKEN))
 
 
-def test_a_page_in_a_frame_without_width_still_stops(visit: Any, at_rest: str) -> None:
+def test_a_page_in_a_frame_of_zero_width_can_stop_the_run(visit: Any, at_rest: str) -> None:
     page = visit(at_rest)
     shown("previewed", QUESTION, "Go ahead?", job="fly", manoeuvre="zig-zag")(page)
     page.page.evaluate("document.getElementById('charts').style.width = '0'")
-    page.page.emulate_media(color_scheme="dark")  # every picture once more
+    page.page.emulate_media(color_scheme="dark")  # plot every figure again
     page.page.keyboard.press("Space")
     page.stopped()
 
@@ -342,9 +342,7 @@ def walk(page: Page) -> list[dict[str, Any]]:
 @pytest.mark.parametrize(
     "name", ["form of a manoeuvre", "asking to write", "kept", "job stopped", "lost contact", "runs"]
 )
-def test_tab_reaches_every_control_in_order_marks_it_and_keeps_it_on_the_screen(
-    visit: Any, at_rest: str, name: str, width: int
-) -> None:
+def test_tab_reaches_every_control_in_order_with_visible_focus(visit: Any, at_rest: str, name: str, width: int) -> None:
     page = visit(at_rest, viewport={"width": width, "height": 844})
     STATES[name].reach(page)
     for text in STATES[name].true:
@@ -386,7 +384,7 @@ def test_a_job_is_continued_and_stopped_by_keyboard_alone(visit: Any, at_rest: s
     page.stopped()
 
 
-def test_a_run_is_found_replayed_and_its_gentle_gains_are_proved_by_keyboard_alone(visit: Any, at_rest: str) -> None:
+def test_a_run_is_selected_replayed_and_its_gentle_gains_proved_by_keyboard_alone(visit: Any, at_rest: str) -> None:
     page = visit(at_rest)
     STATES["kept"].reach(page)
     name = page.page.evaluate("fetch('runs').then((a) => a.json()).then((told) => told.entries[0].name)")

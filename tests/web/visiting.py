@@ -1,4 +1,4 @@
-"""The page as a browser shows it, for tests that look at it and touch it."""
+"""The page in a browser, for tests that view and operate it."""
 
 from __future__ import annotations
 
@@ -44,8 +44,10 @@ class Page:
         try:
             reduce(lambda one, other: one.or_(other), others, first).first.wait_for(timeout=timeout)
         except Exception as error:  # Playwright's own TimeoutError, which is none of Python's
-            told = {name: self.page.text_content(f"#{name}") for name in ("stage", "end-title", "end-reason", "words")}
-            raise AssertionError(f"none of {wanted} is ever shown; the page says {told}") from error
+            values = {
+                name: self.page.text_content(f"#{name}") for name in ("stage", "end-title", "end-reason", "words")
+            }
+            raise AssertionError(f"none of {wanted} is ever shown; the page says {values}") from error
 
     def start(self, *, dry: bool = False, **fields: str) -> None:
         self.page.click("#tab-start")
@@ -58,6 +60,6 @@ class Page:
         self.page.click("#start")
 
     def stopped(self) -> str:
-        """Wait for the end that STOP brings and return what was put back."""
+        """Wait for the end after STOP and return the restored values."""
         self.shows("#end-title", "stopped by the operator")
         return str(self.page.inner_text("#put-back"))
