@@ -1,4 +1,4 @@
-"""A craft that took on payload, fouled, lost thrust or trim: the change is identified from later records, and an unchanged craft raises no alarm."""
+"""Changes of payload, hull, thrust or trim are identified from later records; an unchanged craft raises no alarm."""
 
 from __future__ import annotations
 
