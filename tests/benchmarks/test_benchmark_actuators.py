@@ -12,7 +12,7 @@ from benchmarks import actuator_tunes
 KEPT = {"ending": "kept", "reason": "", "departure": [0.2, 0.01], "itae": [2.0, 1.0], "proposed": {"A": 1}, "left": {}}
 
 
-def test_a_tune_that_leaves_a_boat_worse_is_counted_and_stored_tunes_stay(
+def test_a_tune_that_leaves_a_boat_worse_is_counted_and_stored_tunes_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flown: list[int] = []

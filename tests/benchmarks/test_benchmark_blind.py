@@ -38,7 +38,7 @@ RIGHT = Outcome("single", 1, 0, "dead-zone", ["dead-zone"], ["N"], "yaw", 1.0, 2
         ("yaw", ["input-bias", "wave-disturbance"], ["yaw", "yaw"], False),
     ],
 )
-def test_the_mean_drift_of_a_sea_may_be_reported_beside_its_waves(
+def test_the_mean_drift_of_waves_may_be_reported_with_them(
     place: str, causes: list[str], found_at: list[str], right: bool
 ) -> None:
     sea = Outcome("environment", 1, 0, "sea", ["wave-disturbance"], [place], place, 1.0, 2.0, 0.01, "effect-found")
@@ -67,7 +67,7 @@ def test_craft_have_time_constants_from_a_tenth_of_a_second_to_twenty_seconds(ki
             assert all(np.abs(u).max() <= craft.full[c] for c, u in commands.items())
 
 
-def test_commands_with_full_turns_turn_the_bow_right_round() -> None:
+def test_commands_with_full_turns_turn_the_craft_through_a_full_circle() -> None:
     rng, turned = np.random.default_rng(5), []
     while len(turned) < 20:
         craft = draw_craft("yaw", rng)
@@ -95,20 +95,20 @@ def test_a_case_counts_when_the_error_of_the_plain_model_exceeds_the_noise_by_a_
 
 
 @pytest.mark.parametrize("index", range(4))
-def test_a_limit_is_reached_in_a_run_that_is_given_and_not_in_the_one_kept_apart_only(index: int) -> None:
+def test_a_limit_is_reached_in_the_supplied_runs_and_not_only_in_the_held_out_one(index: int) -> None:
     case = draw_case("correct-model-and-effect", 74, index, "saturation")
     place, numbers = case.truth["saturation"]
     assert max(np.abs(run[place].values).max() for run in case.runs) > numbers["limit"]
 
 
 @pytest.mark.parametrize("slug", TRACK)
-def test_a_track_case_has_positions_and_heading_only_and_counts_by_where_it_leads(slug: str) -> None:
+def test_a_track_case_has_only_positions_and_heading(slug: str) -> None:
     case = draw_case("track", 3, 0, slug)
     assert {n for n in case.runs[0].channels if n in ("u", "v", "r", "x", "y", "psi")} == {"x", "y", "psi"}
     assert case.slugs == (slug,) and case.ratio >= LEAST_RATIO
 
 
-def test_of_a_track_a_doubt_is_right_and_silence_or_a_wrong_name_is_not() -> None:
+def test_for_a_track_a_doubt_is_right_and_no_report_or_a_wrong_cause_is_not() -> None:
     lost = replace(RIGHT, kind="track", truth=["sensor-position"], causes=[], verdict="unexplained")
     assert lost.right and not lost.strictly_right
     assert not replace(lost, verdict="no-effect").right
@@ -136,7 +136,7 @@ def test_the_plain_model_explains_a_plain_hull_down_to_the_noise() -> None:
     assert misfit(craft, files[:2], files[2:], noise) == pytest.approx(1.0, abs=0.06)
 
 
-def test_whitening_finds_nothing_in_white_noise_and_almost_all_of_a_sinusoid() -> None:
+def test_whitening_removes_nothing_from_white_noise_and_almost_all_of_a_sinusoid() -> None:
     t = np.arange(600.0)
     assert whitened([np.random.default_rng(1).standard_normal(600)]) < 1.05
     assert whitened([np.sin(0.3 * t)], noise=0.1) > 4.0
@@ -148,7 +148,7 @@ def test_a_group_counts_as_its_members_but_not_strictly() -> None:
     assert not replace(RIGHT, causes=["backlash"]).right
 
 
-def test_two_effects_have_to_be_named_both_and_foreign_ones_not_with_confidence() -> None:
+def test_both_of_two_effects_must_be_reported_and_foreign_ones_not_with_confidence() -> None:
     two = replace(RIGHT, kind="double", truth=["dead-zone", "wind-moment"], causes=["wind-moment", "dead-zone"])
     assert two.strictly_right
     assert not replace(two, causes=["dead-zone", "backlash"]).right
@@ -157,7 +157,7 @@ def test_two_effects_have_to_be_named_both_and_foreign_ones_not_with_confidence(
     assert not replace(RIGHT, kind="clean", verdict="unexplained").right
 
 
-def test_parameters_without_an_error_are_unknown_and_chosen_ones_have_to_be_equal() -> None:
+def test_parameters_without_an_error_are_unknown_and_chosen_ones_must_be_equal() -> None:
     assert recovered(1.0, 1.2, 0.1) and not recovered(1.0, 1.4, 0.1)
     assert recovered(57.2958, 57.2958, 0.0) and not recovered(0.05, 0.06, 0.0)
     assert recovered(1.0, 1.0, float("nan")) is None
@@ -176,11 +176,11 @@ def test_the_report_shows_what_is_mistaken_for_what() -> None:
     assert "1/1" in text.split("dead-zone.width")[1]
 
 
-def test_outcomes_survive_the_file() -> None:
+def test_outcomes_survive_serialisation() -> None:
     assert Outcome.from_json(RIGHT.to_json()).to_json() == RIGHT.to_json()
 
 
-def test_a_case_is_a_row_and_is_not_repeated(
+def test_a_case_is_saved_as_a_row_and_not_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run: list[tuple[object, ...]] = []

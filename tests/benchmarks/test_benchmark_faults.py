@@ -17,11 +17,11 @@ from gcs_autotune.study import open_study
 
 
 @pytest.mark.parametrize("seed", [11, 12])
-def test_messages_that_no_autopilot_sent_raise_nothing_and_write_nothing(seed: int) -> None:
+def test_invalid_messages_raise_no_error_and_write_nothing(seed: int) -> None:
     assert fuzz_messages(4000, seed) == []
 
 
-def test_damaged_files_are_read_or_refused_in_words() -> None:
+def test_damaged_files_are_read_or_rejected_with_a_reason() -> None:
     assert fuzz_files(40, 13) == []
 
 
@@ -31,16 +31,14 @@ def test_cases_are_drawn_by_seed_and_every_kind_of_fault_is_among_them() -> None
     assert {f.kind for case in cases for f in case.faults} == set(KINDS)
 
 
-def test_a_fault_survives_the_way_to_a_file() -> None:
+def test_a_fault_survives_serialisation() -> None:
     fault = Fault("loss", 3.0, size=0.2, sent="PARAM_SET", count=2)
     assert Fault.from_dict(fault.to_dict()) == fault
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("moment", "found_as"), [(2.069, 19), (20.0, 2)])
-def test_a_vehicle_that_reboots_before_it_was_looked_at_is_found_as_it_boots_and_later_as_it_was(
-    moment: float, found_as: int, tmp_path: Path
-) -> None:
+def test_the_original_mode_after_an_early_reboot_is_the_boot_mode(moment: float, found_as: int, tmp_path: Path) -> None:
     """An ROV in ALT_HOLD boots in MANUAL; a later connection restores MANUAL."""
     rov = next(s for s in FLEET if s.vehicle == "videoray" and s.axis == "heading")
     outcome = run_case(
@@ -51,7 +49,7 @@ def test_a_vehicle_that_reboots_before_it_was_looked_at_is_found_as_it_boots_and
     assert opened["mode"] == {19: "MANUAL", 2: "ALT_HOLD"}[found_as]
 
 
-def test_the_table_counts_what_failed() -> None:
+def test_the_table_counts_failures() -> None:
     case = draw_case(5, 0).to_dict()
     shared = {"case": case, "ending": "kept", "writes": 4, "proved": True, "restored_at_once": False}
     text = report([{**shared, "failures": ["left armed"]}, {**shared, "failures": []}])
@@ -61,7 +59,7 @@ def test_the_table_counts_what_failed() -> None:
 # --- another station ---------------------------------------------------------------------------
 
 
-def test_every_act_of_another_station_is_among_the_cases_of_it() -> None:
+def test_the_station_cases_contain_every_action_of_another_station() -> None:
     cases = [draw_station_case(5, i) for i in range(100)]
     assert {f.kind for case in cases for f in case.faults} == {*STATION_KINDS, "reboot", "silence"}
 
@@ -111,12 +109,12 @@ def test_station_cases_are_run_and_counted_from_the_command_line(
         (Order(10.5, "write", 0.2, "ATC_STR_RAT_P", seen=1), 0, 0),
     ],
 )
-def test_an_order_is_undone_by_what_comes_after_it_while_it_is_in_force(own: Order, broken: int, ties: int) -> None:
+def test_a_later_own_order_undoes_an_active_order_of_another_station(own: Order, broken: int, ties: int) -> None:
     found, counted = undone_orders([Order(10.0, "mode", 1.0)], [own], [4])
     assert (len(found), counted) == (broken, ties)
 
 
-def test_a_cause_that_was_not_there_is_misattributed() -> None:
+def test_a_reported_cause_that_did_not_occur_is_misattributed() -> None:
     text = "this computer paused for 0.6 s without sending overrides"
     assert "this computer paused" in misattributed(text, ["station-mode"])
     assert misattributed(text, ["stall"]) == ""

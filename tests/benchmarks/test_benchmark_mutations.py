@@ -1,4 +1,4 @@
-"""The faults that are put in, the tests that are asked, and what is counted: without a whole run."""
+"""The inserted faults, the tests that run, and the counts: without a whole run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def far(a, b, *, both=True):
 '''
 
 
-def test_faults_are_found_in_code_and_not_in_words(tmp_path: Path) -> None:
+def test_faults_are_placed_in_code_and_not_in_text(tmp_path: Path) -> None:
     pytest.importorskip("cosmic_ray")
     (tmp_path / "far.py").write_text(SOURCE, encoding="utf-8")
     found = list(mutants_of("far.py", tmp_path, random.Random(1)))
@@ -48,7 +48,7 @@ def test_faults_are_found_in_code_and_not_in_words(tmp_path: Path) -> None:
         assert [k for k, (a, b) in enumerate(zip(before, after, strict=True), start=1) if a != b] == [mutant.line]
 
 
-def test_every_physical_fault_can_be_put_in() -> None:
+def test_every_physical_fault_can_be_inserted() -> None:
     found = list(physical_mutants(ROOT))
     assert len(found) == len(PHYSICAL) >= 12
     assert all(m.before != m.after and (ROOT / m.path).read_text(encoding="utf-8") != m.source for m in found)
@@ -73,9 +73,7 @@ def test_every_area_has_files_and_no_file_two_areas() -> None:
     assert "import njit" in (ROOT / found["kernels"][0]).read_text(encoding="utf-8")
 
 
-def test_a_file_that_moves_is_found_and_one_that_is_renamed_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_moved_file_is_found_and_a_renamed_one_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "gcs_autotune"
     for name in ("here/a.py", "here/b.py", "here/words.py", "there/c.py"):
         (package / name).parent.mkdir(parents=True, exist_ok=True)
@@ -114,7 +112,7 @@ def fault(after: str) -> Mutant:
 
 
 @pytest.mark.slow
-def test_a_fault_is_noticed_by_the_first_test_that_fails_or_hangs_and_taken_out_again(bench: Bench) -> None:
+def test_a_fault_is_detected_by_the_first_failing_or_hanging_test_and_removed(bench: Bench) -> None:
     assert bench.judge(fault("return 2")).noticed_by == "tests/test_a.py::test_one"
     assert bench.judge(fault("return 1 + 0")).noticed_by == ""
     assert bench.judge(fault("while True: pass")).noticed_by == HANGS
@@ -138,11 +136,11 @@ def test_tests_that_fail_without_a_fault_are_an_error(bench: Bench) -> None:
         ("gcs_autotune/manoeuvres/envelope.py", "tests/manoeuvres/test_envelope.py"),
     ],
 )
-def test_the_tests_called_after_a_file_are_asked_first(path: str, first: str) -> None:
+def test_the_tests_named_after_a_file_run_first(path: str, first: str) -> None:
     assert mirroring(path, ROOT)[0] == first
 
 
-def test_what_is_no_fault_counts_for_neither_side(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equivalent_faults_are_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     none, real = (Mutant("gcs_autotune/sname.py", name, "sign", 1, "a", "b", "") for name in ("none", "real"))
     monkeypatch.setitem(NO_FAULT, none.key, "it is the same")
     lines = table([Verdict(none, "", 1.0), Verdict(real, "tests/test_sname.py::test_it", 1.0), Verdict(real, "", 1.0)])

@@ -99,7 +99,7 @@ def test_without_disturbances_an_effect_of_no_size_improves_nothing_either() -> 
 
 
 @pytest.mark.parametrize("strong", [dead_zone(0.3), drag(2.0)], ids=["dead zone", "drag"])
-def test_a_strong_effect_gains_hundreds_of_nats_without_disturbances_and_less_the_more_there_is(strong: Hidden) -> None:
+def test_the_gain_of_a_strong_effect_falls_with_the_disturbance(strong: Hidden) -> None:
     calm, mild, rough = (improvement(flown(strong, drift=w), NOISE) for w in (1e-6, 0.1, 1.0))
     assert calm > 300.0
     assert calm > mild > rough
@@ -127,7 +127,7 @@ def test_the_filter_agrees_with_the_density_of_all_samples_together() -> None:
     assert float(np.sum(z**2)) + logs == pytest.approx(float(dense), rel=1e-9)
 
 
-def test_innovations_have_the_size_that_the_filter_predicts() -> None:
+def test_innovations_have_the_predicted_size() -> None:
     ours = flown(waves(), differing(0, 0.0, 1.1), burst=1.0)
     runs = len(ours.files)
     calm = fly(ours.plan, [])
@@ -151,7 +151,7 @@ def test_a_smoother_can_be_undone_and_removes_the_column_of_bursts() -> None:
     assert psi[::-1] == pytest.approx(file["psi"], abs=1e-9)
 
 
-def test_drawn_cases_carry_what_the_oracle_needs_and_pairs_and_clean_ones_are_left_out() -> None:
+def test_drawn_cases_contain_what_the_oracle_needs_except_pairs_and_clean_ones() -> None:
     kinds = [("process-noise", "saturation"), ("rough", "quadratic-drag"), ("rough", PAIR), ("rough", CALM)]
     gains = [visible(draw_case(kind, 5, 0, slug)) for kind, slug in kinds]
     assert all(isinstance(nats, float) and np.isfinite(nats) for nats in gains[:2])

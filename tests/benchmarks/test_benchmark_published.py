@@ -33,7 +33,7 @@ def test_every_key_of_the_file_has_a_section(tables: Path) -> None:
 
 
 @pytest.mark.parametrize("name", QUICK)
-def test_what_follows_from_printed_inputs_reaches_its_goal(name: str, tables: Path) -> None:
+def test_results_from_printed_inputs_reach_their_goal(name: str, tables: Path) -> None:
     sections = list(SECTIONS[name](json.loads(tables.read_text(encoding="utf-8"))))
     assert sections
     for section in sections:
@@ -53,7 +53,7 @@ def test_a_changed_number_is_reported_as_missed(
     assert main(["--tables", str(tables), "--only", "videoray_iso_table_7_9", "--brief"]) == 0
 
 
-def test_without_the_file_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--tables", str(tmp_path / "none.json")]) == 2
     assert "--tables" in capsys.readouterr().err
 

@@ -1,4 +1,4 @@
-"""A benchmark of whole tunes that is stopped goes on where it was."""
+"""A benchmark of whole tunes can be stopped and resumed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune.study import open_study
 from sitl.catalogue import VEHICLES
 
 
-def test_a_run_that_was_stopped_goes_on_and_its_lines_count(
+def test_a_stopped_run_is_resumed_and_its_rows_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flown: list[tuple[str, str, int]] = []
@@ -59,7 +59,7 @@ def test_a_craft_has_the_axes_that_its_thrusters_drive() -> None:
     assert not {("bluerov2-6dof", "pitch"), ("bluerov2-standard", "roll"), ("tugboat", "speed")} & lacking
 
 
-def test_a_refused_axis_is_not_a_miss(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rejected_axis_is_not_a_miss(capsys: pytest.CaptureFixture[str]) -> None:
     refused = reach.Tuned("falcon", "roll", 1, "refused", math.nan, math.nan, math.nan, math.nan, 1.0, "no roll")
     kept = reach.Tuned("falcon", "heading", 1, "kept", 2.0, 1.0, 1.0, math.nan, 5.0)
     figures = {figure.name: figure.shown for figure in reach._figures([refused, kept])}

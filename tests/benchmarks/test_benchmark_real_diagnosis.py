@@ -1,4 +1,4 @@
-"""Real runs diagnosed: a command is the share of full output that the servos of the same record show."""
+"""Real runs diagnosed: a command is the normalised output of the servos in the same record."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPAN = 400.0
 
 @pytest.mark.skipif(not (DATA / "ardupilot_sitl").is_dir(), reason="the recorded runs are not on this machine")
 @pytest.mark.parametrize(("name", "force", "servo"), [("sub-yaw", "N", "s1"), ("sub-depth", "Z", "s5")])
-def test_a_subs_commands_are_shares_of_what_its_motors_can_do(name: str, force: str, servo: str) -> None:
+def test_the_commands_of_a_sub_are_normalised_motor_outputs(name: str, force: str, servo: str) -> None:
     loaded = CASES[name].load()
     assert [len(runs) for runs in loaded] == [1, 1]
     for runs in loaded:
@@ -29,7 +29,7 @@ def test_a_subs_commands_are_shares_of_what_its_motors_can_do(name: str, force: 
 
 
 @pytest.mark.slow
-def test_a_fit_by_hand_finds_damping_that_grows_with_speed_and_prints_each_run() -> None:
+def test_the_independent_fit_identifies_speed_damping_and_prints_each_run() -> None:
     runs = [turning(seed) for seed in (1, 2, 3)]
     fit = by_hand(runs, seconds=2.0)
     plain, damped = fit.errors["linear"], fit.errors["N_|u|r"]

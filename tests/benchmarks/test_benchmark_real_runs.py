@@ -48,7 +48,7 @@ def test_prediction_uses_nothing_after_the_first_second() -> None:
     assert first_motion(hidden)[0] == pytest.approx(first_motion(run)[0])
 
 
-def test_the_mean_scores_nothing_and_what_ran_away_minus_infinity() -> None:
+def test_the_mean_scores_zero_and_a_diverged_prediction_minus_infinity() -> None:
     run = linear_run(3)
     mean = np.tile(run.Y[FIRST:].mean(axis=0), (len(run.t), 1))
     assert fit_percents(run, mean, run.psi)["u"] == pytest.approx(0.0, abs=1e-9)
@@ -67,7 +67,7 @@ def test_samples_inside_a_gap_are_not_scored() -> None:
     assert run.seen[10].all()
 
 
-def test_scipy_by_hand_finds_a_boat_of_its_own_form() -> None:
+def test_the_independent_scipy_fit_identifies_a_boat_of_its_own_form() -> None:
     rng = np.random.default_rng(4)
     U = np.repeat(rng.uniform(-5.0, 15.0, (10, 2)), 20, axis=0)
     x, rows = np.zeros(4), []
@@ -91,7 +91,7 @@ def test_scipy_by_hand_finds_a_boat_of_its_own_form() -> None:
 
 
 @pytest.mark.parametrize("name", list(CRAFTS))
-def test_every_craft_has_its_files_its_form_and_the_same_form_by_hand(name: str) -> None:
+def test_every_craft_has_its_files_its_form_and_an_independent_form(name: str) -> None:
     craft = CRAFTS[name]
     assert set(FORMS[craft.form].inputs) == set(craft.inputs)
     assert craft.form in BY_HAND

@@ -1,4 +1,4 @@
-"""Recorded figures: the page is made from them, every benchmark records, and a run keeps its own only when asked."""
+"""Recorded figures: the page is generated from them, and a run saves its own only on request."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_page_is_made_from_the_results():
+def test_the_page_is_generated_from_the_results():
     assert results.PAGE.read_text(encoding="utf-8") == page(), "run: python3 -m benchmarks.results"
 
 
@@ -54,7 +54,7 @@ def test_every_result_names_its_command_and_where_it_comes_from():
         assert all(figure.name for figure in result.figures)
 
 
-def test_a_run_keeps_its_figures_only_when_asked(
+def test_a_run_saves_its_figures_only_on_request(
     elsewhere: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     figures = [count("cases right", 19, 20, least=0.97), Figure("time", 1.25, "s", most=2.0)]
@@ -89,7 +89,7 @@ def test_a_figure_states_its_goal_and_whether_it_is_met(figure: Figure, shown: s
     assert (figure.shown, figure.goal, figure.met) == (shown, goal, met)
 
 
-def test_a_number_that_is_not_finite_is_kept_as_none(elsewhere: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_number_that_is_not_finite_is_saved_as_none(elsewhere: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv(results.RECORD, "1")
     headline("tried", "how often", [Figure("worst", float("inf"), "s")])
     (found,) = load()

@@ -30,7 +30,7 @@ def fly(gains: Mapping[str, float]) -> StepMetrics:
     return StepMetrics(error, 0.3 * gains["P"], 1.0, 1.0, 0.0, 0.0, 0.0)
 
 
-def test_the_oracle_finds_the_least_error_and_the_held_one_keeps_its_limit():
+def test_the_oracle_finds_the_least_error_and_the_limited_one_keeps_its_limit():
     starts = [{"P": 0.3, "A": 1.0}, {"P": 2.0, "A": 9.0}]
     (held, free), flown = search(fly, RANGES, starts, 120, (0.15, math.inf))
     assert flown <= 120 + 6
@@ -45,7 +45,7 @@ def test_no_start_beats_the_oracle():
     assert answer.gains == pytest.approx(best)
 
 
-def test_the_depth_cascade_becomes_the_pid_of_ziegler_and_nichols() -> None:
+def test_the_depth_cascade_is_set_to_the_ziegler_nichols_pid() -> None:
     cycle = Cycle(output=0.3, amplitude=0.2, hysteresis=0.1, omega=2.0)
     gains = ziegler_nichols("sub-depth", cycle, 0.0, {"PSC_VELZ_P": 8.0})
     a, b, p, i = gains["PSC_POSZ_P"], 8.0, 0.2 * gains["PSC_ACCZ_P"], 0.2 * gains["PSC_ACCZ_I"]
@@ -73,7 +73,7 @@ ENTRIES = [
 ]
 
 
-def test_a_contest_is_a_row_with_every_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_contest_is_saved_as_a_row_with_every_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(contest, "_firmware_of", lambda vessel: nullcontext())
     monkeypatch.setattr(contest, "all_entries", lambda firmware, vessel, job, budget: ENTRIES)
     (tmp_path / "study.toml").write_text((FOLDER / "rivals.toml").read_text())
@@ -85,7 +85,7 @@ def test_a_contest_is_a_row_with_every_entry(tmp_path: Path, monkeypatch: pytest
     assert all(row["goal"] for row in rows)
 
 
-def test_the_goal_is_missed_far_from_the_search_or_behind_the_defaults() -> None:
+def test_the_goal_is_missed_if_far_from_the_oracle_or_worse_than_the_defaults() -> None:
     def goal(ours: float, defaults: float, ending: str = "kept") -> bool:
         found = {"defaults": defaults, "ours": ours, "oracle": 1.0}
         return contest.has_goal([Entry(name, {}, 0.0, step(itae), ending) for name, itae in found.items()])

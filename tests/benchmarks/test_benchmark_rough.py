@@ -1,4 +1,4 @@
-"""Disturbances of the cases in rough water: waves, a lagging heading, a helm, and run-to-run differences."""
+"""Disturbances of the rough cases: waves, a lagging heading, a helm, and run-to-run differences."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def test_a_rough_case_is_the_same_every_time_and_keeps_its_circumstances() -> No
 
 
 @pytest.mark.slow
-def test_every_circumstance_comes_and_none_does_at_times() -> None:
+def test_every_circumstance_occurs_and_some_cases_have_none() -> None:
     seen = [draw_case("rough", 6, i, CALM).circumstances for i in range(40)]
     assert () in seen
     assert {c for some in seen for c in some} == set(CIRCUMSTANCES)
 
 
-def test_a_pair_is_of_two_families() -> None:
+def test_a_pair_contains_two_families() -> None:
     for index in range(6):
         one, two = draw_case("rough", 7, index, PAIR).slugs
         assert not any({one, two} <= set(family) for family in FAMILIES)
@@ -59,7 +59,7 @@ def test_trims_are_zero_on_average_over_the_runs() -> None:
     assert sum(moments) == pytest.approx(0.0, abs=1e-9 * max(moments)) and max(moments) > 0.0
 
 
-def test_waves_push_and_move_the_bow_at_their_frequency() -> None:
+def test_waves_push_and_turn_the_bow_at_their_frequency() -> None:
     calm = np.zeros(SAMPLES)
     pushed = flown(calm, Waves("N", moment=1.0, heading=0.0, frequency=2.0, damping=0.1))["r"]
     moved = flown(calm, Waves("N", moment=0.0, heading=0.1, frequency=2.0, damping=0.1))["psi"]
@@ -91,7 +91,7 @@ def test_run_to_run_differences_are_a_moment_and_a_thrust() -> None:
     assert rate[-1] == pytest.approx(0.5 * 1.1 + 0.1)
 
 
-def test_a_person_at_the_helm_keeps_the_course_at_times_and_the_commands_are_recorded() -> None:
+def test_a_human_helm_keeps_the_course_at_times_and_its_commands_are_recorded() -> None:
     plan = np.full(SAMPLES, 0.3)
     file = flown(plan, Helm("N", gain=2.0, rate=1.0, every=0.3, spell=20.0, most=0.8))
     by_plan = file["N"] == 0.3
@@ -101,7 +101,7 @@ def test_a_person_at_the_helm_keeps_the_course_at_times_and_the_commands_are_rec
     assert np.abs(again["psi"] - file["psi"]).max() < 0.02 * np.ptp(file["psi"])
 
 
-def test_a_person_steers_gently_with_ramps_and_pauses() -> None:
+def test_a_human_helm_steers_gently_with_ramps_and_pauses() -> None:
     t = INTERVAL * np.arange(SAMPLES)
     for seed in range(5):
         u = driving(np.random.default_rng(seed), t, 2.0)
@@ -124,7 +124,7 @@ def marks(**changed: object) -> set[str]:
     return {name for name, is_set in marked({**ROW, **changed}).items() if is_set}
 
 
-def test_a_name_that_a_lagging_heading_accounts_for_is_neither_wrong_nor_right() -> None:
+def test_a_cause_explained_by_a_lagging_heading_is_neither_wrong_nor_right() -> None:
     assert marks() == {"right"}
     assert marks(named=["backlash"]) == {"wrong"}
     assert marks(named=["backlash"], groups=[["backlash", "dead-zone"]]) == {"right"}
@@ -137,7 +137,7 @@ def test_a_name_that_a_lagging_heading_accounts_for_is_neither_wrong_nor_right()
     assert marks(named=["tether-pull"], truth=[]) == {"wrong"}
 
 
-def test_of_two_both_are_right_one_is_reported_and_any_other_name_is_wrong() -> None:
+def test_of_two_effects_one_is_counted_and_any_other_cause_is_wrong() -> None:
     two = ["dead-zone", "input-delay"]
     assert marks(truth=two, named=two[::-1]) == {"right"}
     assert marks(truth=two, named=two[:1]) == {"one"}

@@ -9,7 +9,7 @@ import pytest
 from benchmarks import surge_accuracy
 
 
-def test_errors_are_counted_in_their_own_standard_errors_and_saved_flights_stay(
+def test_errors_are_counted_in_standard_errors_and_saved_flights_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flown: list[int] = []

@@ -1,4 +1,4 @@
-"""The page of measured data: made from the kept answers, a block for every case."""
+"""The page of measured data: generated from the saved answers, a block for every case."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.real_diagnosis.cases import CASES
 from gcs_autotune.api import diagnose, example_run
 
 
-def test_the_page_is_made_from_the_answers() -> None:
+def test_the_page_is_generated_from_the_answers() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert text == page(), "run: python3 -m benchmarks.real_diagnosis --page"
 
@@ -24,7 +24,7 @@ def test_every_case_has_a_block_and_an_answer() -> None:
     assert set(load()) == set(CASES)
 
 
-def test_an_answer_is_kept_beside_the_others_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_answer_is_saved_with_the_others_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = "rover-yaw"
     monkeypatch.setattr(answers, "FILE", tmp_path / "answers.json")
     monkeypatch.setattr(answers, "PAGE", tmp_path / "page.md")
@@ -33,10 +33,10 @@ def test_an_answer_is_kept_beside_the_others_and_shown(tmp_path: Path, monkeypat
     )
     keep({"sub-yaw": Answer(refused="too short")})
     assert "Not recorded yet" in (tmp_path / "page.md").read_text()
-    told = answer_of(diagnose(example_run(), dof="yaw", effects=["quadratic-drag"]))
+    result = answer_of(diagnose(example_run(), dof="yaw", effects=["quadratic-drag"]))
     found = Finding("`dead-zone` (N): width 0.3", "+12 in log-likelihood", "psi 5 s ahead: 35 to 8 deg")
-    keep({name: replace(told, causes=(found,))})
+    keep({name: replace(result, causes=(found,))})
     shown = (tmp_path / "page.md").read_text()
     assert shown.startswith("words\n") and shown.endswith("more words\n") and "old" not in shown
-    assert f"**{told.lead}**" in shown and "| cause | `dead-zone` (N): width 0.3 |" in shown
+    assert f"**{result.lead}**" in shown and "| cause | `dead-zone` (N): width 0.3 |" in shown
     assert set(load()) == {"sub-yaw", name} and load()["sub-yaw"].refused == "too short"

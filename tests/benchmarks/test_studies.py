@@ -64,7 +64,7 @@ def test_exact_limit_cycles_of_the_published_drag_decide_most_pairs_of_one_speed
     assert first["iso.beta"] == pytest.approx(1.008 * 2.635, rel=1e-3)
 
 
-def test_a_rudder_of_another_effect_at_another_speed_does_not_change_the_decision_by_drag_over_inertia() -> None:
+def test_rudder_effectiveness_does_not_change_the_decision_by_drag_over_inertia() -> None:
     quadratic = [
         relay_row(C, 5.0, gain * C, **{"argument.n2": n2, "iso.alpha": gain * 10.0, "iso.beta_quadratic": gain})
         for n2, gain, C in ((16, 1.5, 10.0), (25, 1.0, 15.0))
@@ -81,12 +81,12 @@ def test_the_drag_of_a_relay_is_compared_with_least_squares_at_its_speed() -> No
     assert (none, same) == (0.0, 0.0)
 
 
-def test_a_day_of_relays_counts_what_is_valid(capsys: pytest.CaptureFixture[str]) -> None:
+def test_valid_relay_experiments_of_a_day_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     lost = relay_row(10.0, 10.0, 3.0, valid=False, ending="no oscillation")
     figures = thesis_7_5.figures_of("day 2", [relay_row(10.0, 5.0, 3.0), relay_row(20.0, 5.0, 3.9), lost], 0.8)
-    told = capsys.readouterr().out
-    assert "not valid: n2 = 16 V^2, C = 10 deg, x_a = 10 deg: no oscillation" in told
-    assert "apart: n2 = 16 V^2, C = 20 deg, x_a = 5 deg: drag by 30.0 %" in told
+    printed = capsys.readouterr().out
+    assert "not valid: n2 = 16 V^2, C = 10 deg, x_a = 10 deg: no oscillation" in printed
+    assert "apart: n2 = 16 V^2, C = 20 deg, x_a = 5 deg: drag by 30.0 %" in printed
     shown = {figure.name: figure.value for figure in figures}
     assert shown["day 2: valid experiments"] == 2
     assert shown["day 2: error of beta against least squares, largest"] == pytest.approx(30.0)

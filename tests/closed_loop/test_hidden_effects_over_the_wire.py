@@ -1,6 +1,6 @@
-"""Effects hidden in the simulator's process, flown over MAVLink in lock-step, named from the record.
+"""Effects hidden in the simulator's process, flown over MAVLink in lock-step, identified from the record.
 
-The hulls have effects of their own, named as well: the numbers on the right are those of ``sitl/vehicles``.
+The hulls have effects of their own, which are also identified: the numbers on the right are those of ``sitl/vehicles``.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from gcs_autotune.cli import main
 pytestmark = pytest.mark.slow
 
 BOAT_BIAS = 0.008 / 0.5235987755982988
-"""Charlie's steady moment, in shares of full rudder."""
+"""Charlie's steady moment, normalised to full rudder."""
 
 FALCON_BUOYANCY, FALCON_DRAG = 10.0 / 300.0, 20.0 / 300.0
-"""Falcon's force down and quadratic drag in heave, in shares of full thrust."""
+"""Falcon's force down and quadratic drag in heave, normalised to full thrust."""
 
 
-def told(capsys: pytest.CaptureFixture[str], folder: Path, axis: str, uri: str, *options: str) -> dict[str, Any]:
-    """Fly two relay experiments and return what ``diagnose`` with *options* says of them."""
+def diagnosed(capsys: pytest.CaptureFixture[str], folder: Path, axis: str, uri: str, *options: str) -> dict[str, Any]:
+    """Fly two relay experiments and return the result of ``diagnose`` with *options*."""
     assert main(["experiment", axis, "--connect", uri, "--out", str(folder), "--json"]) == 0
     capsys.readouterr()
     assert main(["diagnose", str(folder), *options, "--json"]) == 0
@@ -41,19 +41,19 @@ def near(found: dict[str, Any], cause: str, name: str, truth: float) -> bool:
     return abs(value - truth) < 3.0 * std
 
 
-def test_a_bent_compass_on_a_boat_is_named_with_its_card(tmp_path, capsys):
+def test_a_compass_deviation_on_a_boat_is_identified_with_its_coefficients(tmp_path, capsys):
     uri = "sitl:charlie?effect=compass-deviation.B=0.1,C=-0.05&seed=3"
-    found = told(capsys, tmp_path / "run", "heading", uri)
+    found = diagnosed(capsys, tmp_path / "run", "heading", uri)
     assert found["verdict"] == "effect-found"
     assert set(found["causes"]) == {"compass-deviation", "input-bias"}
     assert near(found, "compass-deviation", "B", 0.1) and near(found, "compass-deviation", "C", -0.05)
     assert numbers(found, "input-bias")["bias"][0] == pytest.approx(BOAT_BIAS, rel=0.02)
 
 
-def test_a_lagging_thruster_on_a_diving_rov_is_named_with_its_time_constant(tmp_path, capsys):
+def test_a_lagging_thruster_on_a_diving_rov_is_identified_with_its_time_constant(tmp_path, capsys):
     # Not 0.5 s: beside the hull's own 0.65 s the two lags all but change places, and no interval is a normal one there.
     uri = "sitl:falcon?effect=actuator-lag@vertical.time_constant=0.25&seed=3"
-    found = told(capsys, tmp_path / "run", "depth", uri)
+    found = diagnosed(capsys, tmp_path / "run", "depth", uri)
     assert found["verdict"] == "effect-found"
     assert {"actuator-lag", "net-buoyancy"} <= set(found["causes"])
     assert set(found["causes"]) <= {"actuator-lag", "net-buoyancy", "quadratic-drag", "quantisation"}
@@ -63,7 +63,7 @@ def test_a_lagging_thruster_on_a_diving_rov_is_named_with_its_time_constant(tmp_
         assert near(found, "quadratic-drag", "coefficient", FALCON_DRAG)
 
 
-def test_a_model_file_flown_and_diagnosed_against_itself_has_nothing_missing(tmp_path, capsys):
+def test_a_model_file_flown_and_diagnosed_against_itself_has_no_missing_effect(tmp_path, capsys):
     model = tmp_path / "model.json"
     form = {
         "name": "plain",
@@ -81,6 +81,6 @@ def test_a_model_file_flown_and_diagnosed_against_itself_has_nothing_missing(tmp
     full = {"swing": {"Z": 1.0}}
     model.write_text(json.dumps({"model": "extended", "base": base, "effects": effects, "constants": full}))
     uri = f"sitl:falcon?model={model}&seed=3"
-    found = told(capsys, tmp_path / "run", "depth", uri, "--model", str(model))
+    found = diagnosed(capsys, tmp_path / "run", "depth", uri, "--model", str(model))
     assert (found["verdict"], found["causes"]) == ("no-effect", [])
     assert not (found["numbers"] or {"wrong": []})["wrong"]

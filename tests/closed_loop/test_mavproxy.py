@@ -27,12 +27,12 @@ ROOT = Path(__file__).parents[2]
 
 
 class Prompt:
-    """MAVProxy in a process, its standard input and what it says."""
+    """MAVProxy in a process, its standard input and its output."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self.said: list[str] = []
+        self.lines: list[str] = []
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
@@ -47,14 +47,14 @@ class Prompt:
 
     def wait_for(self, words: str, seconds: float = 100.0) -> str:
         end = time.monotonic() + seconds
-        while not self.said or words not in self.said[-1]:
+        while not self.lines or words not in self.lines[-1]:
             try:
-                self.said.append(self._lines.get(timeout=max(end - time.monotonic(), 0.0)))
+                self.lines.append(self._lines.get(timeout=max(end - time.monotonic(), 0.0)))
             except queue.Empty:
-                pytest.fail(f"'{words}' was not said within {seconds} s: {''.join(self.said)}")
-            if "ERROR in command" in self.said[-1]:
-                pytest.fail("".join(self.said))
-        return self.said.pop()
+                pytest.fail(f"'{words}' was not printed within {seconds} s: {''.join(self.lines)}")
+            if "ERROR in command" in self.lines[-1]:
+                pytest.fail("".join(self.lines))
+        return self.lines.pop()
 
 
 @contextlib.contextmanager
@@ -92,7 +92,7 @@ def mavproxy_on_a_simulated_rov(folder: Path) -> Iterator[Prompt]:
 
 @needs_mavproxy
 @pytest.mark.slow
-def test_autotune_heading_at_mavproxys_prompt_asks_flies_writes_and_proves(tmp_path):
+def test_autotune_heading_in_mavproxy_asks_flies_writes_and_proves(tmp_path):
     """Gains from a file: both steps, both questions and the writing, without the oscillations before."""
     (tmp_path / "gains.param").write_text("ATC_RAT_YAW_P,0.25\n")
     with mavproxy_on_a_simulated_rov(tmp_path) as prompt:
@@ -105,7 +105,7 @@ def test_autotune_heading_at_mavproxys_prompt_asks_flies_writes_and_proves(tmp_p
         prompt.type("autotune yes")
         assert "done" in prompt.wait_for("autotune: tune heading: ")
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert summary["ending"] in ("kept", "restored"), "".join(prompt.said)
+    assert summary["ending"] in ("kept", "restored"), "".join(prompt.lines)
     flown = {path.stem[3:] for path in (tmp_path / "run" / "trials").glob("*.csv")}
     assert {"step-before", "step-after"} <= flown
     assert json.loads((tmp_path / "run" / "journal.jsonl").read_text().splitlines()[0])["link"].startswith("tcp:127")
@@ -115,7 +115,7 @@ def test_autotune_heading_at_mavproxys_prompt_asks_flies_writes_and_proves(tmp_p
 
 @needs_mavproxy
 @pytest.mark.slow
-def test_autotune_stop_leaves_the_vehicle_as_found(tmp_path):
+def test_autotune_stop_restores_the_vehicle(tmp_path):
     with mavproxy_on_a_simulated_rov(tmp_path) as prompt:
         prompt.type("autotune stop")
         prompt.wait_for("nothing is running")
@@ -131,7 +131,7 @@ def test_autotune_stop_leaves_the_vehicle_as_found(tmp_path):
 
 @needs_mavproxy
 @pytest.mark.slow
-def test_mavproxys_own_end_in_mid_run_cleans_up_first(tmp_path):
+def test_closing_mavproxy_during_a_run_cleans_up_first(tmp_path):
     with mavproxy_on_a_simulated_rov(tmp_path) as prompt:
         prompt.type("autotune heading --yes --step-duration 8 --out run")
         prompt.wait_for(": completed")
@@ -140,7 +140,7 @@ def test_mavproxys_own_end_in_mid_run_cleans_up_first(tmp_path):
     assert json.loads(last)["event"] == "closed"
 
 
-def test_the_link_hands_over_in_order_and_waits_no_longer_than_told():
+def test_the_link_returns_bytes_in_order_without_extra_waiting():
     sent: list[bytes] = []
     link = mavproxy.MavproxyLink("mavproxy:here", sent.append)
     link.take(b"ab")
@@ -154,7 +154,7 @@ def test_the_link_hands_over_in_order_and_waits_no_longer_than_told():
         link.write(b"more")
 
 
-def test_a_link_that_broke_under_mavproxy_is_lost_in_words():
+def test_a_broken_mavproxy_link_is_reported_as_lost():
     def broken(data: bytes) -> None:
         raise OSError("no such device")
 
@@ -163,7 +163,7 @@ def test_a_link_that_broke_under_mavproxy_is_lost_in_words():
 
 
 def a_module(signs: bool = False, override: int = 0):
-    """The module in a MAVProxy on paper."""
+    """The module in a fake MAVProxy."""
     master = SimpleNamespace(
         address="com9", write=len, mav=SimpleNamespace(signing=SimpleNamespace(sign_outgoing=signs))
     )
@@ -194,7 +194,7 @@ def a_module(signs: bool = False, override: int = 0):
         ("heading", "`rc all 0` first", {"override": 1500}),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence_and_nothing_is_sent(capsys, typed, words, with_what):
+def test_an_impossible_command_prints_one_sentence_and_sends_nothing(capsys, typed, words, with_what):
     module, state = a_module(**with_what)
     state.command_map["autotune"][0](typed.split())
     assert words in capsys.readouterr().out

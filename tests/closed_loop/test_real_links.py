@@ -2,7 +2,7 @@
 
 The simulator runs free at three times real time, so these are the only tests that take wall time. A stall of a loaded
 machine counts threefold there. So their processes take precedence over other tests where the system allows it, the
-pilot-input failsafe (three seconds) has ten times as long, and a turn has room until it is seen to be over.
+pilot-input failsafe (three seconds) has ten times as long, and a turn has time to finish.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SPEEDUP = "3"
 INERTIA, LINEAR, QUADRATIC = 80 / 400, 300 / 400, 10 / 400
 TURNING = 0.5
 """Turn rate [rad/s] at which damping is compared: where a stalled machine leaves outputs at 40 Hz, these runs hardly
-tell linear from quadratic."""
+distinguish linear from quadratic."""
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +64,7 @@ def serial() -> Iterator[tuple[str, str]]:
     """Two pseudo-terminals with a null-modem cable between their masters.
 
     The cable holds what the other side has not yet taken. Without this, a program that is not scheduled for a quarter
-    of a second would lose messages: at threefold speed, a pseudo-terminal has no room for more.
+    of a second would lose messages: at threefold speed, a pseudo-terminal has no space for more.
     """
     (one, vehicle), (other, ground) = os.openpty(), os.openpty()
     done, wake = os.pipe()
@@ -113,7 +113,7 @@ BRIEF = [sys.executable, str(Path(__file__).parents[1] / "brief_program.py")]
 
 
 @pytest.mark.parametrize(("wire", "program"), [(udp, OURS), (serial, BRIEF)], ids=["udp", "serial"])
-def test_the_same_tune_over_a_real_link(tmp_path, wire, program):
+def test_a_tune_works_over_a_real_link(tmp_path, wire, program):
     run = tmp_path / "run"
     with wire() as (listen, connect), vehicle_process(listen):
         tune = [*program, "tune", "heading", "--connect", connect, "--yes"]
@@ -142,7 +142,7 @@ def run_cli(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
 
 
-def test_after_a_power_cut_in_mid_proof_restore_puts_the_old_gains_back(tmp_path):
+def test_restore_writes_the_old_gains_after_a_kill_during_the_proof(tmp_path):
     """Over TCP, which a tune that is killed breaks: identification, design, writing and a proof begun come before."""
     run = tmp_path / "run"
     with tcp() as (listen, connect), vehicle_process(listen):

@@ -18,18 +18,18 @@ COMPASS = math.radians(2.0)
 LAW = design_distance(SURGE, YAW, reference_model("bessel", 0.35), reference_model("bessel", 0.8)).with_limits(
     X=(-8.0, 8.0), N=(-0.17, 0.17)
 )
-T, WANTED, D, PHI, D_EST, UNSEEN = range(6)
+T, TARGET, D, PHI, D_EST, UNSEEN = range(6)
 
 
 def keep(
-    wanted: Callable[[float], float],
+    target: Callable[[float], float],
     *,
     seconds: float,
     unseen: Sequence[tuple[float, float]] = (),
     tether: tuple[float, float] = (0.0, 0.0),
     seed: int = 1,
 ) -> NDArray[np.float64]:
-    """Return (t, wanted, d, phi, estimated d, unseen) at 10 Hz; the laser sees the wall at 2 Hz."""
+    """Return (t, target, d, phi, estimated d, unseen) at 10 Hz; the laser sees the wall at 2 Hz."""
     noise, controller, rows, dt = np.random.default_rng(seed), LAW.started(), [], 0.1
     u, r, psi, phi, d = 0.0, 0.0, 0.3, math.radians(15.0), 1.5
     for k in range(round(seconds / dt)):
@@ -38,8 +38,8 @@ def keep(
         laser = (d + noise.normal(0.0, 0.01), phi + noise.normal(0.0, math.radians(0.5)))
         sees = k % 5 == 0 and not any(start <= t < end for start, end in unseen)
         reading = WallReading(compass, *laser) if sees else WallReading(compass)
-        X, N = controller.update(wanted(t), reading, t)
-        rows.append((t, wanted(t), d, phi, controller.estimate.d, controller.unseen(t)))
+        X, N = controller.update(target(t), reading, t)
+        rows.append((t, target(t), d, phi, controller.estimate.d, controller.unseen(t)))
         for _ in range(10):
             u += dt / 10 * (X + tether[0] - SURGE.beta_quadratic * abs(u) * u) / SURGE.alpha
             r += dt / 10 * (N + tether[1] - YAW.beta_quadratic * abs(r) * r) / YAW.alpha
@@ -59,11 +59,11 @@ def test_a_step_and_a_ramp_of_the_distance_end_without_a_steady_error(tether: tu
     flown = keep(step_then_ramp, seconds=420.0, tether=tether)
     for start, end in ((170.0, 200.0), (370.0, 420.0)):
         late = (flown[:, T] > start) & (flown[:, T] < end)
-        assert abs(float(np.mean(flown[late, D] - flown[late, WANTED]))) < 0.02
+        assert abs(float(np.mean(flown[late, D] - flown[late, TARGET]))) < 0.02
         assert abs(float(np.mean(flown[late, PHI]))) < math.radians(3.0)
 
 
-def test_five_seconds_without_the_wall_twice_are_held() -> None:
+def test_the_distance_is_held_through_two_losses_of_the_wall() -> None:
     """The drop-outs of figure 8.17."""
     flown = keep(lambda t: 1.5, seconds=480.0, unseen=((435.0, 440.0), (455.0, 460.0)))
     gone = (flown[:, T] > 435.0) & (flown[:, T] < 470.0)

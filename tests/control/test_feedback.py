@@ -59,7 +59,7 @@ def gains_of(name: str) -> FeedbackLaw:
 
 
 @pytest.mark.parametrize("name", STRUCTURES)
-def test_each_structure_has_the_closed_loop_that_its_channels_make(name: str) -> None:
+def test_the_closed_loop_of_each_structure_matches_python_control(name: str) -> None:
     """Against python-control, which closes the loop from the channels."""
     law, s = gains_of(name), python_control.tf("s")
     plant = 1.0 / (CHARLIE.alpha * s**2 + CHARLIE.beta * s)
@@ -82,18 +82,18 @@ def test_the_controller_that_runs_follows_its_transfer_function(name: str) -> No
     assert flown[:, 1] == pytest.approx(0.1 * np.asarray(expected), abs=0.1 * 0.02)
 
 
-def test_charlie_gets_the_published_model_function() -> None:
+def test_the_reference_model_of_charlie_matches_the_published_one() -> None:
     wanted = reference_model("bessel", 0.45)
     assert (wanted.a3, wanted.a2, wanted.a1) == pytest.approx((10.97, 12.01, 5.48), abs=0.006)
 
 
 @pytest.mark.parametrize(("kind", "ratio"), [("butterworth", 0.25), ("bessel", 0.1667)])
-def test_the_least_inertia_that_may_be_assumed_is_the_published_one(kind: str, ratio: float) -> None:
+def test_the_least_allowed_inertia_ratio_matches_the_published_one(kind: str, ratio: float) -> None:
     assert least_inertia_ratio(reference_model(kind, 0.7)) == pytest.approx(ratio, abs=5e-5)
 
 
 @pytest.mark.parametrize("degrees", [60.0, 90.0, 150.0])
-def test_with_anti_windup_a_saturated_rudder_overshoots_no_more_than_the_model_function(degrees: float) -> None:
+def test_anti_windup_limits_the_overshoot_of_a_saturated_rudder_to_the_model(degrees: float) -> None:
     step = math.radians(degrees)
     law = design_ipd(CHARLIE, reference_model("bessel", 0.45))
     free = overshoot(fly(law, CHARLIE, step), step)
@@ -106,7 +106,7 @@ def test_with_anti_windup_a_saturated_rudder_overshoots_no_more_than_the_model_f
     assert held[-1, 1] == pytest.approx(step, rel=1e-3)
 
 
-def test_a_falcon_turns_ninety_degrees_and_dives_three_metres_as_its_model_function() -> None:
+def test_a_falcon_turns_and_dives_by_its_reference_model() -> None:
     for true, found, omega, step in (
         (FALCON_YAW, FALCON_YAW_FOUND, 1.5, math.pi / 2),
         (FALCON_HEAVE, FALCON_HEAVE_FOUND, 0.8, 3.0),
@@ -117,7 +117,7 @@ def test_a_falcon_turns_ninety_degrees_and_dives_three_metres_as_its_model_funct
         assert flown[:, 1] == pytest.approx(step * np.asarray(expected), abs=0.05 * step)
 
 
-def test_drag_is_compensated_up_to_the_speed_that_an_uncertain_model_allows() -> None:
+def test_drag_is_compensated_up_to_the_speed_allowed_by_the_uncertainty() -> None:
     wanted = reference_model("bessel", 1.5)
     law = design_ipd(QUADRATIC, wanted, Uncertainty(0.1, 0.2))
     assert law.drag_speed == pytest.approx(drag_speed_limit(QUADRATIC, wanted, Uncertainty(0.1, 0.2)))
@@ -131,7 +131,7 @@ def test_a_controller_takes_over_without_a_jump() -> None:
     assert controller.update(1.0, 0.4, 0.05, 10.0) == pytest.approx(0.2)
 
 
-def test_an_angle_is_turned_the_short_way_round() -> None:
+def test_an_angle_error_uses_the_shorter_direction() -> None:
     controller = gains_of("P-D")
     angle = replace(controller, is_angle=True).started()
     assert angle.update(math.radians(-170.0), math.radians(170.0), 0.0, 0.0) == pytest.approx(4.0 * math.radians(20.0))
@@ -151,7 +151,7 @@ def test_reference_models_of_any_order_are_stable_and_scale_with_their_frequency
     assert np.all(np.roots([*slow[::-1], 1.0]).real < 0.0)
 
 
-def test_a_lost_signal_becomes_no_output_and_no_memory() -> None:
+def test_a_lost_signal_gives_zero_output_and_does_not_corrupt_the_state() -> None:
     loop = SetPointLoop(gains_of("PI-D"), DOFS["yaw"], throttle=0.3)
     loop.update(HeadingTarget(1.0), Observation(t=0.0, psi=0.0, r=0.0))
     assert loop.update(HeadingTarget(1.0), Observation(t=0.1, psi=math.nan)) == Actuate(X=0.3)

@@ -45,19 +45,19 @@ def fly(
     return states
 
 
-def test_example_8_1_falcon_yaw_bound() -> None:
+def test_example_8_1_has_the_published_falcon_yaw_bound() -> None:
     left, right = stability_bound(FALCON_YAW_FOUND, reference_model("bessel", 1.5), PUBLISHED, 0.0)
     assert left == pytest.approx(3.78, abs=0.005)
     assert right == pytest.approx(17.84, abs=0.005)
 
 
-def test_example_8_2_falcon_heave_bound() -> None:
+def test_example_8_2_has_the_published_falcon_heave_bound() -> None:
     left, right = stability_bound(FALCON_HEAVE_FOUND, reference_model("bessel", 0.8), PUBLISHED, 0.0)
     assert left == pytest.approx(1.61, abs=0.005)
     assert right == pytest.approx(9.5153, abs=0.0005)
 
 
-def test_example_8_3_yaw_rate_limit() -> None:
+def test_example_8_3_has_the_published_yaw_rate_limit() -> None:
     left, right = stability_bound(NONLINEAR_YAW_FOUND, reference_model("bessel", 1.5), PUBLISHED, 1.2)
     assert left == 1.2
     assert right == pytest.approx(13.4, abs=0.05)
@@ -83,7 +83,7 @@ def test_the_examples_follow_their_reference_model(
     assert left < right
 
 
-def test_with_the_true_model_the_closed_loop_is_exactly_the_reference_model() -> None:
+def test_the_closed_loop_with_the_true_model_equals_the_reference_model() -> None:
     wanted = reference_model("butterworth", 1.1)
     t = np.linspace(0.0, 12.0, 200)
     position, _ = fly(FALCON_HEAVE, design_ipd(FALCON_HEAVE, wanted), 3.0, 10.0, t)
@@ -91,7 +91,7 @@ def test_with_the_true_model_the_closed_loop_is_exactly_the_reference_model() ->
 
 
 def test_a_loop_at_its_bound_is_at_the_edge_of_stability() -> None:
-    """Put the error exactly where (8.22) says the loop becomes unstable, and look at the poles."""
+    """Set the error exactly at the stability limit of (8.22), and check the poles."""
     wanted = reference_model("bessel", 1.5)
     p = Uncertainty(0.1, 0.6)
     _, right = stability_bound(FALCON_YAW_FOUND, wanted, p, 0.0)
@@ -103,7 +103,7 @@ def test_a_loop_at_its_bound_is_at_the_edge_of_stability() -> None:
         assert bool(np.all(poles.real < 0.0)) is stable
 
 
-def test_uncertainty_comes_from_the_covariance_and_is_never_nothing() -> None:
+def test_uncertainty_follows_from_the_covariance_and_is_never_zero() -> None:
     covariance = np.diag([(0.05 * 80.0) ** 2, (0.1 * 300.0) ** 2, 0.0, 0.0, 0.0])
     p = uncertainty_of(FALCON_YAW_FOUND, covariance)
     assert p.p_alpha == pytest.approx(1.96 * 4.0 / 78.97)

@@ -77,7 +77,7 @@ def loop_of(inner: FeedbackLaw) -> TransferFunction:
     return simplify(loop) if len(loop.denominator) == 4 else loop
 
 
-def test_direct_control_far_from_the_line_spirals_without_a_limit_and_approaches_with_one() -> None:
+def test_direct_control_far_from_the_line_needs_a_limit_to_approach() -> None:
     law = design_direct(YAW, SPEED, "bessel", 0.5)
     free = sail(direct(replace(law, d_limit=math.inf)), 75.0)
     assert np.abs(free[:, 2] - EAST).max() > 2.0 * math.pi
@@ -89,7 +89,7 @@ def test_direct_control_far_from_the_line_spirals_without_a_limit_and_approaches
 
 
 @pytest.mark.parametrize("inner", [IPD, PD], ids=["I-PD", "P-D"])
-def test_indirect_control_far_from_the_line_turns_around_without_a_limit_and_approaches_with_one(
+def test_indirect_control_far_from_the_line_needs_a_limit_to_approach(
     inner: FeedbackLaw,
 ) -> None:
     law = design_indirect(loop_of(inner), SPEED, "bessel", 0.211, approach=math.radians(30.0))
@@ -102,7 +102,7 @@ def test_indirect_control_far_from_the_line_turns_around_without_a_limit_and_app
 
 
 @pytest.mark.parametrize("inner", [IPD, PD], ids=["I-PD", "P-D"])
-def test_the_closed_line_loop_has_the_poles_that_were_required(inner: FeedbackLaw) -> None:
+def test_the_closed_line_loop_has_the_required_poles(inner: FeedbackLaw) -> None:
     """Small motions on the simplified loop itself: (8.53) against the eigenvalues of the system written out."""
     loop, omega = loop_of(inner), 0.3
     law = design_indirect(loop, SPEED, "butterworth", omega)
@@ -118,7 +118,7 @@ def test_the_closed_line_loop_has_the_poles_that_were_required(inner: FeedbackLa
     assert poles == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_u_turn_onto_the_line_ends_on_it_within_the_rudders_thirty_degrees() -> None:
+def test_a_u_turn_onto_the_line_ends_on_it_within_the_rudder_limit() -> None:
     law = design_indirect(loop_of(IPD), SPEED, "bessel", 0.211, approach=math.radians(30.0))
     flown = sail(guided(law, IPD), 20.0, heading=EAST + math.pi)
     assert np.abs(flown[:, 3]).max() <= RUDDER + 1e-12
@@ -139,7 +139,7 @@ def test_a_current_across_leaves_no_steady_error(law: LineOfHeading) -> None:
     assert np.abs(flown[-100:, 1]).max() < 0.15
 
 
-def test_a_slower_model_function_moves_the_rudder_less() -> None:
+def test_a_slower_reference_model_moves_the_rudder_less() -> None:
     """Figure 8.27: omega_c = 0.5 against 0.211 rad/s, with noise on heading and position."""
     activity = []
     for omega in (0.5, 0.211):
@@ -157,7 +157,7 @@ def test_a_slower_model_function_moves_the_rudder_less() -> None:
     assert activity[1] < 0.5 * activity[0]
 
 
-def test_a_current_that_is_too_strong_for_the_approach_is_refused_with_the_nearest_one() -> None:
+def test_a_current_too_strong_for_the_approach_is_rejected_with_the_limit() -> None:
     with pytest.raises(NoGainsMeetSpec, match=r"must be below 0\.64 m/s"):
         design_direct(YAW, SPEED, "bessel", 0.3, current=0.7)
 

@@ -11,7 +11,7 @@ from gcs_autotune.control import TimedPath
 SQUARE = ((0.0, 0.0, 1.0, 0.0), (10.0, 0.0, 1.0, 0.5), (10.0, 10.0, 2.0, 1.0))
 
 
-def test_a_path_is_at_its_points_at_their_times_and_begins_and_ends_at_rest() -> None:
+def test_a_path_passes_its_points_at_their_times_and_starts_and_ends_at_rest() -> None:
     path = TimedPath.through((0.0, 10.0, 25.0), SQUARE)
     for t, place in zip(path.times, SQUARE, strict=True):
         assert path.target(t).position == pytest.approx(place)
@@ -39,7 +39,7 @@ def test_the_tightest_turn_of_a_circle_is_its_radius() -> None:
     assert path.fastest()[0] == pytest.approx(speed, rel=0.02)
 
 
-def test_a_path_under_way_goes_on_beyond_its_end() -> None:
+def test_a_path_with_a_final_velocity_continues_beyond_its_end() -> None:
     path = TimedPath.through((0.0, 10.0), (SQUARE[0], SQUARE[1]), starts=(1.0, 0.0, 0.0, 0.0), leaves=None)
     assert path.target(12.0).position[0] == pytest.approx(12.0)
     assert path.sharpest()[0] == pytest.approx(0.0, abs=1e-9)

@@ -67,13 +67,13 @@ def saturated(flown: NDArray[np.float64]) -> float:
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.5, 0.5])
-def test_sliding_mode_brings_all_four_home_although_its_model_is_wrong_by_half(factor: float) -> None:
+def test_sliding_mode_reaches_the_target_although_its_model_is_wrong_by_half(factor: float) -> None:
     flown = fly(SLIDING, heavier(CRAFT, factor))
     assert np.abs(flown[-1, 1:5]).max() < 0.01
     assert np.abs(flown[flown[:, 0] > 15.0, 1:5]).max() < 0.05
 
 
-def test_pid_laws_bring_the_craft_sideways_home_much_later() -> None:
+def test_pid_laws_correct_the_sideways_error_much_later() -> None:
     late = [np.abs(flown[flown[:, 0] > 15.0, 2]).max() for flown in (fly(SLIDING, CRAFT), fly(pid(), CRAFT))]
     assert late[1] > 10.0 * late[0]
 
@@ -90,12 +90,12 @@ def test_the_boundary_layer_keeps_the_thrusters_from_chattering() -> None:
     assert travel[0] < 0.05 * travel[1]
 
 
-def test_a_constant_push_that_the_model_knows_leaves_no_error() -> None:
+def test_a_constant_force_in_the_model_leaves_no_error() -> None:
     pushed = replace(CRAFT, constant=(10.0, -8.0, 5.0, 0.5))
     assert np.abs(fly(replace(SLIDING, model=pushed), pushed)[-1, 1:5]).max() < 0.01
 
 
-def test_a_push_that_the_model_lacks_leaves_no_error_with_the_integral() -> None:
+def test_an_unmodelled_constant_force_leaves_no_error_with_the_integral() -> None:
     pushed = replace(CRAFT, constant=(30.0, -24.0, 15.0, 2.0))
     plain, held = fly(SLIDING, pushed, seconds=90.0), fly(IntegralSlidingMode(SLIDING), pushed, seconds=90.0)
     assert np.abs(plain[-1, 1:5]).max() > 0.02

@@ -23,7 +23,7 @@ def own_loop() -> LoopAnalysis:
     return analyse_own(found, COVARIANCE, math.radians(30.0), SPAN)
 
 
-def test_poles_and_margins_of_a_loop_are_those_of_python_control() -> None:
+def test_poles_and_margins_of_a_loop_match_python_control() -> None:
     found = own_loop()
     loop = found.loop.to_control(8)
     gain, phase, _, _, crossover, _ = control.stability_margins(loop)
@@ -45,7 +45,7 @@ def test_the_nyquist_plot_touches_the_disk_of_the_disk_margin() -> None:
     assert found.disk.phase < found.margins.phase
 
 
-def test_a_disk_margin_is_that_of_python_control() -> None:
+def test_a_disk_margin_matches_python_control() -> None:
     found = own_loop()
     size, decibels, degrees = control.disk_margins(found.loop.to_control(8), np.logspace(-3.0, 2.7, 500))
     assert found.disk.size == pytest.approx(float(size), rel=1e-3)

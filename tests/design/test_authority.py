@@ -37,7 +37,7 @@ def found(settings: dict[str, float], *yaws: FlownModel, along: FlownModel | Non
     return authority_of(CraftModels(along or surge(), yaws or (yaw(),), {**AT_ONCE, **settings}))
 
 
-def test_speeds_stops_and_turns_are_those_of_the_equations() -> None:
+def test_speeds_stops_and_turns_match_the_equations() -> None:
     figures = found(RUDDER).figures
     assert figures["top-ahead"].value == pytest.approx(4.0, rel=0.01)
     assert figures["top-astern"].value == pytest.approx(4.0, rel=0.01)
@@ -60,7 +60,7 @@ def test_standard_errors_come_from_the_covariance_of_the_models() -> None:
     assert high - low == pytest.approx(2.0 * 1.96 * figures["top-ahead"].std)
 
 
-def test_a_rudder_turns_only_at_the_speeds_that_were_flown() -> None:
+def test_turn_rates_of_a_rudder_are_given_only_at_the_flown_speeds() -> None:
     one = found(RUDDER)
     assert [c.throttle for c in one.circles] == [0.5]
     assert any("--throttle 0.25" in row.fly for row in one.missing)
@@ -81,18 +81,18 @@ def test_two_thrusters_share_their_output_and_the_weaker_one_pushes_ahead() -> N
     assert circle.rates["starboard"].value == pytest.approx((0.5 * (1.0 + 1.0 / 6.0) + 0.03) / 1.5, rel=0.01)
 
 
-def test_a_turn_with_a_thruster_astern_is_not_determined_by_runs_with_thrust_ahead() -> None:
+def test_runs_with_thrust_ahead_do_not_determine_a_turn_with_a_thruster_astern() -> None:
     craft = found(SKID, yaw(steered=0.3), along=surge(low=0.0))
     assert "turn-rate-port" not in craft.figures
     assert "top-astern" not in craft.figures
     assert "stop-astern" not in craft.figures
-    told = " ".join(f"{row.what} {row.fly}" for row in craft.missing)
-    assert "stopping --throttle 1 --astern 1" in told
-    assert "zig-zag --steering 1" in told
+    result = " ".join(f"{row.what} {row.fly}" for row in craft.missing)
+    assert "stopping --throttle 1 --astern 1" in result
+    assert "zig-zag --steering 1" in result
     assert "ATC_STR_RAT_MAX" not in {row.name for row in limits_for(craft)}
 
 
-def test_one_coupled_model_gives_the_figures_of_the_two_that_it_consists_of() -> None:
+def test_one_coupled_model_gives_the_figures_of_its_two_parts() -> None:
     base = as_extended(SURGE).base, as_extended(YAW).base
     both = replace(
         base[0].form,
@@ -109,7 +109,7 @@ def test_one_coupled_model_gives_the_figures_of_the_two_that_it_consists_of() ->
     assert len(together.circles) == 4
 
 
-def test_parameters_follow_from_the_weaker_side_and_the_sure_end_of_its_interval() -> None:
+def test_parameters_follow_from_the_weaker_side_and_the_safe_end_of_its_interval() -> None:
     craft = found(RUDDER)
     rows = {row.name: row for row in limits_for(craft)}
     port = craft.figures["turn-rate-port"]
@@ -141,7 +141,7 @@ def test_another_autopilot_gets_no_parameters() -> None:
     assert limits_for(authority_of(craft)) == ()
 
 
-def test_a_constant_force_that_is_not_distinct_from_zero_counts_as_zero_in_the_drag_too() -> None:
+def test_an_insignificant_constant_force_counts_as_zero_in_the_drag() -> None:
     along = surge()
     base = along.model.base
     pushed = replace(base, values={**base.values, "X_0": 0.02, "X_u": -0.27})

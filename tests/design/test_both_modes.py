@@ -21,8 +21,8 @@ SURE = np.zeros((5, 5))
 
 
 def propose(model: SingleDof, speed: float, seconds: float, **spec: bool) -> Proposal:
-    wish = Spec(speed=speed, step_duration=seconds, hold=0.0, noise_std=0.1 * DEG, **spec)
-    return design(model, SURE, ROVER_HEADING, {**ROVER_DEFAULTS, "SCHED_LOOP_RATE": 50.0}, wish)
+    specification = Spec(speed=speed, step_duration=seconds, hold=0.0, noise_std=0.1 * DEG, **spec)
+    return design(model, SURE, ROVER_HEADING, {**ROVER_DEFAULTS, "SCHED_LOOP_RATE": 50.0}, specification)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def reached(model: SingleDof, proposal: Proposal, speed: float, rate: float, sec
 
 
 @pytest.mark.slow
-def test_gains_for_headings_follow_turn_rates_where_both_can_be_had(proposals: Mapping[str, Proposal]) -> None:
+def test_heading_gains_follow_turn_rates_if_both_are_possible(proposals: Mapping[str, Proposal]) -> None:
     beside = proposals["quick"].beside
     assert beside is not None
     assert beside.law == "rover-yaw"
@@ -53,7 +53,7 @@ def test_gains_for_headings_follow_turn_rates_where_both_can_be_had(proposals: M
 
 
 @pytest.mark.slow
-def test_what_turn_rates_fall_short_is_reported(proposals: Mapping[str, Proposal]) -> None:
+def test_the_shortfall_in_turn_rates_is_reported(proposals: Mapping[str, Proposal]) -> None:
     for name in ("quick", "slow"):
         beside = proposals[name].beside
         assert beside is not None
@@ -63,7 +63,9 @@ def test_what_turn_rates_fall_short_is_reported(proposals: Mapping[str, Proposal
 
 
 @pytest.mark.slow
-def test_what_the_documented_ranges_cost_is_reported_and_tried_on_demand(proposals: Mapping[str, Proposal]) -> None:
+def test_the_cost_of_documented_ranges_is_reported_and_exceeded_on_request(
+    proposals: Mapping[str, Proposal],
+) -> None:
     inside, beyond = proposals["slow"], proposals["slow beyond"]
     (note,) = (n for n in inside.notes if "--beyond-ranges" in n)
     assert "ATC_STR_RAT_P" in note
@@ -78,12 +80,12 @@ def test_what_the_documented_ranges_cost_is_reported_and_tried_on_demand(proposa
     assert beyond.worst_margins.phase >= 45.0 * DEG - 1e-3
 
 
-def test_a_craft_that_the_ranges_do_not_bind_is_told_nothing_of_them() -> None:
+def test_ranges_that_do_not_limit_a_craft_are_not_mentioned() -> None:
     proposal = propose(yaw(0.1, 0.17), 1.5, 10.0)
     assert not any("--beyond-ranges" in n for n in proposal.notes)
 
 
-def test_gains_of_another_feed_forward_step_alike_in_heading() -> None:
+def test_gains_with_another_feed_forward_give_the_same_heading_step() -> None:
     gains = {**ROVER_DEFAULTS, "ATC_STR_RAT_FF": 0.8, "ATC_STR_RAT_P": 2.0, "ATC_STR_ANG_P": 3.0}
     steps = [
         LAWS["rover-heading"].simulate(QUICK, settings, Scenario(10.0 * DEG, 6.0), 1.5, 0.03).position
@@ -93,7 +95,7 @@ def test_gains_of_another_feed_forward_step_alike_in_heading() -> None:
     assert np.max(np.abs(steps[0])) > 0.9 * 10.0 * DEG
 
 
-def test_a_turn_rate_design_predicts_what_becomes_of_headings() -> None:
+def test_a_turn_rate_design_predicts_its_effect_on_headings() -> None:
     axis = FIRMWARE["ardurover"].axes["yaw"]
     assert "ATC_STR_ANG_P" in axis.context
     spec = Spec(speed=1.5, step=25.0 * DEG, step_duration=6.0, hold=0.0)

@@ -1,4 +1,4 @@
-"""The whole way from a model to a proposal."""
+"""From a model to a proposal."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ FALCON = yaw(0.2, 0.75, 0.025)
 
 
 def propose(name: str, **spec: float | str) -> Proposal:
-    model, axis, wish = CRAFTS[name]
-    return design(model, uncertain(model), axis, present(axis), replace(wish, **spec))
+    model, axis, base_spec = CRAFTS[name]
+    return design(model, uncertain(model), axis, present(axis), replace(base_spec, **spec))
 
 
 def gains_of(axis: Axis, proposal: Proposal) -> dict[str, float]:
@@ -82,14 +82,14 @@ def test_margins_hold_over_the_region_of_the_identified_parameters(proposals: di
     assert low.stable
     assert low.gain >= 2.0
     assert math.degrees(low.phase) >= 30.0
-    wished = low.gain >= 2.5 and math.degrees(low.phase) >= 45.0
-    assert wished or any("below the specification" in note for note in proposal.notes)
+    specified = low.gain >= 2.5 and math.degrees(low.phase) >= 45.0
+    assert specified or any("below the specification" in note for note in proposal.notes)
     assert proposal.margins.gain >= low.gain
     assert proposal.bound[0] < proposal.bound[1]
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_the_step_is_better_for_every_craft_in_the_region_too(proposals: dict[str, Proposal], name: str) -> None:
+def test_the_step_is_better_for_every_craft_in_the_region(proposals: dict[str, Proposal], name: str) -> None:
     model, axis, spec = CRAFTS[name]
     proposal, law = proposals[name], LAWS[axis.law]
     scenario = Scenario(float(proposal.after.target[-1]), float(proposal.after.t[-1]))
@@ -122,9 +122,7 @@ def test_a_gain_of_zero_is_off_and_not_at_its_limit() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["videoray yaw", "falcon yaw", "automarine"])
-def test_the_sub_is_better_too_when_its_target_jumps_instead_of_being_shaped(
-    proposals: dict[str, Proposal], name: str
-) -> None:
+def test_the_sub_is_also_better_with_an_unshaped_target(proposals: dict[str, Proposal], name: str) -> None:
     model, axis, spec = CRAFTS[name]
     jumps = {"ATC_RATE_FF_ENAB": 0.0, "ATC_SLEW_YAW": 1e6}
     proposal, law = proposals[name], LAWS[axis.law]
@@ -138,7 +136,7 @@ def test_the_sub_is_better_too_when_its_target_jumps_instead_of_being_shaped(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["charlie", "falcon yaw", "falcon heave"])
-def test_a_faster_wish_never_gives_a_slower_step(proposals: dict[str, Proposal], name: str) -> None:
+def test_a_faster_specification_never_gives_a_slower_step(proposals: dict[str, Proposal], name: str) -> None:
     base = proposals[name].wanted.omega_0
     rises = []
     for factor in (0.5, 0.7, 1.0):
@@ -150,24 +148,24 @@ def test_a_faster_wish_never_gives_a_slower_step(proposals: dict[str, Proposal],
     assert all(later <= 1.05 * earlier for earlier, later in pairwise(rises))
 
 
-def test_a_wanted_settling_time_within_reach_is_kept() -> None:
+def test_a_feasible_settling_time_is_met() -> None:
     proposal = propose("falcon heave", settling_time=5.0)
     assert proposal.after.metrics.settling == pytest.approx(5.0, rel=0.35)
     assert proposal.wanted.kind == "bessel"
 
 
 @pytest.mark.slow
-def test_butterworth_is_honoured() -> None:
+def test_a_requested_butterworth_model_is_used() -> None:
     assert propose("falcon yaw", kind="butterworth").wanted.kind == "butterworth"
 
 
 @pytest.mark.slow
-def test_the_same_question_gets_the_same_answer(proposals: dict[str, Proposal]) -> None:
+def test_the_same_inputs_give_the_same_proposal(proposals: dict[str, Proposal]) -> None:
     assert propose("videoray heave").to_dict() == proposals["videoray heave"].to_dict()
 
 
 @pytest.mark.slow
-def test_a_bias_leaves_no_standing_error_worth_mentioning(proposals: dict[str, Proposal]) -> None:
+def test_a_biased_craft_gets_an_integral_gain(proposals: dict[str, Proposal]) -> None:
     for name in ("charlie trimmed off", "falcon heave", "videoray heave"):
         _, axis, _ = CRAFTS[name]
         law = LAWS[axis.law]
@@ -181,7 +179,7 @@ def test_a_proposal_is_plain_json(proposals: dict[str, Proposal]) -> None:
 
 
 @pytest.mark.slow
-def test_designing_again_from_the_new_gains_soon_finds_nothing_to_change() -> None:
+def test_designing_again_from_the_new_gains_soon_changes_nothing() -> None:
     model, axis, spec = CRAFTS["falcon yaw"]
     gains = present(axis)
     for _ in range(3):
@@ -195,7 +193,7 @@ def test_designing_again_from_the_new_gains_soon_finds_nothing_to_change() -> No
 
 
 @pytest.mark.slow
-def test_gains_outside_their_range_on_the_craft_are_mentioned_and_replaced_by_ones_inside() -> None:
+def test_present_gains_outside_their_range_are_reported_and_replaced() -> None:
     model, axis, spec = CRAFTS["bluerov heave"]
     gains = {**present(axis), "PSC_ACCZ_P": 2.0, "PSC_ACCZ_I": 4.0, "PSC_ACCZ_FF": 0.75}
     proposal = design(model, uncertain(model), axis, gains, spec)
@@ -203,7 +201,7 @@ def test_gains_outside_their_range_on_the_craft_are_mentioned_and_replaced_by_on
     assert all(c.low <= c.new <= c.high for c in proposal.changes)
 
 
-def test_a_gain_on_its_limit_in_float32_is_not_called_outside() -> None:
+def test_a_gain_at_its_limit_in_float32_is_not_reported_as_outside() -> None:
     model, axis, spec = CRAFTS["falcon yaw"]
     gains = {**present(axis), "ATC_RAT_YAW_I": float(np.float32(0.05)), "ATC_RAT_YAW_P": float(np.float32(0.18))}
     assert gains["ATC_RAT_YAW_I"] > 0.05
@@ -211,7 +209,7 @@ def test_a_gain_on_its_limit_in_float32_is_not_called_outside() -> None:
     assert not any("outside" in note for note in proposal.notes)
 
 
-def test_a_derivative_gain_that_was_set_is_taken_out_with_a_reason() -> None:
+def test_a_present_derivative_gain_is_removed_with_a_reason() -> None:
     model, axis, spec = CRAFTS["falcon yaw"]
     gains = {**present(axis), "ATC_RAT_YAW_D": 0.01}
     change = next(
@@ -222,7 +220,7 @@ def test_a_derivative_gain_that_was_set_is_taken_out_with_a_reason() -> None:
 
 
 @pytest.mark.slow
-def test_units_do_not_matter_when_the_full_scale_is_given() -> None:
+def test_units_do_not_matter_with_a_known_full_scale() -> None:
     physical = SingleDof("yaw", "N m", 80.0, 300.0, 10.0)
     by_unit = design(physical, uncertain(physical), SUB_HEADING, present(SUB_HEADING), Spec(full_scale=400.0))
     covariance = uncertain(physical) / 400.0**2
@@ -238,31 +236,31 @@ def test_a_rudder_of_reversed_sign_is_a_full_scale_of_reversed_sign() -> None:
 
 
 @pytest.mark.slow
-def test_a_delay_that_lies_in_the_link_does_not_slow_the_loop_down() -> None:
+def test_a_delay_of_the_link_does_not_slow_the_loop() -> None:
     late, known = propose("videoray yaw late"), propose("videoray yaw late", link_delay=0.2)
     assert known.wanted.omega_0 > late.wanted.omega_0
     assert any("link delay" in note for note in late.notes)
 
 
 @pytest.mark.slow
-def test_more_noise_never_makes_a_busier_controller() -> None:
+def test_more_noise_gives_a_less_stiff_controller() -> None:
     calm, noisy = propose("bluerov yaw"), propose("bluerov yaw", noise_std=math.radians(6.0))
     stiffness = [p.new["ATC_RAT_YAW_P"] * p.new["ATC_ANG_YAW_P"] for p in (calm, noisy)]
     assert stiffness[1] < stiffness[0]
 
 
-def test_the_rovers_notes_name_the_speeds_at_which_the_gains_hold(proposals: dict[str, Proposal]) -> None:
+def test_the_rovers_notes_state_the_speeds_at_which_the_gains_are_valid(proposals: dict[str, Proposal]) -> None:
     assert any("1.10 m/s" in note and "MOT_SPD_SCA_BASE" in note for note in proposals["charlie"].notes)
     assert any("freezes its integral" in note for note in proposals["charlie slow"].notes)
     assert any("unstable" in note for note in proposals["charlie"].notes)
 
 
 @pytest.mark.slow
-def test_missing_context_falls_back_on_the_firmwares_defaults() -> None:
+def test_missing_context_uses_the_firmwares_defaults() -> None:
     law = LAWS["rover-heading"]
     model, axis, spec = CRAFTS["charlie"]
-    told = design(model, uncertain(model), axis, {**present(axis), **law.defaults}, spec)
-    assert told.new == propose("charlie").new
+    result = design(model, uncertain(model), axis, {**present(axis), **law.defaults}, spec)
+    assert result.new == propose("charlie").new
 
 
 @pytest.mark.parametrize(
@@ -282,7 +280,7 @@ def test_missing_context_falls_back_on_the_firmwares_defaults() -> None:
         (FALCON, replace(SUB_HEADING, law="sub-headng"), Spec(), UnknownName, "sub-heading"),
     ],
 )
-def test_what_cannot_be_designed_is_refused_in_words(
+def test_an_impossible_design_is_rejected_with_a_reason(
     model: SingleDof, axis: Axis, spec: Spec, error: type[Exception], match: str
 ) -> None:
     gains = present(axis) if axis.law in DEFAULTS else present(SUB_HEADING)
@@ -290,7 +288,7 @@ def test_what_cannot_be_designed_is_refused_in_words(
         design(model, np.diag([1e-6, 1e-6, 0.0, 0.0, 0.0]), axis, gains, spec)
 
 
-def test_a_gain_that_cannot_be_put_back_stops_the_design() -> None:
+def test_a_gain_that_cannot_be_restored_stops_the_design() -> None:
     gains = present(SUB_HEADING)
     del gains["ATC_RAT_YAW_I"]
     with pytest.raises(ParameterMissing, match="ATC_RAT_YAW_I"):
@@ -303,7 +301,7 @@ def test_an_unusable_covariance_is_a_usage_error(shape: tuple[int, int]) -> None
         design(FALCON, np.full(shape, np.nan), SUB_HEADING, present(SUB_HEADING))
 
 
-def test_a_model_without_uncertainty_is_designed_for_and_says_so() -> None:
+def test_a_model_without_uncertainty_is_designed_for_with_a_note() -> None:
     proposal = design(FALCON, np.zeros((5, 5)), SUB_HEADING, present(SUB_HEADING))
     assert proposal.worst_margins == proposal.margins
     assert any("has no uncertainty" in note for note in proposal.notes)
@@ -320,7 +318,7 @@ def test_a_model_without_uncertainty_is_designed_for_and_says_so() -> None:
         {"speed": math.inf},
     ],
 )
-def test_a_wish_that_makes_no_sense_is_refused(wrong: dict[str, float]) -> None:
+def test_an_invalid_specification_is_rejected(wrong: dict[str, float]) -> None:
     with pytest.raises(UsageError):
         Spec(**wrong)
 
@@ -344,7 +342,7 @@ def test_every_axis_of_every_firmware_can_be_designed_for() -> None:
     delta=st.floats(-0.1, 0.1),
     delay=st.floats(0.0, 0.3),
 )
-def test_any_boat_gets_a_stable_loop_inside_the_ranges_or_a_polite_no(
+def test_any_boat_gets_a_stable_loop_inside_the_ranges_or_advice(
     time_constant: float, gain: float, speed: float, delta: float, delay: float
 ) -> None:
     model = boat(time_constant, gain, delta, delay)
@@ -367,7 +365,7 @@ def test_any_boat_gets_a_stable_loop_inside_the_ranges_or_a_polite_no(
     delta=st.floats(-0.15, 0.15),
     delay=st.floats(0.0, 0.2),
 )
-def test_any_rov_gets_a_stable_depth_loop_inside_the_ranges_or_a_polite_no(
+def test_any_rov_gets_a_stable_depth_loop_inside_the_ranges_or_advice(
     alpha: float, beta: float, quadratic: float, delta: float, delay: float
 ) -> None:
     model = heave(alpha, beta + 0.02, quadratic, delta, delay)

@@ -1,4 +1,4 @@
-"""Design from a model with effects: what the loop is designed with, what is foretold of it, and what is said."""
+"""Design from a model with effects: what the loop is designed with, what is predicted, and what is reported."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _DONE: dict[tuple[object, ...], Proposal] = {}
 # -- the actuator in the simulated loop
 
 
-def test_a_perfect_actuator_changes_nothing_to_the_last_bit() -> None:
+def test_a_perfect_actuator_changes_nothing() -> None:
     outputs = np.random.default_rng(1).uniform(-1.0, 1.0, 50)
     np.testing.assert_array_equal(acted(Actuator(), outputs), outputs)
     law, scenario = LAWS["rover-heading"], Scenario(0.5, 20.0)
@@ -91,21 +91,21 @@ def test_each_part_of_the_actuator_obeys_its_law() -> None:
     assert lag[-1] == pytest.approx(1.0 - math.exp(-1.0), rel=1e-9)
 
 
-def test_margins_of_a_bent_actuator_do_not_depend_on_the_size_of_relay_that_told_its_curve() -> None:
-    """The same square law, told by relays of half and of 0.9 of full: its gain per force is the same."""
-    told = [Actuator(square=1.0, reference=reference) for reference in (0.5, 0.9)]
-    per_force = [max(a.slopes()) / a.static(np.array([0.5]))[0] for a in told]
+def test_margins_of_a_curved_actuator_do_not_depend_on_the_relay_size() -> None:
+    """The same square law, identified by relays of 0.5 and 0.9 of full output: its gain per force is the same."""
+    result = [Actuator(square=1.0, reference=reference) for reference in (0.5, 0.9)]
+    per_force = [max(a.slopes()) / a.static(np.array([0.5]))[0] for a in result]
     assert per_force[0] == pytest.approx(per_force[1])
 
 
-def test_at_full_output_a_bent_actuator_has_at_most_twice_the_gain_that_margins_were_held_for() -> None:
+def test_a_curved_actuator_has_at_most_twice_the_margin_gain_at_full_output() -> None:
     for share in (0.2, 0.6, 1.0):
         actuator = Actuator(square=share, reference=0.9)
         low, high = actuator.static(np.array([0.999, 1.001]))
         assert (high - low) / 0.002 <= 2.0 * max(actuator.slopes()) + 1e-5
 
 
-def test_a_settled_actuator_gives_the_force_its_inverse_was_asked_for() -> None:
+def test_a_settled_actuator_gives_the_force_requested_from_its_inverse() -> None:
     actuator = Actuator(dead_zone=0.1, backlash=0.04, square=0.6, astern=0.7)
     for force in (0.3, -0.3, 0.02):
         u = actuator.output_for(force)
@@ -115,7 +115,7 @@ def test_a_settled_actuator_gives_the_force_its_inverse_was_asked_for() -> None:
         actuator.output_for(-0.65)
 
 
-def test_a_loop_at_rest_stays_at_rest_whatever_the_actuator() -> None:
+def test_a_loop_at_rest_stays_at_rest_with_any_actuator() -> None:
     law, craft = LAWS["rover-heading"], yaw(ALPHA, BETA, 0.0, 0.15)
     for actuator in (Actuator(dead_zone=0.1), Actuator(backlash=0.1), Actuator(lag=0.5), Actuator(astern=0.6)):
         gains = {**ROVER_DEFAULTS, "ATC_STR_RAT_I": 0.5}
@@ -135,7 +135,7 @@ def harmonic(backlash: float, amplitude: float) -> complex:
     return complex(first / amplitude)
 
 
-def test_hunting_is_that_of_the_describing_function() -> None:
+def test_hunting_matches_the_describing_function() -> None:
     """Harmonic balance N(A) L(jw) = -1 knows nothing of the simulation; the first harmonic is good to some 10 %."""
     law, craft, backlash = LAWS["rover-heading"], yaw(ALPHA, BETA), 0.05
     settings = {**ROVER_DEFAULTS, "ATC_STR_RAT_P": 0.6, "ATC_STR_RAT_I": 0.6}
@@ -153,14 +153,14 @@ def test_hunting_is_that_of_the_describing_function() -> None:
         k = int(np.argmin(gap))
         balance.append((float(gap[k]), float(amplitude), k))
     gap, amplitude, k = min(balance)
-    assert gap < 0.02, "no limit cycle is foretold"
+    assert gap < 0.02, "no limit cycle is predicted"
     swing = abs(harmonic(backlash, amplitude)) * amplitude / abs(ALPHA * s[k] + BETA) / omega[k]
     assert found.is_limit_cycle
     assert found.period == pytest.approx(math.tau / omega[k], rel=0.1)
     assert found.amplitude == pytest.approx(swing, rel=0.2)
 
 
-# -- what the design makes of effects
+# -- designs with effects
 
 
 def cost(gains: Proposal, aware: Proposal, *effects: EffectInstance) -> tuple[float, float]:
@@ -198,7 +198,7 @@ def test_a_delay_makes_the_loop_slower_and_keeps_its_margins() -> None:
     assert problem.margins(settings, quick.wanted, [r.model])[0].phase < late.margins.phase
 
 
-def test_a_lag_and_a_gain_that_differs_by_direction_count_in_the_margins() -> None:
+def test_margins_include_a_lag_and_a_gain_that_differs_by_direction() -> None:
     settings = {**ROVER_DEFAULTS, **proposed().new}
     wanted = proposed().wanted
     region = Region(yaw(ALPHA, BETA), np.zeros((5, 5)), ())
@@ -210,9 +210,9 @@ def test_a_lag_and_a_gain_that_differs_by_direction_count_in_the_margins() -> No
     assert strong.gain == pytest.approx(nominal.gain / 2.0, rel=0.05)
 
 
-def test_dead_zone_and_play_say_what_is_left_and_what_to_do() -> None:
-    said = " ".join(proposed(on("backlash", width=0.1)).notes)
-    assert "oscillates by" in said and "Repair the linkage" in said
+def test_dead_zone_and_backlash_are_reported_with_their_effect_and_advice() -> None:
+    text = " ".join(proposed(on("backlash", width=0.1)).notes)
+    assert "oscillates by" in text and "Repair the linkage" in text
     proposal = proposed(on("dead-zone", width=0.06))
     assert "MOT_THR_MIN" in proposal.remarks[0].advice
     data = json.loads(json.dumps({n: proposal.to_dict()[n] for n in ("effects", "left_alone")}, allow_nan=False))
@@ -233,7 +233,7 @@ def test_an_rovs_depth_is_designed_with_its_dead_zone_and_weight() -> None:
 # -- from model file to what a loop is designed with
 
 
-def test_effects_that_are_linear_become_the_models_own_numbers() -> None:
+def test_linear_effects_become_parameters_of_the_model() -> None:
     effects = (
         on("input-delay", delay=0.2),
         on("measurement-delay", "psi+r", delay=0.1),
@@ -248,7 +248,7 @@ def test_effects_that_are_linear_become_the_models_own_numbers() -> None:
     assert r.quantum == 0.02 and r.actuator.is_perfect and r.model.input_unit == "1"
 
 
-def test_newtons_and_a_rudder_that_turns_the_other_way_come_out_the_same() -> None:
+def test_a_rudder_in_radians_of_reversed_sign_gives_the_same_gains() -> None:
     full = -0.5  # rad of rudder at full output, port for positive angles
     turned = SingleDof("yaw", "rad", ALPHA * full, BETA * full, 0.0, 0.0, 0.0)
     effects = (
@@ -268,7 +268,7 @@ def test_newtons_and_a_rudder_that_turns_the_other_way_come_out_the_same() -> No
     assert there.new == here.new
 
 
-def test_the_axis_of_a_coupled_craft_is_taken_out_of_it() -> None:
+def test_a_single_axis_is_extracted_from_a_coupled_model() -> None:
     form = FORMS["twin-thruster"]
     values = {n: form.known.get(n, 1.0) for n in form.parameters} | {"k_N": 0.4, "N_r": -0.6, "N_rdot": -0.3}
     model = ExtendedModel(CoupledModel(form, {n: values[n] for n in form.parameters}))
@@ -281,7 +281,7 @@ def test_the_axis_of_a_coupled_craft_is_taken_out_of_it() -> None:
         reduce(model, "heave", {})
 
 
-def test_uncertainty_goes_along() -> None:
+def test_the_covariance_is_carried_over() -> None:
     names = ("N_rdot", "N_r", "input-delay@N.delay", "dead-zone@N.width")
     covariance = np.diag([0.04, 0.01, 0.0025, 1e-4])
     covariance[0, 1] = covariance[1, 0] = 0.01
@@ -299,5 +299,5 @@ def test_a_payload_and_a_sagging_battery_are_within_the_margins() -> None:
     assert reduce(boat(on("gain-drift", rate=1e-3)), "yaw", {}).actuator.weakest == pytest.approx(0.3)
 
 
-def test_every_effect_of_the_book_is_accounted_for() -> None:
+def test_every_effect_of_the_catalogue_is_handled() -> None:
     assert set(EFFECTS) == set(_REDUCED) | set(_LEFT_OUT)

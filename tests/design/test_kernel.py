@@ -1,4 +1,4 @@
-"""The simulated loop stage by stage, uncompiled, on a craft too heavy to move: what goes out can be told by hand."""
+"""The simulated loop stage by stage, uncompiled, on a craft too heavy to move: outputs follow by hand."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ FADES = [1.0 - (1.0 - F) ** (k + 1) for k in range(5)]
     ids=str,
 )
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_each_stage_of_a_loop_on_a_velocity_does_what_it_is_for(
+def test_each_stage_of_a_velocity_loop_gives_the_expected_output(
     side: float, stages: dict[str, float], expected: list[float]
 ) -> None:
     if "hover" in stages:
@@ -106,18 +106,16 @@ def test_each_stage_of_a_loop_on_a_velocity_does_what_it_is_for(
     ids=str,
 )
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_step_that_is_taken_back_is_followed_back(
-    side: float, stages: dict[str, float], expected: list[float]
-) -> None:
+def test_a_step_back_is_followed(side: float, stages: dict[str, float], expected: list[float]) -> None:
     assert out(plant={"step": side, **BACK}, **stages) == pytest.approx([side * u for u in expected])
 
 
-def test_a_step_begins_at_its_loop() -> None:
+def test_a_step_begins_at_its_loop_cycle() -> None:
     assert out(plant={"step_at": 2.0, "back_at": 4.0}, p=1.0) == pytest.approx([0.0, 0.0, 1.0, 1.0, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_an_integral_at_the_limit_of_the_output_grows_no_more_but_is_worked_off(side: float) -> None:
+def test_an_integral_at_the_output_limit_stops_growing_and_unwinds(side: float) -> None:
     limited = out(8, plant={"step": side, "back_at": 4.0}, p=1.0, i=0.4, imax=9.0, most=1.3)
     # 1.2, 1.3 (of 1.4: at its limit from here on), so the integral stands at 0.4
     assert limited == pytest.approx([side * u for u in (1.2, 1.3, 1.3, 1.3, 0.4, 0.4, 0.4, 0.4)])
@@ -133,15 +131,15 @@ def test_a_low_passed_output_counts_as_limited_just_below_full(side: float, step
     assert found[3] == pytest.approx(side * step * 0.01 * grows, rel=2e-3)
 
 
-def test_what_is_at_its_limit_works_its_integral_off_at_once() -> None:
-    """The loop on a position: beyond the place it wants to be, the integral shrinks though the output is limited."""
+def test_an_integral_at_the_output_limit_unwinds_beyond_the_target() -> None:
+    """The position loop: beyond the target the integral shrinks although the output is limited."""
     held = flown(6, plant={"step": 1.0, "back_at": 3.0, "settled": 0.0}, on_position=1.0, position_p=1.0, p=1.0, i=0.4,
                  imax=9.0, most=0.5)[1]  # fmt: skip
     assert held == pytest.approx([0.5, 0.5, 0.5, 0.2, 0.2, 0.2])
 
 
 @pytest.mark.parametrize(("brakes", "expected"), [(1.0, [0.4, 0.4, -0.6, -0.6]), (0.0, [0.4, 0.4, 0.0, 0.0])])
-def test_an_output_turns_against_the_wanted_velocity_only_where_it_may_brake(
+def test_an_output_reverses_against_the_target_velocity_only_if_braking_is_allowed(
     brakes: float, expected: list[float]
 ) -> None:
     """The craft does not move; a hover of 0.6 is what turns the output when 1 m/s becomes none."""
@@ -171,7 +169,7 @@ def test_an_output_turns_against_the_wanted_velocity_only_where_it_may_brake(
     ],
     ids=str,
 )
-def test_each_stage_of_a_loop_on_a_position_does_what_it_is_for(
+def test_each_stage_of_a_position_loop_gives_the_expected_output(
     stages: dict[str, float], step: float, expected: list[float]
 ) -> None:
     found = out(4, plant={"step": step}, on_position=1.0, p=1.0, **stages)
@@ -179,14 +177,14 @@ def test_each_stage_of_a_loop_on_a_position_does_what_it_is_for(
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_shaped_lead_gathers_way_within_its_acceleration_and_slew_and_is_fed_forward(side: float) -> None:
+def test_a_shaped_target_keeps_its_acceleration_and_slew_limits_and_is_fed_forward(side: float) -> None:
     acceleration, slew, time = 0.8, 0.7, 2.0
     lead, rate, expected = 0.0, 0.0, []
     for _ in range(8):
         ahead = 3.0 - lead
         linear = acceleration * time**2
-        wish = ahead / time if ahead <= linear else math.sqrt(2.0 * acceleration * (ahead - 0.5 * linear))
-        rate = min(max(min(wish, slew), rate - acceleration * DT), rate + acceleration * DT)
+        target = ahead / time if ahead <= linear else math.sqrt(2.0 * acceleration * (ahead - 0.5 * linear))
+        rate = min(max(min(target, slew), rate - acceleration * DT), rate + acceleration * DT)
         lead += rate * DT
         expected.append(0.25 * lead + rate)
     assert expected[0] == pytest.approx(0.25 * 0.2 + 0.4)
@@ -196,7 +194,7 @@ def test_a_shaped_lead_gathers_way_within_its_acceleration_and_slew_and_is_fed_f
     assert found == pytest.approx([side * u for u in expected])
 
 
-def test_a_velocity_may_be_led_too() -> None:
+def test_a_velocity_target_may_also_lead_a_position() -> None:
     """A turn rate of 1 rad/s asked for: the heading aimed at goes ahead, within its acceleration."""
     shaped = out(4, on_position=0.0, p=1.0, position_p=0.5, leads=1.0, shaped=1.0, shape_acceleration=0.8)
     rates, leads = [0.4, 0.8, 1.0, 1.0], [0.2, 0.6, 1.1, 1.6]
@@ -206,7 +204,7 @@ def test_a_velocity_may_be_led_too() -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_nested_loop_makes_an_acceleration_of_the_velocity_and_closes_on_the_crafts(side: float) -> None:
+def test_a_nested_loop_controls_acceleration_from_the_velocity_error(side: float) -> None:
     nested = {"nested": 1.0, "p": 1.0}
     step = {"step": side}
     assert out(3, plant=step, **nested, velocity_p=0.4) == pytest.approx([side * 0.4] * 3)
@@ -234,7 +232,7 @@ def test_a_nested_loop_makes_an_acceleration_of_the_velocity_and_closes_on_the_c
     assert light == pytest.approx([side * 0.5, side * (0.5 - a1), side * (0.5 - (0.5 - a1) / 2.0)])
 
 
-def test_a_craft_moves_by_what_is_sent_a_push_and_is_seen_through_its_gyro() -> None:
+def test_a_craft_moves_by_its_output_and_a_push_and_is_measured_by_its_gyro() -> None:
     light = {"alpha": 0.5, "step": 0.0, "push": 0.1, "push_at": 2.0}
     position, output, _ = flown(5, plant=light, p=1.0)
     v, x, seen = 0.0, 0.0, []
@@ -249,7 +247,7 @@ def test_a_craft_moves_by_what_is_sent_a_push_and_is_seen_through_its_gyro() -> 
     assert turning == pytest.approx([0.0, 0.025, 0.1])
 
 
-def test_a_gyro_that_is_late_shows_a_growing_velocity_sample_by_sample() -> None:
+def test_a_gyro_filter_delays_a_growing_velocity_sample_by_sample() -> None:
     slow = gyro_coefficients(0.2, 1.0 / DT)
     x1 = x2 = y1 = y2 = 0.0
     expected = []
@@ -261,7 +259,7 @@ def test_a_gyro_that_is_late_shows_a_growing_velocity_sample_by_sample() -> None
     assert out(plant=pushed, gyro=slow, p=1e-9) == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_loop_on_a_velocity_begins_with_the_output_that_keeps_it() -> None:
+def test_a_velocity_loop_starts_with_the_output_that_holds_the_velocity() -> None:
     start = StartingVelocity(2.0, 0.6, 2.0)
     position, output, sent = flown(
         3, start=start, plant={"step": 0.5, "step_at": 1.0, "alpha": 1e9}, p=1.0, i=1e-9, imax=9.0, cruise=0.1, ff=0.05
@@ -279,7 +277,7 @@ def test_a_loop_on_a_velocity_begins_with_the_output_that_keeps_it() -> None:
     assert short == pytest.approx([0.25] * 3)
 
 
-def test_a_loop_on_a_position_begins_where_it_has_come_to_rest_against_a_constant_force() -> None:
+def test_a_position_loop_starts_at_rest_against_a_constant_force() -> None:
     still = {"step": 0.0, "settled": 0.3}
     held = out(3, plant=still, on_position=1.0, position_p=1.0, p=1.0, i=0.5, imax=9.0)
     assert held == pytest.approx([-0.3] * 3), "the integral holds it"
@@ -313,7 +311,7 @@ def test_a_loop_on_a_position_begins_where_it_has_come_to_rest_against_a_constan
 @pytest.mark.parametrize(
     "stages", [{"slew_output": 0.01}, {"output_cutoff": 0.3}, {"i": 0.4, "imax": 0.1}, {"hover": 0.4}], ids=str
 )
-def test_a_craft_at_rest_against_a_constant_force_stays_where_it_is_though_its_outputs_are_late_and_slow(
+def test_a_craft_at_rest_against_a_constant_force_stays_with_late_and_slow_outputs(
     side: float, stages: dict[str, float]
 ) -> None:
     """What it sent before, and what slow outputs begin at, holds it as well."""
@@ -327,14 +325,14 @@ def test_a_craft_at_rest_against_a_constant_force_stays_where_it_is_though_its_o
     assert position == pytest.approx([max(min(-held / 2.0 / 0.5, 0.5), -0.5)] * 6, abs=1e-12)
 
 
-def test_a_stage_that_a_law_does_not_name_is_not_there() -> None:
+def test_stages_that_a_law_does_not_set_have_no_effect() -> None:
     assert {name: value for name, value in Cascade()._asdict().items() if value != 0.0} == {
         "lead_max": math.inf, "shape_time": 1.0, "velocity_max": math.inf, "scale": 1.0, "grows": 1.0, "most": 1.0,
         "brakes": 1.0,
     }  # fmt: skip
 
 
-def test_an_output_is_late_by_whole_and_part_loops() -> None:
+def test_an_output_is_delayed_by_whole_and_partial_loop_cycles() -> None:
     found = flown(5, plant={"alpha": 0.5, "step": 1.0, "late": 1.5}, cruise=1.0)[0]
     # acts: nothing, half of the first, all of it from there on
     forces = [0.0, 0.5, 1.0, 1.0]

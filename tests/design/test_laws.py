@@ -31,7 +31,7 @@ STEADY = {**ROVER_DEFAULTS, "ATC_STR_RAT_P": 1.5, "ATC_STR_RAT_I": 0.02, "ATC_ST
 
 
 @pytest.mark.parametrize(("firmware", "axis"), [(f, a) for f, kind in FIRMWARE.items() for a in kind.axes])
-def test_every_axis_of_every_firmware_has_its_law_and_the_law_knows_its_parameters(firmware: str, axis: str) -> None:
+def test_every_axis_of_every_firmware_has_a_law_with_its_parameters(firmware: str, axis: str) -> None:
     given = FIRMWARE[firmware].axes[axis]
     law = LAWS[given.law]
     assert {*law.tuned, *law.fixed, *law.measured} == {g.parameter for g in given.gains}
@@ -40,7 +40,7 @@ def test_every_axis_of_every_firmware_has_its_law_and_the_law_knows_its_paramete
 
 
 @pytest.mark.parametrize("lead", [0.0, 2.0])
-def test_every_sample_of_a_motion_is_written_the_first_with_them(lead: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_sample_of_a_motion_is_written_including_the_first(lead: float, monkeypatch: pytest.MonkeyPatch) -> None:
     unwritten = SimpleNamespace(**{**vars(np), "empty": lambda n: np.full(n, math.nan)})
     monkeypatch.setattr(loops, "np", unwritten)
     motion = ROVER.simulate(boat(1.0, 1.0, 0.0, 0.0), ROVER_DEFAULTS, Scenario(0.3, 5.0, lead=lead), 2.0, 0.0)
@@ -49,7 +49,7 @@ def test_every_sample_of_a_motion_is_written_the_first_with_them(lead: float, mo
 
 
 @pytest.mark.parametrize("name", POSITIONS)
-def test_a_step_is_followed_both_ways_alike(name: str) -> None:
+def test_a_step_is_followed_equally_in_both_directions(name: str) -> None:
     law = LAWS[name]
     craft = {
         "rover-heading": boat(1.0, 1.0, 0.0, 0.0),
@@ -76,7 +76,7 @@ def test_without_a_largest_acceleration_in_yaw_the_angle_controller_of_a_sub_is_
 
 
 @pytest.mark.parametrize("name", POSITIONS)
-def test_a_loop_that_takes_over_is_pushed_off_by_a_constant_force_until_its_integral_has_grown(name: str) -> None:
+def test_a_constant_force_displaces_a_starting_loop_until_its_integral_has_grown(name: str) -> None:
     law, gains = LAWS[name], {**DEFAULTS[name], "PSC_ACCZ_I": 1.0}
     craft = heave(0.4, 0.7, 0.0, 0.05) if name == "sub-depth" else yaw(1.0, 2.0, 0.0, 0.02)
     late = law.simulate(craft, gains, Scenario(0.3, 60.0, lead=5.0), 2.0, 0.0)
@@ -98,7 +98,7 @@ def test_the_output_stays_within_full_and_the_same_call_gives_the_same_bits(name
     assert np.array_equal(first.output, second.output)
 
 
-def test_charlie_with_default_gains_grows_as_routh_says() -> None:
+def test_charlie_with_default_gains_is_unstable_as_by_routh() -> None:
     """T s^3 + (1 + KP) s^2 + K(I + A(FF+P)) s + K A I is unstable at K = 0.2, T = 3.1; this must be coped with."""
     k, time = 0.22 / 1.1, 3.1
     assert (1.0 + 0.2 * k) * k * (0.2 + 0.8) < time * k * 2.0 * 0.2
@@ -117,7 +117,7 @@ def test_the_rovers_integral_removes_a_trim_above_the_base_speed_only() -> None:
     assert slow == pytest.approx(0.2 + 0.2 / (0.2 + 1.5), rel=0.02)
 
 
-def test_the_rovers_gains_hold_at_every_speed_above_base_when_turn_rate_grows_with_speed() -> None:
+def test_the_rovers_gains_are_valid_at_every_speed_above_base() -> None:
     steps = []
     for speed in (1.5, 3.0, 6.0):
         craft = boat(1.0, 0.3 * speed, 0.0, 0.0)
@@ -137,7 +137,7 @@ def test_lateral_acceleration_limits_the_turn_of_a_fast_boat() -> None:
     assert ROVER.velocity_limit({"ATC_TURN_MAX_G": 0.1}, 10.0) == pytest.approx(0.0981, rel=1e-3)
 
 
-def test_vectored_thrust_is_scaled_by_throttle_and_says_so() -> None:
+def test_vectored_thrust_is_scaled_by_throttle_with_a_note() -> None:
     settings = {**STEADY, "MOT_VEC_ANGLEMAX": 30.0, "CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
     assert any("atan(steering / throttle)" in note for note in ROVER.notes(CHARLIE, settings, 3.0))
     assert scale(settings, 1.0) == pytest.approx(1.0 / (0.25 * math.radians(30.0)))
@@ -148,7 +148,7 @@ def test_vectored_thrust_is_scaled_by_throttle_and_says_so() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 3.0])
-def test_vectored_thrust_is_scaled_by_the_throttle_it_was_identified_at_whatever_the_cruise_pair_promises(
+def test_vectored_thrust_is_scaled_by_the_throttle_of_the_experiment(
     speed: float,
 ) -> None:
     promised = {**STEADY, "MOT_VEC_ANGLEMAX": 30.0, "CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
@@ -159,7 +159,7 @@ def test_vectored_thrust_is_scaled_by_the_throttle_it_was_identified_at_whatever
 
 @pytest.mark.parametrize("speed", [1.2, 4.0])
 @pytest.mark.parametrize("base", [0.5, 1.0])
-def test_the_rovers_notes_give_the_feed_forward_that_holds_at_every_speed(speed: float, base: float) -> None:
+def test_the_rovers_notes_state_the_feed_forward_for_every_speed(speed: float, base: float) -> None:
     per_speed = 0.8
     settings = {**STEADY, "MOT_SPD_SCA_BASE": base}
     note = ROVER.notes(boat(1.0, per_speed * speed, 0.0, 0.0), settings, speed)[0]
@@ -180,7 +180,7 @@ def test_the_sub_turns_no_faster_than_it_is_allowed_to_slew() -> None:
     assert motion.position[-1] == pytest.approx(1.5, abs=0.02)
 
 
-def test_a_buoyant_sub_without_integral_stands_off_and_with_it_does_not() -> None:
+def test_a_buoyant_sub_has_a_steady_error_only_without_integral() -> None:
     craft = heave(0.4, 0.7, 0.0, delta=-0.1)
     without = DEPTH.simulate(craft, {**SUB_DEPTH_DEFAULTS, "PSC_ACCZ_I": 0.0}, Scenario(1.0, 40.0), None, 0.0)
     expected = -0.1 / (0.2 * 0.5 * 8.0 * 3.0)
@@ -191,7 +191,7 @@ def test_a_buoyant_sub_without_integral_stands_off_and_with_it_does_not() -> Non
     assert held.position[-1] == pytest.approx(1.0, abs=5e-3)
 
 
-def test_a_hover_throttle_off_centre_is_one_more_constant_force() -> None:
+def test_a_hover_throttle_off_centre_acts_as_a_constant_force() -> None:
     plain = DEPTH.simulate(heave(0.4, 0.7, 0.0, 0.04), SUB_DEPTH_DEFAULTS, Scenario(1.0, 10.0), None, 0.0)
     offset = {**SUB_DEPTH_DEFAULTS, "MOT_THST_HOVER": 0.52}
     same = DEPTH.simulate(heave(0.4, 0.7, 0.0, 0.08), offset, Scenario(1.0, 10.0), None, 0.0)
@@ -206,7 +206,7 @@ def test_the_sub_dives_no_faster_than_its_pilot_speed() -> None:
     assert np.max(np.gradient(motion.position, motion.t)) < 0.42
 
 
-def test_the_step_of_the_videoray_in_heave_is_independent_of_the_loop_rate() -> None:
+def test_the_heave_step_of_the_videoray_is_independent_of_the_loop_rate() -> None:
     """400 Hz and 200 Hz differ by their discretisation only."""
     fast, slow = (
         DEPTH.simulate(VIDEORAY_HEAVE, {**SUB_DEPTH_DEFAULTS, "SCHED_LOOP_RATE": rate}, Scenario(1.0, 10.0), None, 0.0)
@@ -215,8 +215,8 @@ def test_the_step_of_the_videoray_in_heave_is_independent_of_the_loop_rate() -> 
     assert np.interp(slow.t, fast.t, fast.position) == pytest.approx(slow.position, abs=0.02)
 
 
-def test_the_limit_near_the_surface_is_told_where_the_firmware_has_one() -> None:
+def test_the_thrust_limit_near_the_surface_is_reported_if_the_firmware_has_one() -> None:
     """ALT_HOLD limits the thrust near the surface since 4.7."""
-    told = DEPTH.notes(VIDEORAY_HEAVE, {**SUB_DEPTH_DEFAULTS, "SURFACE_MAX_THR": 0.1}, None)
-    assert any("SURFACE_MAX_THR" in note for note in told)
+    result = DEPTH.notes(VIDEORAY_HEAVE, {**SUB_DEPTH_DEFAULTS, "SURFACE_MAX_THR": 0.1}, None)
+    assert any("SURFACE_MAX_THR" in note for note in result)
     assert not any("SURFACE_MAX_THR" in note for note in DEPTH.notes(VIDEORAY_HEAVE, SUB_DEPTH_DEFAULTS, None))

@@ -25,7 +25,7 @@ def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("value", "clipped"), [(-2.0, -1.0), (-1.0, -1.0), (0.3, 0.3), (1.5, 1.5), (1.6, 1.5)])
-def test_clip_keeps_between_both_ends(value: float, clipped: float) -> None:
+def test_clip_keeps_a_value_between_both_ends(value: float, clipped: float) -> None:
     assert kernel._clip(value, -1.0, 1.5) == clipped
 
 
@@ -49,7 +49,7 @@ def test_a_square_root_controller_is_linear_near_zero_and_smooth_where_the_root_
         assert kernel._sqrt_control(sign * 9.0, no_p, no_limit) == sign * 9.0 * no_p
 
 
-def test_a_low_pass_takes_its_share_of_each_new_sample() -> None:
+def test_a_low_pass_weights_each_new_sample() -> None:
     assert kernel._smoothing(0.0, 0.01) == kernel._smoothing(-1.0, 0.01) == 1.0
     assert kernel._smoothing(5.0, 0.02) == pytest.approx(0.02 / (0.02 + 1.0 / (2.0 * math.pi * 5.0)))
 
@@ -60,7 +60,7 @@ def plant(dt: float, substeps: int) -> kernel.LoopPlant:
 
 @pytest.mark.parametrize("velocity", [0.8, -0.8])
 @pytest.mark.parametrize("force", [0.4, -0.4])
-def test_the_craft_moves_as_its_equation_says(velocity: float, force: float) -> None:
+def test_the_craft_moves_by_its_equation(velocity: float, force: float) -> None:
     def rate(_: float, y: np.ndarray) -> list[float]:
         return [y[1], (force + 0.05 - (0.3 + 0.2 * abs(y[1])) * y[1]) / 0.4]
 
@@ -71,7 +71,7 @@ def test_the_craft_moves_as_its_equation_says(velocity: float, force: float) -> 
     assert kernel._advance(0.1, velocity, force, plant(0.2, 2)) == pytest.approx(halves, abs=1e-12)
 
 
-def test_the_craft_and_the_scenario_are_told_in_loops_as_the_kernels_read_them() -> None:
+def test_the_craft_and_the_scenario_are_converted_to_loop_cycles() -> None:
     scenario = Scenario(step=0.5, duration=9.0, push=0.07, push_at=2.0, lead=0.5, back_at=4.0)
     found = kernel.plant_of(CRAFT, scenario, 0.02, 0.05)
     assert found == pytest.approx(
@@ -90,14 +90,14 @@ def test_the_craft_and_the_scenario_are_told_in_loops_as_the_kernels_read_them()
     ("alpha", "beta", "dt", "substeps"),
     [(0.4, 0.3, 0.02, 1), (0.4, 4.0, 0.1, 11), (0.4, -4.0, 0.1, 10), (1e-4, 4.0, 0.1, 50)],
 )
-def test_fast_craft_are_moved_in_more_substeps(alpha: float, beta: float, dt: float, substeps: int) -> None:
+def test_fast_craft_are_simulated_in_more_substeps(alpha: float, beta: float, dt: float, substeps: int) -> None:
     quadratic = 0.2 if beta == 4.0 else 0.0
     craft = SingleDof("yaw", "1", alpha, beta, quadratic)
     assert kernel.plant_of(craft, Scenario(1.0, 5.0), dt, 0.0).substeps == substeps
 
 
 @pytest.mark.parametrize(("quadratic", "delta"), [(1.0, 0.0), (5.0, 0.2), (5.0, -0.2), (20.0, 0.0)])
-def test_square_drag_counts_at_the_speed_of_full_output(quadratic: float, delta: float) -> None:
+def test_quadratic_drag_is_evaluated_at_the_speed_of_full_output(quadratic: float, delta: float) -> None:
     top = (-0.3 + math.sqrt(0.09 + 4.0 * quadratic)) / (2.0 * quadratic)  # of which the constant force is a part
     rate = (0.3 + 2.0 * quadratic * top) / 0.4
     found = kernel.plant_of(SingleDof("yaw", "1", 0.4, 0.3, quadratic, delta), Scenario(1.0, 5.0), 0.17, 0.0)
@@ -105,7 +105,7 @@ def test_square_drag_counts_at_the_speed_of_full_output(quadratic: float, delta:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_two_thrusters_share_steering_and_throttle_once_both_ask_for_more_than_there_is(sign: float) -> None:
+def test_two_thrusters_share_steering_and_throttle_beyond_full_output(sign: float) -> None:
     shared = [kernel._mixed(sign * 0.8, throttle) for throttle in (0.0, 0.1, 0.2, 0.7)]
     assert shared == pytest.approx([sign * u for u in (0.8, 0.8, 0.8, 0.8 / 1.5)])
     assert kernel._mixed(sign * 1.5, 0.0) == sign * 1.5, "nobody to share with"
@@ -115,7 +115,7 @@ def test_two_thrusters_share_steering_and_throttle_once_both_ask_for_more_than_t
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("least", [0.0, 0.2])
 @pytest.mark.parametrize("expo", [-1.0, -0.5, 0.0, 0.4, 1.0])
-def test_a_pulse_gives_the_thrust_asked_for_by_the_curve_of_thrust(sign: float, least: float, expo: float) -> None:
+def test_a_pulse_gives_the_requested_thrust_by_the_thrust_curve(sign: float, least: float, expo: float) -> None:
     for throttle in (0.01, 0.3, 0.8, 1.0):
         pulse = sign * kernel.shaped_throttle(sign * throttle, least, expo)
         assert (1.0 - expo) * pulse + expo * pulse**2 == pytest.approx(least + (1.0 - least) * throttle)
@@ -124,7 +124,7 @@ def test_a_pulse_gives_the_thrust_asked_for_by_the_curve_of_thrust(sign: float, 
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_curve_of_thrust_out_of_its_range_is_none_and_one_beyond_its_top_stays_there(sign: float) -> None:
+def test_a_thrust_curve_out_of_range_is_ignored_and_its_output_is_limited(sign: float) -> None:
     assert kernel.shaped_throttle(sign * 0.4, 0.0, 1.01) == kernel.shaped_throttle(sign * 0.4, 0.0, -1.01) == sign * 0.4
     assert kernel.shaped_throttle(sign * 1.2, 0.0, -1.0) == sign
 
@@ -171,18 +171,18 @@ def acted(outputs: list[float], **shape: float) -> list[float]:
         "dead and square",
     ],
 )
-def test_each_fault_of_an_actuator_either_way(
+def test_each_actuator_fault_acts_equally_in_both_directions(
     sign: float, outputs: list[float], shape: dict[str, float], forces: list[float]
 ) -> None:
     found = acted([sign * u for u in outputs], **shape)
     assert found == pytest.approx([sign * f for f in forces], abs=1e-12)
 
 
-def test_an_actuator_has_its_own_gain_each_way() -> None:
+def test_an_actuator_has_its_own_gain_in_each_direction() -> None:
     assert acted([0.5, 0.0, -0.5], ahead=2.0, astern=3.0) == [1.0, 0.0, -1.5]
 
 
-def test_what_is_late_by_a_part_of_a_loop_acts_on_the_mean() -> None:
+def test_a_delay_of_a_partial_loop_cycle_averages_two_outputs() -> None:
     sent = np.array([1.0, 3.0, 7.0])
     assert [kernel._delayed(sent, k, 0.0, -1.0) for k in range(3)] == [1.0, 3.0, 7.0]
     assert [kernel._delayed(sent, k, 1.0, -1.0) for k in range(3)] == [-1.0, 1.0, 3.0]
@@ -190,7 +190,7 @@ def test_what_is_late_by_a_part_of_a_loop_acts_on_the_mean() -> None:
     assert [kernel._delayed(sent, k, 1.25, -1.0) for k in range(3)] == [-1.0, 0.5, 2.5]
 
 
-def test_a_gyro_filter_is_a_butterworth_low_pass_and_nothing_near_half_the_rate() -> None:
+def test_a_gyro_filter_is_a_butterworth_low_pass_below_half_the_rate() -> None:
     for cutoff, rate in ((20.0, 400.0), (0.5, 50.0), (10.0, 50.0), (22.4, 50.0)):
         b, a = butter(2, cutoff, fs=rate)
         assert kernel.gyro_coefficients(cutoff, rate) == pytest.approx([*b, *a[1:]])

@@ -29,12 +29,12 @@ def chosen(hull: HullTurn) -> dict[str, float]:
     return {c.parameter: c.new for c in line_changes(hull, PRESENT)}
 
 
-def test_a_corner_lasts_as_long_as_the_hull_needs_to_turn() -> None:
+def test_a_corner_takes_as_long_as_the_hull_needs_to_turn() -> None:
     braking = chosen(SLOW)["WP_ACCEL"]
     assert SLOW.speed / braking == pytest.approx(90.0 / 8.0 + 3.0 * 3.5, rel=0.05)
 
 
-def test_the_radius_holds_the_place_at_which_the_target_passes_a_u_turn() -> None:
+def test_the_waypoint_radius_contains_the_target_in_a_u_turn() -> None:
     new = chosen(SLOW)
     assert new["WP_RADIUS"] >= SLOW.speed**2 / (4.0 * new["WP_ACCEL"])
 
@@ -46,13 +46,13 @@ def test_a_quicker_hull_has_shorter_corners_and_a_higher_position_gain() -> None
     assert "PSC_POS_P" not in quick  # it has the greatest gain already
 
 
-def test_a_boat_that_turns_on_the_spot_keeps_doing_so_unless_it_moves_away_meanwhile() -> None:
+def test_a_boat_that_turns_on_the_spot_keeps_doing_so_unless_it_drifts_away() -> None:
     spot = replace(SLOW, pivots=True)
     assert not {"WP_ACCEL", "WP_RADIUS", "WP_PIVOT_ANGLE"} & set(chosen(spot))
     assert chosen(replace(spot, pivots_wide=True))["WP_PIVOT_ANGLE"] == 0.0
 
 
-def test_a_parameter_that_the_vehicle_lacks_or_has_already_is_not_changed() -> None:
+def test_parameters_already_set_are_not_changed() -> None:
     new = chosen(SLOW)
     assert line_changes(SLOW, new) == []
 
@@ -61,7 +61,7 @@ def flight(places: list[complex], turned: tuple[float, ...]) -> TrackMetrics:
     return track_metrics(np.arange(len(places), dtype=float), np.array(places), ROUTE, turned)
 
 
-def test_distances_are_those_from_the_nearer_of_two_legs() -> None:
+def test_distances_are_measured_from_the_nearer_of_two_legs() -> None:
     first = [complex(x, 0.5) for x in range(30)]
     beyond = [31 + 0j, 32 + 1j]
     second = [complex(30.0, y) for y in range(2, 30)]
@@ -100,7 +100,7 @@ def limits_of(hull: HullTurn, **present: float) -> dict[str, float]:
     return {c.parameter: c.new for c in line_changes(hull, {**PRESENT, **present})}
 
 
-def test_a_limit_below_what_the_hull_turns_is_raised_and_a_higher_one_stays() -> None:
+def test_a_limit_below_the_turning_ability_is_raised_and_a_higher_one_stays() -> None:
     quick = HullTurn(1.5, math.radians(60.0), 0.5)
     low = limits_of(quick, ATC_STR_RAT_MAX=30.0, ATC_STR_ACC_MAX=40.0, ATC_TURN_MAX_G=0.1)
     assert (low["ATC_STR_RAT_MAX"], low["ATC_STR_ACC_MAX"]) == (60.0, 120.0)
@@ -122,20 +122,20 @@ def test_a_mission_speed_that_the_boat_did_not_reach_with_full_thrust_is_lowered
     assert "WP_SPEED" not in limits_of(driven(1.2, 1.15, output=0.98), WP_SPEED=1.2)
 
 
-def test_a_cruise_pair_is_set_anew_only_where_its_throttle_is_wrong() -> None:
+def test_a_cruise_pair_is_changed_only_if_its_throttle_is_wrong() -> None:
     pair = {"WP_SPEED": 1.2, "CRUISE_SPEED": 1.0, "CRUISE_THROTTLE": 30.0}
     new = limits_of(driven(1.2, 1.2, output=0.6), **pair)
     assert (new["CRUISE_SPEED"], new["CRUISE_THROTTLE"]) == (1.2, 60.0)
     assert "CRUISE_THROTTLE" not in limits_of(driven(1.2, 1.2, output=0.4), **pair)
 
 
-def test_the_current_is_what_sets_the_boat_sideways_on_its_legs() -> None:
+def test_the_current_is_estimated_from_the_drift_on_the_legs() -> None:
     current = 0.2 - 0.1j
     legs = [OnLeg(psi, 1.2 * complex(math.cos(psi), math.sin(psi)) + current, 0.5) for psi in (0.3, 1.9, 4.5)]
     assert abs(current_on(legs) - current) < 1e-9
 
 
-def test_corners_that_do_not_fit_on_a_leg_are_refused_with_the_leg_that_is_enough() -> None:
+def test_corners_that_do_not_fit_on_a_leg_are_rejected_with_a_sufficient_length() -> None:
     why = too_short(SLOW, 20.0)
     enough = math.ceil(SLOW.speed * SLOW.corner)
     assert f"the legs are 20 m. Use --leg-length {enough} or more" in why
@@ -153,6 +153,6 @@ def test_a_gentle_line_turns_more_slowly_and_corrects_less() -> None:
     assert gentle["PSC_POS_P"] < normal.get("PSC_POS_P", PRESENT["PSC_POS_P"])
 
 
-def test_a_pivoting_boat_that_a_current_carries_away_at_one_corner_moves_away() -> None:
+def test_a_pivoting_boat_that_drifts_at_one_corner_pivots_wide() -> None:
     assert pivots_wide(replace(BEFORE, corners=(4.04, 1.68, 1.74)), 3.5)  # a BlueBoat that sways, in 0.3 m/s
     assert not pivots_wide(replace(BEFORE, corners=(0.4, 0.6, 1.0)), 3.5)

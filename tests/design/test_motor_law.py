@@ -33,7 +33,7 @@ def seen(*numbers: float, seed: int = 0) -> tuple[NDArray[np.float64], NDArray[n
 
 
 @pytest.mark.parametrize("law", [MotorLaw(), MotorLaw(0.1), MotorLaw(0.0, 0.7), MotorLaw(0.05, -0.4, 2.0)])
-def test_outputs_are_those_of_the_simulated_motor_library(law: MotorLaw) -> None:
+def test_outputs_match_the_simulated_motor_library(law: MotorLaw) -> None:
     values: dict[str, Any] = {
         "SERVO1_FUNCTION": 73.0,
         "SERVO3_FUNCTION": 74.0,
@@ -54,7 +54,7 @@ def test_outputs_are_those_of_the_simulated_motor_library(law: MotorLaw) -> None
 
 
 @pytest.mark.parametrize("law", [MotorLaw(0.1), MotorLaw(0.0, 0.7), MotorLaw(0.05, -0.4, 2.0)])
-def test_the_thrust_that_a_law_suits_is_proportional_to_the_command(law: MotorLaw) -> None:
+def test_the_thrust_of_a_matching_law_is_proportional_to_the_command(law: MotorLaw) -> None:
     assert law.thrust(law.outputs(COMMANDS)) == pytest.approx(law.reachable(COMMANDS), abs=1e-9)
 
 
@@ -94,13 +94,13 @@ def test_one_thruster_has_no_parameter_for_weak_thrust_astern() -> None:
     assert found.astern == pytest.approx(0.5, abs=0.03)
 
 
-def test_a_thrust_that_falls_with_the_output_is_refused() -> None:
+def test_a_thrust_that_falls_with_the_output_is_rejected() -> None:
     forces, stds = seen(0.0, 0.0, 1.0)
     with pytest.raises(NotInformative, match="does not rise"):
         fit_motor_law(COMMANDS, -forces, stds, skid=True)
 
 
-def test_the_cruise_throttle_and_the_cap_keep_their_thrust() -> None:
+def test_the_cruise_and_maximum_throttle_keep_their_thrust() -> None:
     present = {
         "MOT_THR_MIN": 0.0,
         "MOT_THST_EXPO": 0.0,
@@ -114,7 +114,7 @@ def test_the_cruise_throttle_and_the_cap_keep_their_thrust() -> None:
 
 
 @pytest.mark.parametrize(("throttle", "factor"), [(25.0, 0.5), (50.0, 1.0), (80.0, 1.6)])
-def test_the_loop_gain_at_cruise_stays(throttle: float, factor: float) -> None:
+def test_the_loop_gain_at_cruise_is_kept(throttle: float, factor: float) -> None:
     present = {
         "MOT_THR_MIN": 0.0,
         "MOT_THST_EXPO": 0.0,
@@ -136,6 +136,6 @@ def test_a_missing_parameter_is_left_out() -> None:
     assert not motor_changes(found, {"MOT_THR_MIN": 0.0, "MOT_THST_EXPO": 0.0}, skid=True)
 
 
-def test_a_difference_within_the_noise_is_no_gain() -> None:
+def test_a_difference_within_the_noise_is_not_an_improvement() -> None:
     old, new = (Linearity(tuple(COMMANDS), tuple(COMMANDS), d, 0.02, 1.0) for d in (0.03, 0.02))
     assert not is_more_linear(old, new)

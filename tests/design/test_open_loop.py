@@ -67,7 +67,7 @@ def test_a_loop_that_needs_its_gain_has_a_margin_downwards() -> None:
     assert margins_of(triple).gain == pytest.approx(1.0 / edge, rel=0.05)
 
 
-def test_many_loops_of_one_controller_have_the_margins_each_has_alone() -> None:
+def test_margins_of_many_loops_at_once_match_those_of_each_alone() -> None:
     controller = rational([0.4, 0.2], [0.1, 1.0, 0.0])
     plants = [Plant(g, a, d, late) for g in (0.3, 3.0, 300.0) for a in (0.5, 2.0) for d, late in ((0.7, 0.2), (0, 0))]
     each = margins_of_each(controller, plants)
@@ -79,7 +79,7 @@ def test_many_loops_of_one_controller_have_the_margins_each_has_alone() -> None:
         assert (found.gain, found.phase, found.delay) == pytest.approx((wanted.gain, wanted.phase, wanted.delay))
 
 
-def test_margins_read_off_together_are_those_of_each_loop_for_gains_all_over_the_ranges() -> None:
+def test_margins_computed_together_match_each_loop_over_all_gain_ranges() -> None:
     wanted, stable = reference_model("bessel", 1.0), set()
     for model, axis, spec in CRAFTS.values():
         problem = problem_of(model, uncertain(model), axis, present(axis), spec)
@@ -154,13 +154,13 @@ S = 1j * np.geomspace(0.01, 50.0, 40).astype(np.complex128)
         (slow(0.5) + slow(0.2), lambda s: 1.0 / (1.0 + 0.5 * s) + 1.0 / (1.0 + 0.2 * s)),
     ],
 )
-def test_every_part_of_a_loop_is_the_function_of_s_it_says(loop: Rational, expected) -> None:
+def test_every_part_of_a_loop_has_its_transfer_function(loop: Rational, expected) -> None:
     if expected is None:
         expected = lambda s: (2.0 + 0.5 / s + 0.3 * s / (1.0 + s / (math.tau * 4.0))) / (1.0 + s / math.tau)  # noqa: E731
     assert loop.at(S) == pytest.approx(expected(S), rel=1e-9)
 
 
-def test_a_loop_is_its_plant_its_controller_and_its_delay_exactly() -> None:
+def test_a_loop_is_the_product_of_plant_controller_and_delay() -> None:
     loop = open_loop(pid_path(2.0, error_cutoff=0.0), 1.5, 0.4, 0.3)
     omega = S.imag
     assert loop.response(omega) == pytest.approx(2.0 / (1.5 * S + 0.4) * np.exp(-0.3 * S))

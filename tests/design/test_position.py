@@ -53,7 +53,7 @@ def test_an_oscillating_present_loop_is_recognised() -> None:
     assert not design_position(motions(drag=0.1, delay=0.5), PRESENT).present.stable
 
 
-def test_a_craft_beyond_the_ranges_is_refused_with_its_delay() -> None:
+def test_a_craft_beyond_the_ranges_is_rejected_with_its_delay() -> None:
     with pytest.raises(NoGainsMeetSpec, match="delay is 4"):
         design_position(motions(alpha=0.02, drag=0.001, delay=4.0), PRESENT)
 
@@ -65,7 +65,7 @@ def test_a_noisy_position_needs_a_larger_radius(noise: float, radius: float) -> 
     assert found.new == pytest.approx(radius)
 
 
-def test_a_radius_that_is_small_enough_stays() -> None:
+def test_a_radius_that_is_small_enough_is_kept() -> None:
     assert loiter_change(0.03, {"LOIT_RADIUS": 0.4}) is None
 
 
@@ -79,7 +79,7 @@ def _flight(lag: float, push: float) -> PositionMetrics:
     )
 
 
-def test_the_figures_are_those_of_a_known_flight() -> None:
+def test_the_figures_match_a_known_flight() -> None:
     found = _flight(2.0, 0.3)
     assert found.itae == pytest.approx(2.0**2, rel=0.05)  # the integral of t exp(-t / T)
     assert found.rise == pytest.approx(2.0 * math.log(10.0), abs=0.15)
@@ -96,7 +96,7 @@ def test_better_step_and_push_are_kept_and_a_worse_one_is_not() -> None:
     assert not holds_better(FIGURES, replace(FIGURES, itae=5.0, push=0.07, travel=1.5)).better
 
 
-def test_without_pushes_the_distance_while_holding_is_compared() -> None:
+def test_the_distance_while_holding_is_compared_without_pushes() -> None:
     unpushed = replace(FIGURES, hold=0.5, push=math.nan, excursion=math.nan)
     closer = holds_better(unpushed, replace(unpushed, hold=0.3), pushed=False)
     assert closer.better

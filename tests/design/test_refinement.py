@@ -1,4 +1,4 @@
-"""The last stage: what is better on the water than following a reference model."""
+"""The last stage: gains better than those that follow a reference model."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ SMALL_THRUSTER = "videoray heave"
 
 @cache
 def propose(name: str, **spec: float) -> Proposal:
-    model, axis, wish = CRAFTS[name]
-    return design(model, uncertain(model), axis, present(axis), replace(wish, **spec))
+    model, axis, base_spec = CRAFTS[name]
+    return design(model, uncertain(model), axis, present(axis), replace(base_spec, **spec))
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +33,14 @@ def refined() -> Mapping[str, Proposal]:
     return {name: propose(name, step_duration=FLOWN) for name in names}
 
 
-def test_a_loop_that_saturates_its_thruster_may_be_the_better_one(refined: Mapping[str, Proposal]) -> None:
+def test_a_loop_that_saturates_its_thruster_may_be_better(refined: Mapping[str, Proposal]) -> None:
     proposal = refined[SMALL_THRUSTER]
     matched = propose(SMALL_THRUSTER, step_duration=FLOWN, omega_0=proposal.wanted.omega_0)
     assert max(abs(proposal.after.output)) == pytest.approx(1.0, abs=0.01)
     assert proposal.after.metrics.itae < 0.8 * matched.after.metrics.itae
 
 
-def test_what_is_flown_is_predicted_to_pass_the_verdict_from_the_firmwares_defaults(
+def test_proposed_gains_are_predicted_to_be_better_than_the_firmwares_defaults(
     refined: Mapping[str, Proposal],
 ) -> None:
     assert len(refined) > 1
@@ -50,7 +50,7 @@ def test_what_is_flown_is_predicted_to_pass_the_verdict_from_the_firmwares_defau
         assert verdict.better, (name, verdict.reasons)
 
 
-def test_the_margins_wished_for_hold_over_the_whole_region(refined: Mapping[str, Proposal]) -> None:
+def test_the_specified_margins_are_kept_over_the_whole_region(refined: Mapping[str, Proposal]) -> None:
     assert len(refined) > 1
     for name, proposal in refined.items():
         low = proposal.worst_margins
@@ -64,13 +64,13 @@ def test_overshoot_is_avoided_where_it_costs_little(refined: Mapping[str, Propos
         assert refined[name].after.metrics.overshoot <= GOOD_OVERSHOOT + 0.02, name
 
 
-def test_the_reasons_and_notes_say_that_the_error_over_time_decided(refined: Mapping[str, Proposal]) -> None:
+def test_the_reasons_and_notes_state_that_the_tracking_error_decided(refined: Mapping[str, Proposal]) -> None:
     proposal = refined[SMALL_THRUSTER]
     assert any("smallest predicted tracking error" in change.reason for change in proposal.changes)
     assert any("minimise the predicted tracking error" in note for note in proposal.notes)
 
 
-def test_a_wish_of_the_users_is_matched_and_not_polished() -> None:
+def test_a_user_specification_is_matched_and_not_refined() -> None:
     proposal = propose("falcon heave", settling_time=5.0)
     assert all("tracking error" not in change.reason for change in proposal.changes)
     matched = "matched, within its range, to a Bessel step settling in 5.0 s"
@@ -85,14 +85,14 @@ def test_a_prediction_lasts_as_long_as_the_flown_step(refined: Mapping[str, Prop
             assert prediction.t[-1] == pytest.approx(FLOWN, abs=0.03)
 
 
-def test_polished_gains_are_kept_when_designed_for_again(refined: Mapping[str, Proposal]) -> None:
+def test_refined_gains_are_kept_by_another_design(refined: Mapping[str, Proposal]) -> None:
     model, axis, spec = CRAFTS[SMALL_THRUSTER]
     gains = {**present(axis), **refined[SMALL_THRUSTER].new}
     again = design(model, uncertain(model), axis, gains, replace(spec, step_duration=FLOWN))
     assert again.changes == ()
 
 
-def test_errors_within_the_compass_quantum_are_not_paid_for() -> None:
+def test_errors_within_the_compass_quantum_do_not_count() -> None:
     quantum = math.radians(2.0)
     coarse = propose("videoray yaw", step_duration=FLOWN, quantum=quantum)
     fine = propose("videoray yaw", step_duration=FLOWN)
@@ -106,7 +106,7 @@ def boat(jitter: float) -> Proposal:
     return propose("slow boat", step_duration=FLOWN, noise_std=math.radians(0.02), jitter_std=math.radians(jitter))
 
 
-def test_derivative_action_is_taken_up_where_ranges_bind_and_the_compass_is_calm() -> None:
+def test_derivative_action_is_used_if_ranges_limit_and_the_compass_noise_is_low() -> None:
     calm, noisy = boat(0.002), boat(0.5)
     gains = {change.parameter: change.new for change in calm.changes}
     assert gains["ATC_STR_RAT_D"] > 0.1
@@ -117,7 +117,7 @@ def test_derivative_action_is_taken_up_where_ranges_bind_and_the_compass_is_calm
     assert any("documented ranges limit these gains" in note for note in calm.notes)
 
 
-def test_a_derivative_that_does_not_pay_takes_nothing_from_the_gains_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_useless_derivative_does_not_worsen_the_other_gains(monkeypatch: pytest.MonkeyPatch) -> None:
     """It may move the actuator less than they may; once they were given up for that, and the step was a third worse."""
     offered = propose("blueboat", step_duration=FLOWN)
     monkeypatch.setattr(type(LAWS["rover-heading"]), "late", ())
@@ -126,7 +126,7 @@ def test_a_derivative_that_does_not_pay_takes_nothing_from_the_gains_beside_it(m
     assert offered.new["ATC_STR_RAT_P"] > 1.5
 
 
-def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains_are_chosen_over_all_of_it() -> None:
+def test_figures_use_the_recorded_part_of_a_step_and_gains_the_whole() -> None:
     step = math.radians(30.0)
     ends = {"settled_band": 0.03 * step, "settled_time": 5.0}
     whole, flown = propose("slow boat", step_duration=FLOWN), propose("slow boat", step_duration=FLOWN, **ends)
@@ -145,7 +145,7 @@ def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains
     assert settles + 1.0 <= soon.windows[0] < there - 1.0, "a half of a craft that is at rest is over sooner"
 
 
-def test_after_the_proof_predictions_are_told_over_what_was_flown() -> None:
+def test_predictions_after_the_proof_use_the_flown_windows() -> None:
     step = math.radians(30.0)
     flown = propose("slow boat", step_duration=FLOWN, settled_band=0.03 * step, settled_time=5.0)
     assert over_windows(flown, flown.windows).after.metrics == flown.after.metrics
@@ -158,30 +158,30 @@ def test_after_the_proof_predictions_are_told_over_what_was_flown() -> None:
 
 
 @pytest.mark.parametrize("name", [SMALL_THRUSTER, "charlie"])
-def test_provisional_gains_promise_nearly_what_a_design_does_and_go_on_from_the_last(
+def test_provisional_gains_nearly_match_a_design_and_start_from_the_last(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model, axis, wish = CRAFTS[name]
-    spec = replace(wish, step_duration=FLOWN)
-    asked = []
+    model, axis, base_spec = CRAFTS[name]
+    spec = replace(base_spec, step_duration=FLOWN)
+    requested = []
     cost = refinement._Cost.of
-    monkeypatch.setattr(refinement._Cost, "of", lambda *given: asked.append(0) or cost(*given))
+    monkeypatch.setattr(refinement._Cost, "of", lambda *given: requested.append(0) or cost(*given))
     vaguer = replace(model, alpha=1.2 * model.alpha, beta=0.9 * model.beta)
     first = provisional(vaguer, 4.0 * uncertain(vaguer), axis, present(axis), spec)
-    asked.clear()
+    requested.clear()
     found = provisional(model, uncertain(model), axis, present(axis), spec, first)
-    again = len(asked)
+    again = len(requested)
     whole = design(model, uncertain(model), axis, present(axis), spec)
-    assert again < 0.4 * (len(asked) - again), "and it looks at no other wish"
+    assert again < 0.4 * (len(requested) - again), "and it tries no other specification"
     assert found.wanted == first.wanted and found.gains != first.gains
     assert found.itae == pytest.approx(whole.after.metrics.itae, rel=0.1)
     assert found.spread == pytest.approx(whole.spread, rel=0.2)
     assert first.spread > found.spread
 
 
-def test_a_wish_of_the_users_is_matched_provisionally_too() -> None:
-    model, axis, wish = CRAFTS["charlie"]
-    spec = replace(wish, settling_time=12.0)
+def test_a_user_specification_is_also_matched_by_provisional_gains() -> None:
+    model, axis, base_spec = CRAFTS["charlie"]
+    spec = replace(base_spec, settling_time=12.0)
     first = provisional(model, uncertain(model), axis, present(axis), spec)
     found = provisional(model, uncertain(model), axis, present(axis), spec, first)
     whole = design(model, uncertain(model), axis, present(axis), spec)
@@ -191,7 +191,7 @@ def test_a_wish_of_the_users_is_matched_provisionally_too() -> None:
 
 def test_every_descent_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """The last one of each search was not once, a quarter of the time a design took."""
-    model, axis, wish = CRAFTS["charlie"]
+    model, axis, base_spec = CRAFTS["charlie"]
     monkeypatch.setattr(refinement, "EVALUATIONS", 8)
     ends, judged, order = [], [], []
     descend, judge = refinement._descend, refinement.judge
@@ -209,7 +209,7 @@ def test_every_descent_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(refinement, "_descend", descended)
     monkeypatch.setattr(refinement, "judge", judged_by)
-    design(model, uncertain(model), axis, present(axis), wish)
+    design(model, uncertain(model), axis, present(axis), base_spec)
     assert len(ends) > refinement.DESCENTS
     of_the_last = [end for end in ends[-refinement.DESCENTS :] if judged[-1] == pytest.approx(end, rel=2e-3, abs=1e-4)]
     assert of_the_last, "the last alone, or the better of those side by side"

@@ -1,4 +1,4 @@
-"""The reserves a design keeps, number by number: worst margins, delay margin, and gains in force that have none."""
+"""The margins a design keeps, number by number: worst margins, delay margin, and gains in force that have none."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def promise(overshoot: float = 0.0, itae: float = 1.0) -> Prediction:
     return Prediction(nothing, nothing, nothing, nothing, nothing, metrics)
 
 
-def test_the_worst_of_several_loops_has_the_least_of_each_margin_whichever_loop_it_is_of() -> None:
+def test_the_worst_case_has_the_smallest_of_each_margin() -> None:
     loops = [Margins(5.0, 0.9, 0.30, True), Margins(2.0, 1.1, 0.20, True), Margins(7.0, 0.5, 0.25, True)]
     for turn in range(3):
         assert worst(loops[turn:] + loops[:turn]) == Margins(2.0, 0.5, 0.20, True)
@@ -48,15 +48,15 @@ def problem(
 
 
 @pytest.mark.parametrize(("delay", "period"), [(0.0, 0.02), (0.15, 0.02), (0.15, 0.0025)])
-def test_the_delay_margin_holds_two_loops_and_the_crafts_own_delay_in_reserve(delay: float, period: float) -> None:
+def test_the_delay_margin_covers_two_loop_periods_and_the_crafts_delay(delay: float, period: float) -> None:
     needed = 2.0 * period + delay
-    for share, said in (
+    for share, printed in (
         (1.01, []),
         (0.99, [f"delay margin {0.99 * needed:.2f} s is less than the required {needed:.2f} s"]),
     ):
         low = replace(FINE, delay=share * needed)
         found = list(objections(problem(delay, period), {}, low, promise()))
-        assert [text[: len(s)] for text, s in zip(found, said, strict=True)] == said
+        assert [text[: len(s)] for text, s in zip(found, printed, strict=True)] == printed
 
 
 @pytest.mark.parametrize(
@@ -67,21 +67,19 @@ def test_the_delay_margin_holds_two_loops_and_the_crafts_own_delay_in_reserve(de
         ({"stable": False}, "the loop is unstable for part of the 95 % region"),
     ],
 )
-def test_each_margin_that_is_missed_is_an_objection_by_name(change: dict[str, Any], words: str) -> None:
-    (said,) = objections(problem(), {}, replace(FINE, **change), promise())
-    assert said.startswith(words)
+def test_each_margin_that_is_not_met_is_an_objection(change: dict[str, Any], words: str) -> None:
+    (printed,) = objections(problem(), {}, replace(FINE, **change), promise())
+    assert printed.startswith(words)
 
 
 @pytest.mark.parametrize(
     ("before", "free", "most"), [(0.0, 0.0, 0.12), (0.2, 0.0, 0.2), (0.6, 0.0, 0.25), (0.2, 0.1, 0.3)]
 )
-def test_a_step_may_overshoot_as_the_present_one_does_but_a_quarter_at_most(
-    before: float, free: float, most: float
-) -> None:
+def test_a_step_may_overshoot_as_the_present_one_up_to_a_quarter(before: float, free: float, most: float) -> None:
     given = problem(present_overshoot=before, free=free)
     assert list(objections(given, {}, FINE, promise(most - 0.001))) == []
-    (said,) = objections(given, {}, FINE, promise(most + 0.001))
-    assert "predicted overshoot" in said and f"more than {most:.0%}" in said
+    (printed,) = objections(given, {}, FINE, promise(most + 0.001))
+    assert "predicted overshoot" in printed and f"more than {most:.0%}" in printed
 
 
 @pytest.mark.parametrize(
@@ -95,11 +93,11 @@ def test_a_step_may_overshoot_as_the_present_one_does_but_a_quarter_at_most(
         ({}, 0.41, False),
     ],
 )
-def test_what_is_still_safe_to_fly_has_the_least_of_all_margins(
+def test_gains_that_are_safe_to_fly_meet_the_minimum_margins(
     change: dict[str, Any], overshoot: float, is_safe: bool
 ) -> None:
     candidate = GainCandidate(
-        cast(Any, None), {}, FINE, replace(FINE, **change), promise(overshoot), objections=("misses the wish",)
+        cast(Any, None), {}, FINE, replace(FINE, **change), promise(overshoot), objections=("misses the specification",)
     )
     assert is_tolerable(candidate) is is_safe
 
@@ -108,7 +106,7 @@ WILD = {"ATC_RAT_YAW_P": 50.0, "ATC_ANG_YAW_P": 60.0}
 
 
 @pytest.mark.parametrize("unsafe", [True, False], ids=["unsafe gains", "safe gains"])
-def test_present_gains_that_no_proposal_betters_are_left_alone_only_when_they_are_safe(
+def test_present_gains_without_a_better_proposal_are_kept_only_if_safe(
     unsafe: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The search is left out: it proposes one set of gains, and the verdict is that they promise no better step."""

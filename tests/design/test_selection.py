@@ -1,4 +1,4 @@
-"""How fast a loop is wished for, and which of the wishes is taken: the matching itself is left out."""
+"""Which bandwidths are tried, and which candidate is chosen; the matching itself is replaced."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def problem(
     velocity: float = 0.1,
     needs: Callable[[float], float] = lambda omega: omega,
 ) -> DesignProblem:
-    """Return a craft that needs *use* of its actuator and *velocity* per rad/s of the wish; it may do 1 m/s."""
+    """Return a craft that needs *use* of its actuator and *velocity* per rad/s of the bandwidth; its limit is 1 m/s."""
     law = SimpleNamespace(
         name="heading",
         velocity_limit=lambda settings, speed: 1.0,
@@ -60,11 +60,11 @@ def promise(itae: float, overshoot: float = 0.0) -> Prediction:
 
 
 class Bench:
-    """Stands in for matching and judging: the k-th wish gets the k-th promise; keeps what was asked."""
+    """Replaces matching and judging: the k-th bandwidth gets the k-th prediction; keeps the calls."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, promises: Sequence[tuple[float, str]]) -> None:
         self.promises = promises
-        self.wishes: list[ReferenceModel] = []
+        self.tried: list[ReferenceModel] = []
         self.starts: list[Any] = []
         self.spans: list[float] = []
         self.low = FINE
@@ -73,16 +73,16 @@ class Bench:
 
     def match(self, given: DesignProblem, wanted: ReferenceModel, start: Any) -> dict[str, float]:
         self.starts.append(start)
-        return {"GAIN": 10.0 + len(self.wishes)}
+        return {"GAIN": 10.0 + len(self.tried)}
 
     def judge(self, given: DesignProblem, wanted: ReferenceModel, settings: Any, span: float) -> GainCandidate:
-        itae, objection = self.promises[min(len(self.wishes), len(self.promises) - 1)]
-        self.wishes.append(wanted)
+        itae, objection = self.promises[min(len(self.tried), len(self.promises) - 1)]
+        self.tried.append(wanted)
         self.spans.append(span)
         return GainCandidate(wanted, settings, FINE, self.low, promise(itae), (objection,) * bool(objection))
 
     def speeds(self) -> list[float]:
-        return [w.omega_0 for w in self.wishes]
+        return [w.omega_0 for w in self.tried]
 
 
 FASTER_IS_WORSE = [(10.0, "")]
@@ -101,7 +101,7 @@ FASTER_IS_WORSE = [(10.0, "")]
     ],
     ids=["actuator", "velocity", "nothing", "own delay", "delay beyond", "both delays", "a weak actuator"],
 )
-def test_the_first_wish_is_the_fastest_that_actuator_velocity_and_delay_leave_room_for(
+def test_the_first_bandwidth_is_the_fastest_that_actuator_velocity_and_delay_allow(
     given: DesignProblem, fastest: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(monkeypatch, FASTER_IS_WORSE)
@@ -109,7 +109,7 @@ def test_the_first_wish_is_the_fastest_that_actuator_velocity_and_delay_leave_ro
     assert bench.speeds()[0] == pytest.approx(fastest, rel=1e-6)
 
 
-def test_a_craft_that_its_constant_force_leaves_no_actuator_for_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_craft_whose_constant_force_needs_the_whole_actuator_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     Bench(monkeypatch, FASTER_IS_WORSE)
     with pytest.raises(NoGainsMeetSpec, match=r"30% of full output.*limit 80%"):
         choose(problem(needs=lambda omega: 8.1))
@@ -117,7 +117,7 @@ def test_a_craft_that_its_constant_force_leaves_no_actuator_for_is_refused(monke
         choose(problem(use=0.0, velocity=1.0, needs=lambda omega: 1.1))
 
 
-def test_wishes_get_slower_by_a_fifth_until_two_more_were_no_better_and_start_from_the_gains_before(
+def test_bandwidths_fall_by_a_fifth_until_two_are_no_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bench = Bench(monkeypatch, [(8.0, "too close"), (6.0, ""), (5.5, ""), (5.41, ""), (1.0, "")])
@@ -130,13 +130,13 @@ def test_wishes_get_slower_by_a_fifth_until_two_more_were_no_better_and_start_fr
     assert bench.spans == pytest.approx([8.0 * settling_time("bessel", 8.0)] * 4)
 
 
-def test_a_slower_wish_is_taken_when_its_step_is_noticeably_better(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slower_bandwidth_is_chosen_if_its_step_is_noticeably_better(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(monkeypatch, [(6.0, ""), (5.41, ""), (5.39, ""), (5.3, ""), (5.2, "")])
     assert choose(problem()).prediction.metrics.itae == 5.39
-    assert len(bench.wishes) == 4
+    assert len(bench.tried) == 4
 
 
-def test_a_wish_of_the_user_is_the_only_one_tried_and_flown_as_long_as_he_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_specification_is_the_only_one_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(monkeypatch, FASTER_IS_WORSE)
     choose(problem(spec=Spec(omega_0=3.0, step_duration=12.0)))
     choose(problem(spec=Spec(settling_time=4.0)))
@@ -145,13 +145,13 @@ def test_a_wish_of_the_user_is_the_only_one_tried_and_flown_as_long_as_he_says(m
     assert bench.spans == pytest.approx([12.0, 32.0], rel=1e-3)
 
 
-def test_when_nothing_passes_the_fastest_that_is_safe_and_hardly_worse_than_the_best_is_offered(
+def test_without_a_valid_candidate_the_fastest_safe_one_near_the_best_is_offered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     missed = [(9.0, "slow"), (5.5, "slow"), (5.0, "slow"), *[(7.0, "slow")] * 20]
     bench = Bench(monkeypatch, missed)
     assert choose(problem()).prediction.metrics.itae == 5.5
-    assert len(bench.wishes) == selection.TRIES
+    assert len(bench.tried) == selection.TRIES
     bench = Bench(monkeypatch, missed)
     bench.low = replace(FINE, gain=1.9)
     with pytest.raises(NoGainsMeetSpec, match=r"The last attempt, settling in .* failed: slow"):
@@ -161,21 +161,21 @@ def test_when_nothing_passes_the_fastest_that_is_safe_and_hardly_worse_than_the_
         choose(problem(spec=Spec(omega_0=3.0)))
 
 
-def test_margins_of_the_craft_and_the_worst_of_the_region_are_both_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_margins_of_the_craft_and_the_worst_of_the_region_are_both_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [Margins(5.0, 0.9, 0.3, True), Margins(3.0, 1.0, 0.2, True)]
-    asked: list[Any] = []
+    requested: list[Any] = []
     given = SimpleNamespace(
         spec=Spec(),
         law=SimpleNamespace(free_overshoot=0.07, loop_period=lambda settings: 0.02),
         model="craft",
         region=SimpleNamespace(samples=["sample"]),
-        margins=lambda settings, wanted, models: asked.append(models) or found,
+        margins=lambda settings, wanted, models: requested.append(models) or found,
         present_overshoot=0.0,
     )
     monkeypatch.setattr(selection, "predict", lambda *given: promise(2.0))
     monkeypatch.setattr(selection, "objections", lambda *given: iter(["a", "b"]))
-    candidate = selection.judge(cast(DesignProblem, given), cast(Any, "wish"), {"GAIN": 1.0}, 5.0)
-    assert asked == [["craft", "sample"]]
+    candidate = selection.judge(cast(DesignProblem, given), cast(Any, "target"), {"GAIN": 1.0}, 5.0)
+    assert requested == [["craft", "sample"]]
     assert (candidate.margins, candidate.worst_margins) == (found[0], Margins(3.0, 0.9, 0.2, True))
     assert candidate.objections == ("a", "b")
     assert candidate.free_overshoot == 0.07
@@ -205,7 +205,7 @@ RESERVES = Spec()
         (Margins(0.1, 0.0, 0.0, False), 0.0, "unstable for part of the 95 % region"),
     ],
 )
-def test_what_speaks_against_gains_begins_just_beyond_each_limit(
+def test_objections_begin_just_beyond_each_limit(
     monkeypatch: pytest.MonkeyPatch, low: Margins, overshoot: float, words: str
 ) -> None:
     monkeypatch.setattr(selection, "output_noise", lambda *given: selection.NOISE_LIMIT)

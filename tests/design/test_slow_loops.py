@@ -1,4 +1,4 @@
-"""A BlueROV2 behind a 50 Hz loop: no gains keep the wished-for margins, and some that are safe to fly are far better.
+"""A BlueROV2 behind a 50 Hz loop: no gains keep the specified margins, and some that are safe to fly are far better.
 
 Numbers: a fit of the simulated one, thrusters with a dead band and a curve.
 """
@@ -45,7 +45,7 @@ def propose() -> Proposal:
 
 
 @pytest.mark.slow
-def test_gains_that_are_safe_to_fly_are_not_traded_for_others_that_do_worse() -> None:
+def test_safe_gains_are_not_replaced_by_worse_ones() -> None:
     found = propose()
     low, old, new = found.worst_margins, found.before.metrics, found.after.metrics
     assert found.changes
@@ -55,7 +55,7 @@ def test_gains_that_are_safe_to_fly_are_not_traded_for_others_that_do_worse() ->
 
 
 @pytest.mark.slow
-def test_where_refinement_does_worse_the_matched_gains_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_matched_gains_are_kept_if_refinement_is_worse(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[GainCandidate] = []
 
     def worsen(problem: DesignProblem, chosen: GainCandidate, span: float, *_: object) -> GainCandidate:
@@ -70,8 +70,8 @@ def test_where_refinement_does_worse_the_matched_gains_stand(monkeypatch: pytest
 
 
 @pytest.mark.slow
-def test_nothing_better_is_said_only_after_a_look_all_over_the_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither the wishes nor the descents find anything: the scatter does."""
+def test_no_better_gains_are_reported_only_after_a_search_over_all_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither the tried bandwidths nor the descents find anything: the scattered starts do."""
 
     def present(problem: DesignProblem) -> GainCandidate:
         return judge(problem, reference_model("bessel", 2.0), dict(problem.settings), 30.0)
@@ -87,7 +87,7 @@ def test_nothing_better_is_said_only_after_a_look_all_over_the_ranges(monkeypatc
 
 
 @pytest.mark.parametrize("name", ["sub-heading", "rover-heading", "sub-depth"])
-def test_an_output_held_for_a_loop_acts_half_a_loop_late_and_no_more(name: str) -> None:
+def test_an_output_held_for_a_loop_period_acts_half_a_period_late(name: str) -> None:
     """The same delay in all, of a loop of 50 Hz and of one so quick that holding is nothing."""
     craft = heave(0.3, 0.5, 0.5) if name == "sub-depth" else yaw(0.2, 0.75, 0.02)
     gains = {**DEFAULTS[name], "INS_GYRO_FILTER": 0.0, "ATC_RATE_FF_ENAB": 0.0}
@@ -100,7 +100,7 @@ def test_an_output_held_for_a_loop_acts_half_a_loop_late_and_no_more(name: str) 
         assert np.max(np.abs(apart)) < 0.02 * 0.2
 
 
-def test_a_step_taken_back_begins_with_what_the_integral_holds_by_then() -> None:
+def test_a_step_back_begins_with_the_integral_of_the_step() -> None:
     law, craft = LAWS["sub-heading"], yaw(0.2, 0.75, 0.025, delta=0.05)
     gains = {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_I": 0.01}
     flight = law.simulate(craft, gains, Scenario(0.5, 20.0, lead=2.0, back_at=10.0), None, 0.0)
@@ -113,7 +113,7 @@ def test_a_step_taken_back_begins_with_what_the_integral_holds_by_then() -> None
     assert np.max(np.abs(back - settled.position[: len(back)])) > 0.02
 
 
-def test_a_prediction_says_what_a_step_will_be_read_as_through_the_noise_at_the_rate_of_the_readings() -> None:
+def test_a_prediction_matches_the_measured_step_with_its_noise_and_rate() -> None:
     noise, draw = 1.0 * DEG, np.random.default_rng(5)
     spec = replace(STEP, noise_std=noise, noise_bandwidth=5.0)
     law, region = LAWS["sub-heading"], sample_region(HULL, SPREAD)
@@ -134,7 +134,7 @@ def test_a_prediction_says_what_a_step_will_be_read_as_through_the_noise_at_the_
     assert predict_error(unlike, gains, 30.0 * DEG, 30.0).itae != pytest.approx(flown, rel=0.06)
 
 
-def test_a_step_back_is_predicted_from_where_its_own_step_ends_not_from_the_longest_it_may_last() -> None:
+def test_a_step_back_is_predicted_from_the_end_of_its_own_step() -> None:
     """By then the integral has not worked off a constant moment, which the step back then begins with."""
     craft = yaw(0.2, 0.75, 0.025, delta=0.05)
     spec = replace(STEP, settled_band=3.0 * DEG, settled_time=1.0, hold=1.0)
@@ -160,7 +160,7 @@ def test_a_step_back_is_predicted_from_where_its_own_step_ends_not_from_the_long
     assert error_back(30.0) != pytest.approx(error_back(there), rel=0.15)
 
 
-def test_noise_on_the_output_works_off_inside_a_dead_band_what_the_mean_alone_does_not() -> None:
+def test_noise_on_the_output_removes_an_error_inside_a_dead_band() -> None:
     law, loaded = LAWS["sub-heading"], yaw(0.0522, 0.0286, 0.0781, delta=0.0016)
     gains = {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_P": 0.5, "ATC_RAT_YAW_I": 0.05, "ATC_ANG_YAW_P": 5.64}
     region = sample_region(loaded, SPREAD)
@@ -174,7 +174,7 @@ def test_noise_on_the_output_works_off_inside_a_dead_band_what_the_mean_alone_do
     )
 
 
-def test_the_slope_at_half_of_full_leaves_out_what_dead_zone_and_play_take() -> None:
+def test_the_slope_at_half_output_excludes_dead_zone_and_backlash() -> None:
     bent = Actuator(square=0.4, reference=0.8)
     assert bent.slopes()[-1] == pytest.approx(0.6 + 2.0 * 0.4 * 0.5 / 0.8)
     for actuator in (replace(bent, dead_zone=0.1), replace(bent, backlash=0.2)):
@@ -184,8 +184,8 @@ def test_the_slope_at_half_of_full_leaves_out_what_dead_zone_and_play_take() -> 
     assert math.isclose(replace(bent, dead_zone=0.6).slopes()[-1], 0.6)
 
 
-def test_a_prediction_holds_the_craft_as_long_as_the_flight_did() -> None:
-    """What the integral has worked off by then is no part of the step's error any more."""
+def test_a_prediction_uses_the_hold_time_of_the_flight() -> None:
+    """The error that the integral has removed by then does not count."""
 
     def step(hold: float) -> float:
         spec = replace(STEP, hold=hold)

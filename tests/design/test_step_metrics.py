@@ -55,7 +55,7 @@ def by_hand(step: float, shares: Array = SHARES, begin: float = 100.0, **options
 
 
 @pytest.mark.parametrize("step", [2.0, -2.0])
-def test_a_step_of_eleven_samples_reads_as_by_hand(step: float) -> None:
+def test_the_figures_of_a_step_of_eleven_samples_match_a_hand_calculation(step: float) -> None:
     found = by_hand(step)
     assert found.itae == pytest.approx(0.7 + 2 * 0.3 + 3 * 0.2 + 4 * 0.1 + 5 * 0.02 + 6 * 0.02 + 7 * 0.01 + 8 * 0.03)
     assert found.overshoot == pytest.approx(0.2)
@@ -69,7 +69,7 @@ def test_a_step_of_eleven_samples_reads_as_by_hand(step: float) -> None:
 
 
 @pytest.mark.parametrize("step", [2.0, -2.0])
-def test_what_lies_within_the_floor_is_taken_off_every_figure_but_the_steady_error(step: float) -> None:
+def test_the_noise_floor_is_subtracted_from_every_figure_except_the_steady_error(step: float) -> None:
     found = by_hand(step, quantum=0.02 / 1.01)
     beyond = np.maximum(np.abs(1.0 - SHARES) - 0.01, 0.0)
     assert found.itae == pytest.approx(float(np.arange(11.0) @ beyond))
@@ -84,7 +84,7 @@ def test_what_lies_within_the_floor_is_taken_off_every_figure_but_the_steady_err
     assert by_hand(step, np.minimum(SHARES, 0.95), quantum=0.2).overshoot == 0.0
 
 
-def test_samples_quicker_than_the_noise_are_thinned_from_the_last_one_on() -> None:
+def test_samples_faster_than_the_noise_are_thinned_from_the_last_one() -> None:
     errors = np.abs(1.0 - SHARES)
     every_second = 2.0 * (2 * errors[2] + 4 * errors[4] + 6 * errors[6] + 8 * errors[8])
     assert by_hand(2.0, noise_time=2.0).itae == pytest.approx(every_second)
@@ -94,7 +94,7 @@ def test_samples_quicker_than_the_noise_are_thinned_from_the_last_one_on() -> No
     assert by_hand(2.0, noise_time=3.0).itae == pytest.approx(by_thirds)
 
 
-def test_a_craft_that_begins_on_its_way_or_never_gets_there_has_the_times_it_has() -> None:
+def test_steps_that_begin_in_motion_or_never_finish_have_valid_times() -> None:
     under_way = np.array([0.4, 0.3, 0.7, 1.2, 1.1, 1.02, 0.98, 1.0, 1.0, 1.0, 1.0])
     assert by_hand(2.0, under_way).rise == pytest.approx(2.4), "a tenth is there at once"
     assert math.isnan(by_hand(2.0, 0.7 * SHARES).rise)
@@ -108,7 +108,7 @@ def test_a_craft_that_begins_on_its_way_or_never_gets_there_has_the_times_it_has
     assert by_hand(2.0, np.ones(9)).settling == 0.0
 
 
-def test_without_a_move_of_the_target_the_step_is_from_the_middle_of_the_first_three_positions() -> None:
+def test_a_step_without_a_target_change_starts_at_the_median_of_three_positions() -> None:
     t = np.arange(10.0)
     position = np.array([0.2, 0.9, 0.3, 0.4, 0.6, 0.8, 1.3, 1.3, 1.3, 1.3])
     found = step_metrics(t, np.full(10, 1.3), position, np.zeros(10))
@@ -119,7 +119,7 @@ def test_without_a_move_of_the_target_the_step_is_from_the_middle_of_the_first_t
     assert lifted.overshoot == pytest.approx(0.1, abs=1e-12), "of a step of one: the middle of the three is 0.3"
 
 
-def test_eight_samples_after_a_step_can_be_measured_and_seven_cannot() -> None:
+def test_a_step_needs_eight_samples_to_be_measured() -> None:
     assert MIN_SAMPLES == 8
     assert by_hand(2.0, SHARES[:8]).rise > 0.0
     with pytest.raises(NotInformative, match="only 7 samples after the step"):
@@ -137,7 +137,7 @@ def test_a_step_just_beyond_twice_the_floor_is_measured() -> None:
         by_hand(-2.0, noise_std=0.5)
 
 
-def test_time_may_stand_still_but_not_all_the_time_nor_run_backwards() -> None:
+def test_time_stamps_may_repeat_but_not_always_and_not_decrease() -> None:
     t, rise = np.arange(10.0), np.linspace(0.0, 1.0, 10)
     twice = np.where(t == 4.0, 3.0, t)
     assert step_metrics(twice, np.ones(10), rise, t).overshoot == 0.0
@@ -151,7 +151,7 @@ def test_time_may_stand_still_but_not_all_the_time_nor_run_backwards() -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_lone_sample_is_one_that_leaves_both_neighbours_by_a_quarter_while_they_agree(side: float) -> None:
+def test_a_spike_differs_from_two_equal_neighbours_by_over_a_quarter(side: float) -> None:
     plain = np.array([0.5, 0.5, 0.5, 0.5, 0.5, 0.75])
     for leap, is_lone in ((0.25, False), (0.375, True), (-0.25, False), (-0.375, True)):
         values = side * (plain + np.where(np.arange(6) == 2, leap, 0.0))
@@ -164,7 +164,7 @@ def test_a_lone_sample_is_one_that_leaves_both_neighbours_by_a_quarter_while_the
     assert np.array_equal(_without_spikes(2.0 * plain, 9.0), 2.0 * plain)
 
 
-def test_steps_are_joined_by_their_mean_and_their_worst() -> None:
+def test_steps_are_combined_by_their_mean_and_their_worst() -> None:
     other = StepMetrics(
         itae=1.0, overshoot=0.02, rise=2.0, settling=5.0, steady_error=0.03, travel=0.5, oscillation=0.1
     )
@@ -174,13 +174,13 @@ def test_steps_are_joined_by_their_mean_and_their_worst() -> None:
     assert combine([GOOD, other]) == combine([other, GOOD]) == joined
 
 
-def test_without_noise_an_error_is_left_as_it_is() -> None:
+def test_an_error_without_noise_is_unchanged() -> None:
     error = np.sin(np.arange(50.0))
     assert np.array_equal(error_behind(error, 0.0), error)
 
 
 def fitted_behind(error: Array, std: float) -> Array:
-    """What :func:`error_behind` says of itself, each parabola fitted by least squares."""
+    """What :func:`error_behind` documents, each parabola fitted by least squares."""
     found = error.copy()
     for i in range(len(error)):
         low, high, least = error[i] - INTERVAL * std, error[i] + INTERVAL * std, std
@@ -198,13 +198,13 @@ def fitted_behind(error: Array, std: float) -> Array:
     return found
 
 
-def test_neighbourhoods_double_in_two_strides_from_two_samples_to_256() -> None:
+def test_neighbourhoods_grow_from_two_samples_to_256_doubling_every_second_one() -> None:
     assert HALVES == tuple(sorted([*(2**k for k in range(1, 9)), *(3 * 2**k for k in range(7))]))
     assert INTERVAL == 1.5
 
 
 @pytest.mark.parametrize("step", [2.0, -2.0])
-def test_the_error_over_time_is_that_behind_the_noise_in_shares_of_the_step(step: float) -> None:
+def test_the_tracking_error_excludes_noise_and_is_relative_to_the_step(step: float) -> None:
     shares = SHARES + 0.003 * np.cos(5.0 * np.arange(11.0))
     behind = fitted_behind(1.0 - shares, 0.02)
     expected = float(np.trapezoid(np.arange(11.0) * np.maximum(np.abs(behind) - 0.04, 0.0)))
@@ -214,7 +214,7 @@ def test_the_error_over_time_is_that_behind_the_noise_in_shares_of_the_step(step
 
 @pytest.mark.parametrize("count", [4, 5, 8, 30, 61])
 @pytest.mark.parametrize("every", [1, 2])
-def test_each_sample_is_read_off_the_parabola_of_the_widest_neighbourhood_that_agrees(count: int, every: int) -> None:
+def test_each_sample_is_smoothed_by_the_widest_consistent_parabola(count: int, every: int) -> None:
     t = np.arange(every * count) * 10.0 / count
     error = (1.0 - wave(t, 0.5, 3.0) + np.random.default_rng(6).normal(0.0, 0.02, len(t)))[::every]
     assert error_behind(error, 0.02) == pytest.approx(fitted_behind(error, 0.02), abs=1e-9)
@@ -229,13 +229,13 @@ def test_a_first_order_lag_has_its_textbook_numbers() -> None:
     assert (found.overshoot, found.steady_error, found.oscillation) == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
 
 
-def test_a_second_order_lag_overshoots_as_the_formula_says() -> None:
+def test_a_second_order_lag_overshoots_by_the_formula() -> None:
     t = np.linspace(0.0, 20.0, 4001)
     found = measure(t, wave(t, 0.3))
     assert found.overshoot == pytest.approx(math.exp(-math.pi * 0.3 / math.sqrt(1.0 - 0.09)), rel=1e-3)
 
 
-def test_an_undamped_swing_is_seen_as_oscillation_and_never_settles() -> None:
+def test_an_undamped_oscillation_is_reported_and_never_settles() -> None:
     t = np.linspace(0.0, 30.0, 601)
     found = measure(t, wave(t, 0.0))
     assert found.oscillation == pytest.approx(1.0, rel=0.02)
@@ -256,7 +256,7 @@ def test_samples_before_the_step_do_not_count() -> None:
     assert found.settling == pytest.approx(plain.settling, abs=0.02)
 
 
-def test_steps_down_and_steps_up_read_the_same() -> None:
+def test_steps_down_and_up_have_the_same_figures() -> None:
     t = np.linspace(0.0, 15.0, 301)
     up, down = measure(t, wave(t, 0.4), step=0.7), measure(t, wave(t, 0.4), step=-0.7)
     assert up.itae == pytest.approx(down.itae)
@@ -265,7 +265,7 @@ def test_steps_down_and_steps_up_read_the_same() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10**6), rate=st.floats(8.0, 50.0), damping=st.floats(0.2, 0.9))
-def test_uneven_samples_give_the_same_answer_as_even_ones(seed: int, rate: float, damping: float) -> None:
+def test_uneven_samples_give_the_same_figures_as_even_ones(seed: int, rate: float, damping: float) -> None:
     rng = np.random.default_rng(seed)
     even = np.linspace(0.0, 20.0, 4001)
     regular = np.arange(1, int(20 * rate)) / rate
@@ -275,7 +275,7 @@ def test_uneven_samples_give_the_same_answer_as_even_ones(seed: int, rate: float
     assert found.overshoot == pytest.approx(wanted.overshoot, abs=0.04)
 
 
-def test_noise_and_quantisation_move_the_verdict_little() -> None:
+def test_noise_and_quantisation_change_the_figures_little() -> None:
     t = np.linspace(0.0, 20.0, 401)
     degrees = math.radians(1.0)
     rng = np.random.default_rng(3)
@@ -290,7 +290,7 @@ def test_noise_and_quantisation_move_the_verdict_little() -> None:
     assert found.oscillation < 0.03
 
 
-def test_an_error_of_one_quantum_is_none_and_of_two_is_one() -> None:
+def test_an_error_of_one_quantum_does_not_count_and_of_two_does() -> None:
     t = np.linspace(-1.0, 20.0, 1051)
     quantum = math.radians(2.0)
     one, two = (np.where(t < 0.0, 0.0, 1.0 + n * quantum / 0.5) for n in (1, 2))
@@ -301,7 +301,7 @@ def test_an_error_of_one_quantum_is_none_and_of_two_is_one() -> None:
     assert math.isnan(far.settling)
 
 
-def test_a_coarse_compass_says_the_same_as_a_fine_one_within_its_quantum() -> None:
+def test_a_coarse_compass_gives_the_figures_of_a_fine_one_within_its_quantum() -> None:
     t = np.linspace(-1.0, 20.0, 1051)
     quantum = math.radians(2.0)
     true = wave(t, 0.3)
@@ -311,18 +311,18 @@ def test_a_coarse_compass_says_the_same_as_a_fine_one_within_its_quantum() -> No
     assert coarse.overshoot == pytest.approx(fine.overshoot, abs=quantum / 0.5)
 
 
-def test_a_fine_sensor_is_measured_as_finely_as_ever() -> None:
+def test_a_fine_quantum_does_not_change_the_figures() -> None:
     t = np.linspace(-1.0, 20.0, 1051)
     assert measure(t, wave(t, 0.3), noise_std=0.002, quantum=0.001) == measure(t, wave(t, 0.3), noise_std=0.002)
 
 
-def test_a_step_of_two_quanta_is_refused_as_too_small_to_measure() -> None:
+def test_a_step_of_two_quanta_is_rejected_as_too_small() -> None:
     t = np.linspace(-1.0, 20.0, 1051)
     with pytest.raises(NotInformative, match="larger step"):
         measure(t, lag(t), step=0.07, quantum=math.radians(2.0))
 
 
-def test_both_directions_are_averaged_and_limits_count_as_the_worse() -> None:
+def test_both_directions_are_averaged_and_limits_use_the_worse() -> None:
     found = combine([GOOD, replace(GOOD, itae=4.0, overshoot=0.2, settling=math.nan)])
     assert found.itae == 3.0
     assert found.overshoot == 0.2
@@ -347,7 +347,7 @@ def test_one_wild_sample_is_not_an_overshoot() -> None:
         (np.arange(20.0), np.full(20, 0.5), "no step"),
     ],
 )
-def test_what_is_no_step_is_refused_in_words(t: Array, position: Array, match: str) -> None:
+def test_a_record_without_a_step_is_rejected_with_a_reason(t: Array, position: Array, match: str) -> None:
     with pytest.raises(NotInformative, match=match):
         step_metrics(t, np.full(len(t), 0.5), position, np.zeros(len(t)))
 
@@ -371,13 +371,13 @@ def test_a_clearly_better_step_is_kept() -> None:
         (replace(GOOD, itae=1.0, settling=math.nan), "not settled"),
     ],
 )
-def test_every_price_of_speed_alone_brings_the_old_gains_back(after: StepMetrics, reason: str) -> None:
+def test_each_cost_of_speed_alone_restores_the_old_gains(after: StepMetrics, reason: str) -> None:
     verdict = is_better(GOOD, after)
     assert not verdict.better
     assert any(reason in line for line in verdict.reasons)
 
 
-def test_old_gains_that_were_worse_in_everything_do_not_forbid_anything() -> None:
+def test_old_gains_that_were_worse_in_everything_forbid_nothing() -> None:
     wild = StepMetrics(math.inf, 1.2, 1.0, math.nan, 0.3, 2.0, 0.9)
     assert is_better(wild, replace(GOOD, overshoot=0.3)).better
     unmeasured = StepMetrics(*[math.nan] * 7)
@@ -393,14 +393,14 @@ def noisy_step(noise: float, target_held: float = 1.0, seconds: float = 20.0) ->
     return step_metrics(t, target, x, np.zeros(len(t)), noise_std=noise)
 
 
-def test_settling_that_noise_hides_is_not_told_as_never_settled() -> None:
+def test_settling_hidden_by_noise_is_not_reported_as_never_settled() -> None:
     clean, noisy, off = noisy_step(0.0), noisy_step(0.08), noisy_step(0.01, target_held=0.8)
     assert clean.settling == pytest.approx(3.0, abs=0.1) and not clean.hidden_by_noise
     assert math.isnan(noisy.settling) and noisy.hidden_by_noise
     assert math.isnan(off.settling) and not off.hidden_by_noise, "20 % off its target when the record ends"
 
 
-def test_of_two_directions_one_that_did_not_settle_is_not_hidden_by_the_noise_of_the_other() -> None:
+def test_one_direction_that_did_not_settle_is_not_hidden_by_the_noise_of_the_other() -> None:
     noisy, off = noisy_step(0.08), noisy_step(0.01, target_held=0.8)
     assert combine([noisy, noisy_step(0.0)]).hidden_by_noise
     assert not combine([noisy, off]).hidden_by_noise

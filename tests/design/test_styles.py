@@ -41,7 +41,7 @@ def designed(style: str) -> Proposal:
     return design(HULL, COVARIANCE, ROVER_HEADING, ROVER_DEFAULTS, spec)
 
 
-def test_normal_is_the_specification_without_a_style() -> None:
+def test_the_normal_style_is_the_default_specification() -> None:
     usual = Spec()
     assert (usual.bandwidth, usual.gain_margin, usual.phase_margin) == (
         STYLES["normal"].bandwidth,
@@ -74,7 +74,7 @@ def test_a_slower_loop_is_better_for_a_gentle_style_if_the_actuator_travels_less
     assert not is_better(STEP, replace(slower, overshoot=0.3), slower=gentle.slower).better
 
 
-def test_a_number_is_a_style_between_its_neighbours() -> None:
+def test_a_number_is_interpolated_between_styles() -> None:
     assert style_of("50") == style_of("normal") == STYLES["normal"]
     between = style_of("25")
     assert (between.bandwidth, between.gain_margin) == (0.75, 3.0)

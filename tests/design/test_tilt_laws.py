@@ -35,7 +35,7 @@ def of(letters: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(("law", "letters"), [("sub-roll", "RLL"), ("sub-pitch", "PIT")])
-def test_with_the_same_numbers_the_loop_is_that_of_the_heading(law: str, letters: str) -> None:
+def test_a_tilt_loop_with_the_same_gains_equals_the_heading_loop(law: str, letters: str) -> None:
     mine = LAWS[law].simulate(CRAFT, of(letters), STEP, None, 0.0)
     heading = LAWS["sub-heading"].simulate(CRAFT, of("YAW"), STEP, None, 0.0)
     assert np.array_equal(mine.position, heading.position)
@@ -46,7 +46,7 @@ def test_with_the_same_numbers_the_loop_is_that_of_the_heading(law: str, letters
     assert set(LAWS[law].tuned) < {gain.parameter for gain in FIRMWARE["ardusub"].axes[law[4:]].gains}
 
 
-def test_a_restoring_moment_is_held_by_the_output_at_the_end_of_the_step() -> None:
+def test_the_output_holds_a_restoring_moment_at_the_end_of_the_step() -> None:
     righted = replace(CRAFT, restoring=0.2)
     motion = LAWS["sub-roll"].simulate(righted, of("RLL"), replace(STEP, duration=20.0), None, 0.0)
     assert motion.position[-1] == pytest.approx(STEP.step, rel=0.01)
@@ -88,7 +88,7 @@ def test_the_linear_loop_with_a_restoring_moment_predicts_small_steps_of_the_sim
     )
 
 
-def test_a_note_blames_a_slow_loop_for_margins_that_the_default_rate_would_keep() -> None:
+def test_a_note_reports_a_slow_loop_rate_that_lowers_the_margins() -> None:
     """A fit of the simulated BlueROV2 in roll, and the gains designed for it at 100 Hz."""
     craft = SingleDof("roll", "1", 0.02365, 0.0, 0.0627, restoring=0.0719)
     thrusters = Actuator(square=0.8, reference=0.3)

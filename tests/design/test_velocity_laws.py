@@ -50,19 +50,19 @@ BOATS: dict[str, tuple[SingleDof, float, float]] = {
 """Name -> (model, square share of the thrust, speed [m/s]): sitl's Charlie and BlueBoat, ArduPilot's own motorboat."""
 
 
-def proposal_for(name: str, **wish: Any) -> Proposal:
+def proposal_for(name: str, **changes: Any) -> Proposal:
     model, square, top = BOATS[name]
     curve = Actuator(square=square)
     throttle = curve.output_for((model.beta + model.beta_quadratic * top) * top)
     pair = {"CRUISE_SPEED": top, "CRUISE_THROTTLE": round(100.0 * throttle)}
-    spec = Spec(step=0.4 * top, speed=0.6 * top, step_duration=15.0, noise_std=0.005 * top, measured=pair, **wish)
+    spec = Spec(step=0.4 * top, speed=0.6 * top, step_duration=15.0, noise_std=0.005 * top, measured=pair, **changes)
     covariance = uncertain(model)
     reduction = Reduction(model, "X", covariance, curve)
     return design(model, covariance, AXIS, ROVER_SPEED_DEFAULTS, spec, reduction)
 
 
 @pytest.mark.parametrize("name", BOATS)
-def test_a_speed_step_is_predicted_better_with_margins_over_the_region(name: str) -> None:
+def test_a_speed_step_is_predicted_to_improve_with_margins_over_the_region(name: str) -> None:
     proposal = proposal_for(name)
     assert is_better(proposal.before.metrics, proposal.after.metrics).better
     assert proposal.worst_margins.stable
@@ -74,12 +74,12 @@ def test_a_speed_step_is_predicted_better_with_margins_over_the_region(name: str
     assert proposal.to_dict()["bound"] == [None, None]
 
 
-def test_a_wanted_settling_time_is_kept_by_a_speed_loop() -> None:
+def test_a_requested_settling_time_is_met_by_a_speed_loop() -> None:
     proposal = proposal_for("small twin, straight thrust", settling_time=3.0)
     assert proposal.after.metrics.settling == pytest.approx(3.0, rel=0.4)
 
 
-def test_the_cruise_pair_alone_drives_a_boat_whose_thrust_bends_as_its_drag_does() -> None:
+def test_the_cruise_pair_alone_holds_the_speed_with_quadratic_thrust_and_drag() -> None:
     model, square, top = BOATS["catamaran, plain propellers"]
     throttle = math.sqrt(model.beta_quadratic) * top
     gains = {**ROVER_SPEED_DEFAULTS, "ATC_SPEED_P": 0.0, "ATC_SPEED_I": 0.0}
@@ -90,14 +90,14 @@ def test_the_cruise_pair_alone_drives_a_boat_whose_thrust_bends_as_its_drag_does
     assert motion.output[-1] == pytest.approx(throttle, abs=1e-3)
 
 
-def test_a_step_back_comes_down_to_the_base_it_went_up_from() -> None:
+def test_a_step_back_returns_to_the_base_speed() -> None:
     model, _, _ = BOATS["small twin, straight thrust"]
     down = SPEED.simulate(model, ROVER_SPEED_DEFAULTS, Scenario(-0.6, 40.0), 0.9, 0.0)
     assert down.output[0] == pytest.approx(model.beta * 1.5, abs=0.01)
     assert down.output[-1] == pytest.approx(model.beta * 0.9, abs=0.01)
 
 
-def test_acceleration_limit_slew_rate_and_largest_throttle_are_in_the_speed_loop() -> None:
+def test_the_speed_loop_includes_acceleration_limit_slew_rate_and_largest_throttle() -> None:
     model, _, _ = BOATS["small twin, straight thrust"]
     quick = {**ROVER_SPEED_DEFAULTS, "ATC_SPEED_P": 2.0, **FREE}
     free = SPEED.simulate(model, quick, Scenario(0.5, 10.0), 1.0, 0.0)
@@ -109,7 +109,7 @@ def test_acceleration_limit_slew_rate_and_largest_throttle_are_in_the_speed_loop
     assert np.max(np.gradient(ramp.position, ramp.t)) < 0.32
 
 
-def test_the_throttle_is_lifted_first_and_bent_then_and_that_can_be_undone() -> None:
+def test_the_throttle_curve_is_applied_after_the_minimum_and_can_be_inverted() -> None:
     settings = {"MOT_THR_MIN": 10.0, "MOT_THST_EXPO": 0.7}
     for throttle in (-1.0, -0.3, 0.01, 0.5, 1.0):
         pulse = pulse_of(throttle, settings)
@@ -135,7 +135,7 @@ def test_the_linear_loop_predicts_small_speed_steps() -> None:
     assert np.interp(t, motion.t, motion.position) / step == pytest.approx(expected, abs=0.02)
 
 
-def test_the_feed_forward_alone_turns_at_the_wanted_rate() -> None:
+def test_the_feed_forward_alone_gives_the_target_rate() -> None:
     craft = boat(1.0, 0.8, delta=0.0, delay=0.0)
     gains = {**ROVER_DEFAULTS, "ATC_STR_RAT_FF": 1.0 / 0.8, "ATC_STR_RAT_P": 0.0, "ATC_STR_RAT_I": 0.0}
     motion = TURN.simulate(craft, gains, Scenario(30.0 * DEG, 15.0), 1.0, 0.0)
@@ -154,7 +154,7 @@ def test_a_rover_with_yaw_lag_gets_a_better_turn_rate_step_and_keeps_its_angle_g
     assert proposal.worst_margins.stable
 
 
-def test_subs_rate_steps_overshoot_by_what_the_angle_loop_takes_back() -> None:
+def test_rate_steps_of_a_sub_overshoot_to_recover_the_heading_error() -> None:
     """The area under the rate's error is what the heading target got ahead: it comes back, so the areas cancel."""
     craft = yaw(0.18, 0.1)
     gains = {**SUB_HEADING_DEFAULTS, "ATC_RAT_YAW_I": 0.0, "ATC_RAT_YAW_P": 0.5, "ATC_ANG_YAW_P": 3.0}
@@ -165,7 +165,7 @@ def test_subs_rate_steps_overshoot_by_what_the_angle_loop_takes_back() -> None:
     assert behind == pytest.approx(standing, abs=0.2 * standing)
 
 
-def test_a_sub_gets_a_better_turn_rate_step_and_still_holds_its_heading() -> None:
+def test_a_sub_gets_a_better_turn_rate_step_and_keeps_a_stable_heading_loop() -> None:
     axis = FIRMWARE["ardusub"].axes["yaw"]
     model = yaw(0.18, 0.0, 0.4, 0.01)
     spec = Spec(step=30.0 * DEG, step_duration=6.0, noise_std=0.002)
@@ -188,7 +188,7 @@ def test_a_boat_with_two_thrusters_is_not_scaled_with_speed_and_its_integral_act
 
 
 @pytest.mark.parametrize("name", ["rover-heading", "rover-yaw"])
-def test_two_thrusters_that_drive_have_less_left_to_steer_with(name: str) -> None:
+def test_two_thrusters_under_way_have_less_steering_left(name: str) -> None:
     """Shared fairly: of full steering beside half throttle two thirds are left; of a fifth, all of it."""
     law, gains = LAWS[name], {**ROVER_DEFAULTS, "ATC_STR_RAT_P": 3.0, "ATC_STR_RAT_FF": 1.0, "ATC_STR_ANG_P": 4.0}
     still, driven, small = (
@@ -203,7 +203,7 @@ def test_two_thrusters_that_drive_have_less_left_to_steer_with(name: str) -> Non
     assert np.max(np.abs(rudder.output)) == 1.0
 
 
-def test_the_rate_loop_opened_at_the_servo_is_the_pid_behind_the_gyros_filter() -> None:
+def test_the_rate_loop_opened_at_the_servo_is_the_pid_with_the_gyro_filter() -> None:
     gains = {**ROVER_DEFAULTS, "ATC_STR_RAT_I": 0.0, "ATC_STR_RAT_FLTE": 0.0, "INS_GYRO_FILTER": 0.0}
     opened = TURN.controller(gains, 2.0)
     assert isinstance(opened, Rational)

@@ -29,7 +29,7 @@ NEITHER = math.nan
         ("travel", 2.0, 6.0),
     ],
 )
-def test_what_just_meets_a_limit_is_kept_and_what_just_misses_it_is_not(name: str, before: float, most: float) -> None:
+def test_a_value_at_its_limit_is_kept_and_just_beyond_it_is_not(name: str, before: float, most: float) -> None:
     old = replace(OLD, **{name: before})
     for value, is_kept in ((most * (1.0 - 1e-9), True), (most, True), (most * (1.0 + 1e-9), False)):
         verdict = is_better(old, replace(NEW, **{name: value}))
@@ -39,7 +39,7 @@ def test_what_just_meets_a_limit_is_kept_and_what_just_misses_it_is_not(name: st
         assert ("allowed" in words or "is required" in words) is not is_kept
 
 
-def test_the_reason_tells_old_new_and_by_how_much() -> None:
+def test_the_reason_states_old_and_new_value_and_the_difference() -> None:
     reasons = is_better(OLD, replace(NEW, itae=3.0, overshoot=0.25, travel=1.5)).reasons
     assert reasons[0] == "tracking error (ITAE) 2 -> 3 s^2, 50% higher, but at least 5% lower is required"
     assert reasons[1] == "overshoot 0.0% -> 25.0% of the step, more than the 15.0% allowed"
@@ -67,7 +67,7 @@ def test_the_reason_tells_old_new_and_by_how_much() -> None:
         ({"itae": NEITHER}, {"itae": NEITHER}, False, "the tracking error of the new step could not be measured"),
     ],
 )
-def test_what_could_not_be_measured_speaks_against_the_new_step_only(
+def test_an_unmeasurable_figure_counts_only_against_the_new_step(
     before: dict[str, Any], after: dict[str, Any], is_kept: bool, words: str
 ) -> None:
     verdict = is_better(replace(OLD, **before), replace(NEW, **after))
@@ -75,7 +75,7 @@ def test_what_could_not_be_measured_speaks_against_the_new_step_only(
     assert any(words in reason for reason in verdict.reasons)
 
 
-def test_the_overshoot_that_the_law_itself_causes_comes_on_top_of_the_limit_only() -> None:
+def test_overshoot_caused_by_the_law_is_added_only_to_the_limit() -> None:
     assert is_better(OLD, replace(NEW, overshoot=0.24), free_overshoot=0.1).better
     assert not is_better(OLD, replace(NEW, overshoot=0.26), free_overshoot=0.1).better
     assert not is_better(OLD, replace(NEW, overshoot=0.16)).better
@@ -86,7 +86,7 @@ def halves(*oscillations: float) -> list[StepMetrics]:
     return [replace(OLD, oscillation=x) for x in oscillations]
 
 
-def test_an_oscillation_within_the_scatter_of_the_measurement_counts_as_the_same() -> None:
+def test_an_oscillation_within_the_measurement_scatter_counts_as_equal() -> None:
     old, new = replace(OLD, oscillation=0.071), replace(NEW, oscillation=0.082)
     assert not is_better(old, new).better
     scatter = scatter_of(halves(0.055, 0.071), halves(0.082, 0.07))
@@ -98,13 +98,13 @@ def test_an_oscillation_within_the_scatter_of_the_measurement_counts_as_the_same
     assert not is_better(old, replace(new, oscillation=0.16), scatter=scatter).better
 
 
-def test_scatter_does_not_widen_the_limits_that_hold_whatever_was_before() -> None:
+def test_scatter_does_not_widen_the_absolute_limits() -> None:
     scatter = scatter_of(halves(0.0, 0.01), halves(0.0, 0.01))
     assert not is_better(OLD, replace(NEW, oscillation=0.051), scatter=scatter).better
     assert scatter_of(halves(0.1), halves())["oscillation"] == 0.0
 
 
-def test_the_other_modes_gain_pays_for_no_loss_beyond_a_trifle() -> None:
+def test_a_gain_in_the_other_mode_allows_only_a_small_loss() -> None:
     for itae, other, is_kept in ((2.1, 0.8, True), (2.11, 0.1, False), (2.0, 0.81, False), (1.9, 2.0, True)):
         assert is_better(OLD, replace(NEW, itae=itae), other=(1.0, other)).better is is_kept
 
@@ -122,11 +122,11 @@ def test_the_other_modes_gain_pays_for_no_loss_beyond_a_trifle() -> None:
         ({"travel": 1.1}, False),
     ],
 )
-def test_a_change_with_another_aim_may_leave_tracking_as_it_was(changed: dict[str, float], good: bool) -> None:
+def test_a_change_with_another_aim_may_leave_tracking_unchanged(changed: dict[str, float], good: bool) -> None:
     assert is_no_worse(OLD, replace(OLD, **changed), {}).better is good
 
 
-def test_what_two_equal_steps_differ_by_is_no_worse() -> None:
+def test_a_difference_as_between_equal_steps_is_no_worse() -> None:
     old = replace(OLD, overshoot=0.4, oscillation=0.2, steady_error=0.2)
     assert is_no_worse(old, replace(old, overshoot=0.42, oscillation=0.22, steady_error=0.22), {}).better
     assert not is_no_worse(old, replace(old, steady_error=0.24), {}).better

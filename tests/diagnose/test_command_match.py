@@ -76,7 +76,7 @@ def off(clock, factor, offset, at=0.5 * LASTS):
 @pytest.mark.parametrize(
     "offset", [3.3, *(pytest.param(offset, marks=pytest.mark.slow) for offset in (0.0, -40.0, 1000.0))]
 )
-def test_any_clock_is_read_off_the_switches_of_a_command(factor, offset):
+def test_any_clock_is_estimated_from_the_switches_of_a_command(factor, offset):
     for noise, starts, ends in ((0.0, 0.0, LASTS), (0.02, 20.0, LASTS), (0.0, 0.0, 85.0)):
         pair = two(
             [steps(np.random.default_rng(3))], factor=factor, offset=offset, noise=noise, starts=starts, ends=ends
@@ -114,21 +114,21 @@ def test_the_standard_error_of_a_clock_is_its_scatter():
     "order", [*(pytest.param(o, marks=pytest.mark.slow) for o in ((0, 1, 2), (1, 0, 2))), (2, 0, 1)]
 )
 @pytest.mark.parametrize("times", [(1.0, 1.0, 1.0), (-1.0, 1.0, -1.0), (400.0, 400.0, -400.0)])
-def test_order_signs_and_units_of_inputs_are_exact(order, times):
+def test_the_order_signs_and_units_of_inputs_are_identified(order, times):
     zeros = [1500.0 if abs(t) > 1.0 else 0.0 for t in times]
     for factor in (0.637, 1.0, 1.57):
         commands = [steps(np.random.default_rng([k, 4])) for k in range(3)]
         found = match_commands(*two(commands, factor=factor, order=order, times=times, zeros=zeros, noise=0.01))
         assert found.kind == "matched"
-        told = {c.theirs: c for c in found.channels}
+        result = {c.theirs: c for c in found.channels}
         for k, name in enumerate(NAMES):
-            assert told[name].ours == NAMES[order[k]]
-            assert told[name].factor == pytest.approx(times[k], rel=0.01)
-            assert told[name].zero == pytest.approx(zeros[k], abs=0.01 * abs(times[k]))
+            assert result[name].ours == NAMES[order[k]]
+            assert result[name].factor == pytest.approx(times[k], rel=0.01)
+            assert result[name].zero == pytest.approx(zeros[k], abs=0.01 * abs(times[k]))
         assert found.others == ()
 
 
-def test_commands_that_have_nothing_in_common_give_no_clock():
+def test_commands_with_nothing_in_common_yield_no_clock():
     for make in (steps, joystick):
         for seed in range(8):
             one, other = (make(np.random.default_rng([seed, k])) for k in (1, 2))
@@ -137,7 +137,7 @@ def test_commands_that_have_nothing_in_common_give_no_clock():
             assert match_commands(simulation, run).kind == "different"
 
 
-def test_a_simulator_that_commands_itself_is_no_clock():
+def test_a_simulator_with_commands_of_its_own_yields_no_clock():
     found = []
     for seed in range(12):
         one, other = (relay(np.random.default_rng([seed, k]), jitter=0.3) for k in (1, 2))
@@ -147,13 +147,13 @@ def test_a_simulator_that_commands_itself_is_no_clock():
     assert found.count("repeating") >= 11
     simulation, run = two([relay(np.random.default_rng(1), jitter=0.3)])
     other, _ = two([relay(np.random.default_rng(2), jitter=0.3)])
-    told = compared([other], [run])
-    assert told.rows == ()
-    assert {d.slug for d in told.doubts} == {"commands-repeat", "simulation-driven-otherwise"}
+    result = compared([other], [run])
+    assert result.rows == ()
+    assert {d.slug for d in result.doubts} == {"commands-repeat", "simulation-driven-otherwise"}
 
 
 @pytest.mark.parametrize("factor", [0.637, 1.0, 1.57])
-def test_a_relay_is_matched_but_for_whole_periods(factor):
+def test_a_relay_is_matched_except_for_whole_periods(factor):
     rng = np.random.default_rng(5)
     found = match_commands(*two([relay(rng)], factor=factor, offset=3.3))
     assert found.kind == "matched"
@@ -161,12 +161,12 @@ def test_a_relay_is_matched_but_for_whole_periods(factor):
     late = off(found.clock, factor, 3.3) / factor / 10.0
     assert abs(late - round(late)) < 0.01
     assert found.period == pytest.approx(10.0, abs=0.1)
-    told = compared(*([t] for t in two([relay(rng)], factor=factor, offset=3.3)))
-    assert "clock-ambiguous" in {d.slug for d in told.doubts}
+    result = compared(*([t] for t in two([relay(rng)], factor=factor, offset=3.3)))
+    assert "clock-ambiguous" in {d.slug for d in result.doubts}
 
 
 @pytest.mark.parametrize("factor", FACTORS)
-def test_a_relay_that_is_not_quite_even_is_no_longer_ambiguous(factor):
+def test_a_slightly_uneven_relay_is_not_ambiguous(factor):
     commands = [relay(np.random.default_rng(6), jitter=0.3)]
     found = match_commands(*two(commands, factor=factor, offset=-40.0))
     assert found.kind == "matched"
@@ -174,12 +174,12 @@ def test_a_relay_that_is_not_quite_even_is_no_longer_ambiguous(factor):
     assert off(found.clock, factor, -40.0) < 4.0 * found.clock.shift_std
 
 
-def test_an_even_relay_cut_short_on_another_clock_is_said_to_tell_nothing():
+def test_an_even_relay_cut_short_on_another_clock_is_repeating():
     pair = two([relay(np.random.default_rng(5))], factor=1.57, starts=20.0)
     assert match_commands(*pair).kind == "repeating"
 
 
-def test_commands_that_never_change_are_said_to_tell_nothing():
+def test_constant_and_absent_commands_are_reported():
     t = np.arange(0.0, 60.0, 0.1)
     still = Channel("N", "1", t, np.full(len(t), 0.3))
     simulation, run = two([steps(np.random.default_rng(3))])
@@ -189,7 +189,7 @@ def test_commands_that_never_change_are_said_to_tell_nothing():
     assert "commands-constant" in {d.slug for d in compared([quiet], [run]).doubts}
 
 
-def test_everything_that_is_wrong_with_the_inputs_is_set_right():
+def test_every_fault_of_the_inputs_is_corrected():
     commands = [steps(np.random.default_rng([k, 4])) for k in range(3)]
     simulation, run = two(
         commands, factor=0.637, offset=3.0, order=(1, 0, 2), times=(-1.0, 1.0, 400.0), zeros=(0.0, 0.0, 1500.0)
@@ -207,7 +207,7 @@ def test_everything_that_is_wrong_with_the_inputs_is_set_right():
         assert found.simulations[0][name] is run[name]
 
 
-def test_a_command_of_half_the_size_is_another_drive_and_not_another_unit():
+def test_a_command_of_half_the_size_is_scaled_and_not_in_another_unit():
     simulation, run = two([steps(np.random.default_rng(3))], times=(0.5,))
     found = compared([simulation], [run])
     assert found.rows == ()
@@ -225,7 +225,7 @@ def test_a_channel_on_a_clock_of_its_own_is_reported():
     assert "the changes of Z" in next(d.cause for d in found.doubts if d.slug == "commands-disagree")
 
 
-def test_a_clock_that_runs_unevenly_is_told_and_its_own_commands_are_kept():
+def test_an_uneven_clock_is_reported_and_its_own_commands_are_kept():
     commands = [steps(np.random.default_rng([k, 4])) for k in range(3)]
     simulation, run = two(commands, factor=0.637)
     uneven = {n: replace(c, t=c.t + 0.3 * np.sin(2.0 * math.pi * c.t / 25.0)) for n, c in simulation.channels.items()}
@@ -236,7 +236,7 @@ def test_a_clock_that_runs_unevenly_is_told_and_its_own_commands_are_kept():
     assert found.simulations[0]["N"] is not run["N"]
 
 
-def test_runs_whose_clocks_differ_are_given_one_each():
+def test_runs_with_different_clocks_have_one_scale_each():
     pairs = [two([steps(np.random.default_rng([k, 4]))], factor=f) for k, f in enumerate((0.64, 0.635))]
     runs = [replace(r, name=f"run{k}") for k, (_, r) in enumerate(pairs)]
     found = compared([s for s, _ in pairs], runs)

@@ -1,4 +1,4 @@
-"""A craft that took on payload, fouled, lost thrust or trim: told apart from later records, else left alone."""
+"""Changes of payload, hull, thrust or trim are identified from later records; an unchanged craft raises no alarm."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from gcs_autotune.trial import Channel, Trial, save_trial
 CRAFT = {"alpha": 1.0, "beta": 0.5, "delta": 0.01}
 
 
-def swing(seed: int, mass: float = 1.0, drag: float = 1.0, thrust: float = 1.0, trim: float = 0.0) -> Trial:
-    """Two square waves in heading, of a craft changed by these factors; input in shares of full."""
+def square_waves(seed: int, mass: float = 1.0, drag: float = 1.0, thrust: float = 1.0, trim: float = 0.0) -> Trial:
+    """Two square waves in heading, of a craft changed by these factors; input as normalised output."""
     t = 0.1 * np.arange(1200, dtype=np.float64)
     period = np.where(t < 60.0, 6.0, 14.0)
     force = 0.2 * np.sign(np.sin(2.0 * math.pi * t / period) + 1e-9)
@@ -42,7 +42,7 @@ def fitted(trial: Trial):
 
 @pytest.fixture(scope="module")
 def reference():
-    return fitted(swing(1))
+    return fitted(square_waves(1))
 
 
 @pytest.mark.parametrize(
@@ -55,27 +55,27 @@ def reference():
         ({"trim": 0.06}, "trim", 0.06, "input-bias"),
     ],
 )
-def test_each_single_change_is_named_with_its_size(reference, change, name, size, slug):
-    found = compare_craft(reference, fitted(swing(2, **change)))
+def test_each_single_change_is_identified_with_its_size(reference, change, name, size, slug):
+    found = compare_craft(reference, fitted(square_waves(2, **change)))
     assert found.changed
-    ((cause, told),) = found.causes
+    ((cause, result),) = found.causes
     assert (cause.name, cause.slug) == (name, slug)
-    assert told == pytest.approx(size, rel=0.08)
+    assert result == pytest.approx(size, rel=0.08)
     assert slug.replace("-", " ") in found.summary
 
 
-def test_two_changes_at_once_are_both_named(reference):
-    found = compare_craft(reference, fitted(swing(3, mass=1.5, trim=0.08)))
+def test_two_changes_at_once_are_both_identified(reference):
+    found = compare_craft(reference, fitted(square_waves(3, mass=1.5, trim=0.08)))
     assert {c.name for c, _ in found.causes} == {"inertia", "trim"}
 
 
 @pytest.mark.slow
-def test_an_unchanged_craft_raises_no_alarm_over_many_days(reference):
-    alarms = [seed for seed in range(10, 30) if compare_craft(reference, fitted(swing(seed))).changed]
+def test_an_unchanged_craft_raises_no_alarm_over_many_runs(reference):
+    alarms = [seed for seed in range(10, 30) if compare_craft(reference, fitted(square_waves(seed))).changed]
     assert alarms == []
 
 
-def test_another_motion_or_unit_is_no_comparison(reference):
+def test_a_different_motion_or_unit_cannot_be_compared(reference):
     from dataclasses import replace
 
     with pytest.raises(UsageError, match="cannot compare"):
@@ -83,11 +83,11 @@ def test_another_motion_or_unit_is_no_comparison(reference):
 
 
 @pytest.mark.slow
-def test_watch_tells_which_log_of_a_craft_differs(tmp_path, capsys):
+def test_watch_reports_which_log_of_a_craft_differs(tmp_path, capsys):
     days = {"day-1": {}, "day-2": {}, "day-3": {"drag": 1.5}}
     paths = []
     for seed, (name, change) in enumerate(days.items(), start=40):
-        save_trial(swing(seed, **change), tmp_path / f"{name}.csv")
+        save_trial(square_waves(seed, **change), tmp_path / f"{name}.csv")
         paths.append(str(tmp_path / f"{name}.csv"))
     assert main(["watch", *paths, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]

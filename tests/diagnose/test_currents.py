@@ -33,7 +33,7 @@ def drifting(seed: int, growth: float = 0.0, turn: float = 0.0) -> Trial:
     return Trial(f"run{seed}", channels | {"X": Channel("X", "N", t, X), "N": Channel("N", "N m", t, N)})
 
 
-def test_a_current_that_reverses_halfway_is_found_though_its_mean_is_zero() -> None:
+def test_a_current_that_reverses_halfway_is_identified_although_its_mean_is_zero() -> None:
     growth = -2.0 / DURATION
     found = diagnose([drifting(seed, growth) for seed in (1, 2, 3)], effects=["steady-current", "changing-current"])
     assert [cause.effect.slug for cause in found.causes] == ["changing-current"]
@@ -43,7 +43,7 @@ def test_a_current_that_reverses_halfway_is_found_though_its_mean_is_zero() -> N
     assert numbers["growth"] == pytest.approx(growth, rel=0.1)
 
 
-def test_a_steady_current_that_comes_first_goes_when_the_changing_one_explains_it() -> None:
+def test_a_steady_current_is_replaced_by_the_changing_one_that_explains_it() -> None:
     turn = 1.6 / DURATION
     found = diagnose([drifting(seed, turn=turn) for seed in (1, 2, 3)], effects=["steady-current", "changing-current"])
     assert [step.cause for step in found.ranking if step.step == 2][:1] == ["changing-current"]

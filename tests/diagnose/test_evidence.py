@@ -1,4 +1,4 @@
-"""What supports a cause: guards on names, gains a user notices, and hints."""
+"""Evidence for a cause: conditions on reported causes, noticeable gains, and hints."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ MANY = [
 ]
 
 
-def in_mild_weather(seed: int, slug: str, effects: list[str] | None = None) -> Diagnosis:
+def with_mild_disturbance(seed: int, slug: str, effects: list[str] | None = None) -> Diagnosis:
     """Two relays and steps with a drifting moment of some 30 % of full command, and an effect hidden."""
     return diagnose(list(draw_case("mild", seed, 0, slug).runs), effects=effects or MANY)
 
 
-# -- what may be named
+# -- what may be reported as a cause
 
 
 @pytest.mark.parametrize(
     ("std", "none"),
     [(1.75, True), (0.2, False), (math.nan, True), (math.inf, True)],
 )
-def test_a_number_whose_own_interval_contains_zero_is_no_cause(std: float, none: bool) -> None:
+def test_a_parameter_whose_interval_contains_zero_is_not_a_cause(std: float, none: bool) -> None:
     damping = EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.71})
     assert may_be_none(damping, {"N_|u|r": std}) is none
     assert not may_be_none(damping, {})  # it was not fitted
@@ -58,7 +58,7 @@ def scored(
     return CandidateScore(effect, fit, gained, needed, 1, evidence, gain, parts=parts, interval=interval)
 
 
-def test_an_uncertain_candidate_is_not_named_however_much_it_gains() -> None:
+def test_an_uncertain_candidate_is_not_accepted_even_with_a_large_gain() -> None:
     effect = EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.71})
     sure = scored(effect, 30.0, (9.0, 8.0, 9.0), 7.0, (10.0, 40.0))
     assert lack_by_parts(sure) is None and lack_by_parts(sure, uncertain=True) == "uncertain"
@@ -68,7 +68,7 @@ def test_an_uncertain_candidate_is_not_named_however_much_it_gains() -> None:
     ("unseen", "named"),
     [((4.7, 4.1, 2.2), True), ((9.7, 0.2, 0.2), False), ((4.7, 5.1), False), ((2.0, 2.0, 2.0), False)],
 )
-def test_ten_nats_to_which_every_part_left_out_contributes_are_named(unseen: tuple[float, ...], named: bool) -> None:
+def test_a_gain_of_ten_nats_shared_by_every_held_out_part_is_accepted(unseen: tuple[float, ...], named: bool) -> None:
     effect = EffectInstance("backlash", "N", {"width": 0.1})
     lacks = lack_by_parts(scored(effect, 11.2, unseen, 6.4, (-3.2, 25.3)))
     assert (lacks is None) is named
@@ -85,7 +85,9 @@ def searched(*named: str) -> NoiseSearch:
     return NoiseSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
 
 
-def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cause_that_does_not_reduce_the_held_out_prediction_error_is_rejected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The weakest goes first, and the others are judged without it."""
     ratios = {frozenset(): 1.15, frozenset({"dead-zone"}): 0.97, frozenset({"backlash"}): 0.8}
 
@@ -109,7 +111,7 @@ def test_what_lowers_no_error_ahead_on_data_left_out_is_not_named(monkeypatch: p
 # -- hints
 
 
-def test_evidence_is_counted_by_how_rarely_chance_gives_it() -> None:
+def test_evidence_is_measured_by_its_probability_under_chance() -> None:
     assert equivalent_gain(6.0, 1) == pytest.approx(6.0)
     assert equivalent_gain(6.0, 2) < equivalent_gain(6.0, 1)
     assert chance_of(3.0, 1, 1) == pytest.approx(0.0143, abs=1e-4)
@@ -117,10 +119,10 @@ def test_evidence_is_counted_by_how_rarely_chance_gives_it() -> None:
 
 
 @pytest.mark.slow
-def test_a_weak_cause_is_a_hint_and_no_name() -> None:
-    told = in_mild_weather(7, "quadratic-drag")
-    assert told.verdict == "unexplained" and not told.causes
-    first = told.hints[0]
+def test_a_weak_cause_is_only_a_hint() -> None:
+    result = with_mild_disturbance(7, "quadratic-drag")
+    assert result.verdict == "unexplained" and not result.causes
+    first = result.hints[0]
     assert first.cause == "quadratic-drag" and 3.0 < first.gained < 10.0 and first.lacks == "weak"
     assert sum(first.unseen) > 0.0 and len(first.unseen) == 3
     assert first.needed == pytest.approx(first.seconds * 10.0 / first.gained)
@@ -128,45 +130,45 @@ def test_a_weak_cause_is_a_hint_and_no_name() -> None:
 
 
 @pytest.mark.slow
-def test_a_constant_force_beside_a_drifting_one_is_identified() -> None:
-    (cause,) = in_mild_weather(5, "input-bias").causes
+def test_a_constant_force_is_identified_together_with_a_drifting_one() -> None:
+    (cause,) = with_mild_disturbance(5, "input-bias").causes
     assert cause.effect.slug == "input-bias" and cause.effect["bias"] == pytest.approx(1.25, rel=0.2)
 
 
 @pytest.mark.slow
-def test_a_lag_shorter_than_a_sample_is_a_hint_and_no_name() -> None:
+def test_a_lag_shorter_than_a_sample_is_only_a_hint() -> None:
     """A sensor's filter looks the same, so that it is never named; what fits worse does not take its place."""
-    told = in_mild_weather(33, "actuator-lag", ["actuator-lag", "tether-pull"])
-    assert not told.causes
-    assert (told.hints[0].cause, told.hints[0].lacks) == ("actuator-lag", "brief")
+    result = with_mild_disturbance(33, "actuator-lag", ["actuator-lag", "tether-pull"])
+    assert not result.causes
+    assert (result.hints[0].cause, result.hints[0].lacks) == ("actuator-lag", "brief")
 
 
 @pytest.mark.slow
 def test_no_hint_on_a_clean_craft() -> None:
-    told = in_mild_weather(108, "clean")
-    assert told.verdict == "unexplained" and not told.hints
+    result = with_mild_disturbance(108, "clean")
+    assert result.verdict == "unexplained" and not result.hints
 
 
 @pytest.mark.slow
-def test_beside_a_disturbance_above_the_commands_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What would have been named is a hint that says why it is none."""
+def test_no_cause_is_reported_with_a_disturbance_larger_than_the_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What would have been a cause is a hint with the reason why it is not one."""
     for module in (process_noise, search_with_noise):
         monkeypatch.setattr(module, "above_the_command", lambda search: 1.3)
-    told = in_mild_weather(5, "backlash", ["backlash", "dead-zone"])
-    assert told.verdict == "unexplained"
-    assert "above-command" in {d.slug for d in told.doubts}
-    assert (told.hints[0].cause, told.hints[0].lacks) == ("backlash", "no-model")
+    result = with_mild_disturbance(5, "backlash", ["backlash", "dead-zone"])
+    assert result.verdict == "unexplained"
+    assert "above-command" in {d.slug for d in result.doubts}
+    assert (result.hints[0].cause, result.hints[0].lacks) == ("backlash", "no-model")
 
 
-def test_the_size_of_a_disturbance_is_compared_with_what_is_commanded() -> None:
+def test_the_size_of_a_disturbance_is_compared_with_the_acting_command() -> None:
     """A thruster that saturates early: a third of full command in disturbance is more than what it gives."""
-    told = in_mild_weather(1, "saturation", ["dead-zone", "backlash"])
-    assert told.missing is not None and told.missing.share > 1.0
-    assert "above-command" in {d.slug for d in told.doubts}
+    result = with_mild_disturbance(1, "saturation", ["dead-zone", "backlash"])
+    assert result.missing is not None and result.missing.share > 1.0
+    assert "above-command" in {d.slug for d in result.doubts}
 
 
-def test_a_product_beside_another_named_product_may_be_a_hint() -> None:
-    """They have one slug; the derivative tells them apart."""
+def test_a_second_velocity_product_may_be_a_hint() -> None:
+    """They have one slug; the derivative distinguishes them."""
 
     def product(place: str) -> CandidateScore[NoisyFit]:
         effect = EffectInstance("velocity-product", place, {"coefficient": 1.0})
@@ -190,19 +192,19 @@ def hinted(*judged: CandidateScore[NoisyFit], tried: int = 30) -> list[tuple[str
     return [(w.one.effect.slug, w.alike) for w in weak_among(cast(NoiseSearch, search))]
 
 
-def test_what_noise_gives_one_of_so_many_candidates_is_no_hint() -> None:
+def test_a_gain_expected_by_chance_among_the_candidates_is_not_a_hint() -> None:
     drag = weak("quadratic-drag", "yaw", "coefficient", 4.0)
     assert hinted(drag, tried=30) == []
     assert hinted(drag, tried=5) == [("quadratic-drag", ())]
 
 
-def test_hints_that_the_runs_do_not_distinguish_name_each_other() -> None:
+def test_an_indistinguishable_hint_is_listed_with_the_stronger_one() -> None:
     thrust = weak("quadratic-actuator", "N", "share", 7.0)
     dead, late = weak("dead-zone", "N", "width", 4.5), weak("input-delay", "N", "delay", 3.5)
     assert hinted(thrust, dead, late) == [("quadratic-actuator", ("dead-zone",))]
 
 
-def test_a_force_from_outside_needs_more_beside_a_drifting_force() -> None:
+def test_an_external_force_needs_more_evidence_with_a_drifting_force() -> None:
     assert hinted(weak("tether-pull", "yaw", "stiffness", 7.0)) == []
     assert hinted(weak("tether-pull", "yaw", "stiffness", 11.0)) == [("tether-pull", ())]
     assert hinted(weak("input-bias", "yaw", "bias", 7.0)) == [("input-bias", ())]

@@ -1,4 +1,4 @@
-"""Evidence, luck and what is left out, number by number, on made-up fits."""
+"""Evidence, p-values and held-out parts, number by number, on made-up fits."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from gcs_autotune.models.coupled.form import Form
 def fit(
     parameters: int, *, samples: int = 500, cost: float = 0.0, learnt: int = 0, signals: tuple[str, ...] = ("r",)
 ) -> Fitted:
-    """Return as much of a fit as judging looks at; *learnt* numbers were learnt from what was left over."""
+    """Return as much of a fit as judging looks at; *learnt* numbers were learnt from the residuals."""
     wave = EffectInstance("wave-disturbance", "yaw", {f"w{i}": 1.0 for i in range(learnt)})
     return cast(
         Fitted,
@@ -66,45 +66,43 @@ BASE = fit(3)
 
 
 def judged(slug: str, tried: int = 10, **values: Any) -> CandidateScore[Fitted]:
-    told: dict[str, Any] = {"fit": fit(4), "evidence": 50.0, "gained": 30.0, "gain": 0.3, "p": 1e-6, **values}
-    found = CandidateScore(EffectInstance(slug, "yaw", {}), needed=needed_of(1, tried), numbers=1, **told)
+    result: dict[str, Any] = {"fit": fit(4), "evidence": 50.0, "gained": 30.0, "gain": 0.3, "p": 1e-6, **values}
+    found = CandidateScore(EffectInstance(slug, "yaw", {}), needed=needed_of(1, tried), numbers=1, **result)
     return replace(found, lacks=lack_by_error(found))
 
 
 @pytest.mark.parametrize(("parameters", "learnt", "more"), [(3, 0, 0), (4, 0, 1), (5, 0, 2), (4, 3, 4), (2, 0, -1)])
-def test_every_further_number_costs_the_logarithm_of_the_samples_learnt_ones_too(
-    parameters: int, learnt: int, more: int
-) -> None:
+def test_every_extra_parameter_costs_the_logarithm_of_the_samples(parameters: int, learnt: int, more: int) -> None:
     assert bic_penalty(fit(parameters, learnt=learnt), BASE) == pytest.approx(more * math.log(500))
 
 
-def test_numbers_learnt_before_are_not_paid_twice() -> None:
+def test_parameters_of_the_present_model_are_not_penalised_again() -> None:
     assert bic_penalty(fit(5, learnt=3), fit(3, learnt=3)) == pytest.approx(2.0 * math.log(500))
 
 
 @pytest.mark.parametrize("tried", [1, 10, 300])
 @pytest.mark.parametrize("more", [1, 2])
-def test_the_more_was_tried_the_more_evidence_is_asked_for(tried: int, more: int) -> None:
+def test_more_candidates_require_more_evidence(tried: int, more: int) -> None:
     edge = stats.chi2.isf(SIGNIFICANCE / tried, more)
     assert is_needed(1.001 * edge, fit(3 + more), BASE, tried)
     assert not is_needed(0.999 * edge, fit(3 + more), BASE, tried)
 
 
-def test_numbers_learnt_from_what_is_left_are_counted_and_those_the_present_model_has_are_not_again() -> None:
+def test_only_new_parameters_learnt_from_the_residuals_are_counted() -> None:
     edge = float(stats.chi2.isf(SIGNIFICANCE, 4))
     for likelihood, enough in ((0.999 * edge, False), (1.001 * edge, True)):
         assert is_needed(likelihood, fit(4, learnt=3), BASE, 1) is enough
         assert is_needed(likelihood, fit(4, learnt=5), fit(3, learnt=2), 1) is enough
 
 
-def test_a_cause_that_adds_no_number_is_judged_as_if_it_added_one() -> None:
+def test_a_cause_without_a_parameter_is_judged_as_if_it_had_one() -> None:
     edge = stats.chi2.isf(SIGNIFICANCE, 1)
     assert not is_needed(0.999 * edge, fit(3), BASE, 0)
     assert is_needed(1.001 * edge, fit(3), BASE, 0)
 
 
 @pytest.mark.parametrize(
-    ("gain", "signals", "pays"),
+    ("gain", "signals", "material"),
     [
         (0.021, ("r",), True),
         (0.019, ("r",), False),
@@ -115,29 +113,29 @@ def test_a_cause_that_adds_no_number_is_judged_as_if_it_added_one() -> None:
         (1.0, ("r",), True),
     ],
 )
-def test_a_gain_on_unseen_data_counts_by_what_it_is_for_all_signals_together(
-    gain: float, signals: tuple[str, ...], pays: bool
+def test_a_held_out_gain_is_material_by_its_sum_over_signals(
+    gain: float, signals: tuple[str, ...], material: bool
 ) -> None:
-    assert is_material(judged("input-bias", gain=gain, fit=fit(4, signals=signals))) is pays
+    assert is_material(judged("input-bias", gain=gain, fit=fit(4, signals=signals))) is material
 
 
 @pytest.mark.parametrize(
     "spoilt", [{"evidence": 0.0}, {"gained": 1.0}, {"gain": 0.0}, {"p": LUCK}, {"p": 0.5}], ids=repr
 )
-def test_a_winner_pays_in_every_respect(spoilt: dict[str, float]) -> None:
+def test_a_winner_passes_every_test(spoilt: dict[str, float]) -> None:
     good = judged("input-bias")
     assert winner_of([good]) is good
     assert winner_of([judged("input-bias", **spoilt)]) is None
     assert winner_of([judged("saturation", **spoilt), good]) is good
 
 
-def test_evidence_that_would_do_for_one_try_does_not_for_a_thousand() -> None:
+def test_evidence_sufficient_for_one_candidate_is_insufficient_among_a_thousand() -> None:
     once, often = (judged("input-bias", tried, gained=7.5) for tried in (1, 1000))
     assert winner_of([once]) is once
     assert winner_of([often]) is None
 
 
-def test_a_disturbance_gives_way_to_a_cause_that_foretells_more_and_to_no_other() -> None:
+def test_a_disturbance_yields_only_to_a_cause_that_predicts_better() -> None:
     wave = judged("wave-disturbance", gain=0.3)
     better, worse = judged("input-bias", gain=0.31), judged("input-bias", gain=0.29)
     assert winner_of([wave, better]) is better
@@ -146,7 +144,7 @@ def test_a_disturbance_gives_way_to_a_cause_that_foretells_more_and_to_no_other(
     assert winner_of([worse, better]) is worse, "the likeliest, not the one that gains most"
 
 
-def test_a_slip_of_the_pen_accounts_for_all_or_did_not_happen() -> None:
+def test_a_sign_error_yields_only_to_a_cause_that_fits_and_predicts_better() -> None:
     slip = judged("sign-error", gain=0.3, fit=fit(3, cost=100.0))
     assert winner_of([slip, judged("saturation", gain=0.4, fit=fit(4, cost=90.0))]) is not slip
     assert winner_of([slip, judged("saturation", gain=0.4, fit=fit(4, cost=110.0))]) is slip
@@ -155,7 +153,7 @@ def test_a_slip_of_the_pen_accounts_for_all_or_did_not_happen() -> None:
     assert winner_of([saturated, judged("input-bias", gain=0.4, fit=fit(4, cost=90.0))]) is saturated
 
 
-def test_of_causes_as_likely_the_more_usual_comes_first_and_a_likelier_one_before_both() -> None:
+def test_equally_likely_causes_are_ordered_by_how_usual_they_are() -> None:
     late = judged("measurement-delay", evidence=50.0)
     usual = judged("input-delay", evidence=50.0 - 0.9 * ALIKE)
     far = judged("input-delay", evidence=50.0 - 1.1 * ALIKE)
@@ -189,7 +187,7 @@ def test_the_error_ratio_is_the_geometric_mean_over_signals() -> None:
 OLD, NEW = [2.0, -2.0, 2.0, -2.0], [1.0, -1.0, 1.0, -1.0]
 
 
-def luck(before: HeldOut, after: HeldOut, *, numbers: int = 0, tried: int = 1, raised: float = 1.0) -> float:
+def p_value_of(before: HeldOut, after: HeldOut, *, numbers: int = 0, tried: int = 1, raised: float = 1.0) -> float:
     return p_value(before, after, {"r": 0.5, "psi": 0.5}, raised, numbers, tried)
 
 
@@ -197,7 +195,7 @@ def many(values: Sequence[float], n: int = 10, **options: Any) -> Residual:
     return rest([*values] * n, **options)
 
 
-def test_luck_is_the_inverse_of_the_split_likelihood_ratio_times_the_tries() -> None:
+def test_the_p_value_is_the_inverse_split_likelihood_ratio_times_the_tries() -> None:
     level = {"r": 1.0}
     gained = 0.5 * 40 * (math.log(4.0) + 1.0) - 0.5 * 40 * 1.0
     for numbers, tried, raised in ((0, 1, 1.0), (2, 1, 1.0), (2, 7, 1.0), (2, 7, 3.0)):
@@ -206,7 +204,7 @@ def test_luck_is_the_inverse_of_the_split_likelihood_ratio_times_the_tries() -> 
     assert p_value(held(many(OLD)), held(many(NEW)), level, 1.0, 0, 10**14) == 1.0
 
 
-def test_luck_goes_by_the_noise_level_of_each_signal() -> None:
+def test_the_p_value_uses_the_noise_level_of_each_signal() -> None:
     old, new, n = [2.0, -2.0, 2.0, -2.0], [1.0, -1.0, 1.0, -1.0], 40
     for level in (0.5, 1.0, 2.0):
         gained = 0.5 * n * (math.log(4.0) + 1.0) - 0.5 * n * (math.log(level**2) + 1.0 / level**2)
@@ -214,14 +212,14 @@ def test_luck_goes_by_the_noise_level_of_each_signal() -> None:
         assert p == pytest.approx(min(1.0, math.exp(-max(gained, 0.0) / 10.0)), rel=1e-9)
 
 
-def test_luck_is_averaged_over_folds_as_e_values_are() -> None:
+def test_the_p_value_is_averaged_over_folds_like_e_values() -> None:
     before = held(many(OLD, fold=0), many(OLD, 2, fold=1))
     after = held(many(NEW, fold=0), many(NEW, 2, fold=1))
     first, second = (p_value(held(many(OLD, n)), held(many(NEW, n)), {"r": 1.0}, 1.0, 0, 1) for n in (10, 2))
     assert p_value(before, after, {"r": 1.0}, 1.0, 0, 1) == pytest.approx(2.0 / (1.0 / first + 1.0 / second))
 
 
-def test_a_penalty_counts_against_the_model_that_pays_it() -> None:
+def test_a_penalty_counts_against_the_model_that_has_it() -> None:
     level = {"r": 1.0}
     plain = p_value(held(many(OLD)), held(many(NEW)), level, 1.0, 0, 1)
     paid_after = p_value(held(many(OLD)), held(many(NEW, penalty=4.0)), level, 1.0, 0, 1)
@@ -229,11 +227,11 @@ def test_a_penalty_counts_against_the_model_that_pays_it() -> None:
     assert (paid_after / plain, paid_before / plain) == (pytest.approx(math.exp(2.0)), pytest.approx(math.exp(-2.0)))
 
 
-def test_a_model_that_ran_away_somewhere_or_saw_other_data_has_all_the_luck() -> None:
+def test_a_diverged_model_or_one_of_other_data_has_p_one() -> None:
     before, after = held(many(OLD)), held(many(NEW))
-    assert luck(before, HeldOut(after.rests, complete=False)) == 1.0
-    assert luck(before, held(*after.rests, *after.rests)) == 1.0
-    assert luck(held(), held()) == 1.0
+    assert p_value_of(before, HeldOut(after.rests, complete=False)) == 1.0
+    assert p_value_of(before, held(*after.rests, *after.rests)) == 1.0
+    assert p_value_of(held(), held()) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -246,7 +244,7 @@ def test_a_model_that_ran_away_somewhere_or_saw_other_data_has_all_the_luck() ->
         ({"r": [0.5] * 12}, False),
     ],
 )
-def test_names_found_in_pieces_stand_where_all_of_them_together_surely_lower_an_error(
+def test_causes_found_in_pieces_are_certain_if_together_they_reduce_an_error(
     after: dict[str, list[float]], is_sure: bool
 ) -> None:
     before = held(*(rest([1.0] * len(left), signal=name) for name, left in after.items()))
@@ -255,7 +253,7 @@ def test_names_found_in_pieces_stand_where_all_of_them_together_surely_lower_an_
     assert _surely_gains(cast(SearchState, searched)) is is_sure
 
 
-def test_blocks_are_cut_alike_and_a_lost_sample_counts_for_the_model_that_lost_it() -> None:
+def test_blocks_are_equal_and_a_missing_sample_is_left_out_of_its_own_model() -> None:
     lost = [*[1.0] * 15, math.nan]
     found, size = blocks([rest([2.0] * 16)], [rest(lost)])
     assert size == 8
@@ -263,7 +261,7 @@ def test_blocks_are_cut_alike_and_a_lost_sample_counts_for_the_model_that_lost_i
     assert blocks([rest([math.nan] * 16)], [rest([1.0] * 16)])[0] == []
 
 
-def test_the_interval_of_a_ratio_holds_it_and_needs_three_blocks() -> None:
+def test_the_interval_of_a_ratio_contains_it_and_needs_three_blocks() -> None:
     noise = np.random.default_rng(4).normal(size=4800)
     low, high = ratio_interval([rest(2.0 * noise)], [rest(noise[::-1])])
     assert low < 0.5 < high
@@ -280,7 +278,7 @@ def segments(runs: int) -> list[Segment]:
 
 
 def problem_of(own: Sequence[Segment]) -> Problem:
-    """Return a problem that only knows its segments, with initial states told by run and first stamp."""
+    """Return a problem with segments only; initial states are identified by run and first stamp."""
 
     def first_states(wanted: Sequence[Segment]) -> tuple[Any, ...]:
         return tuple((s.run, s.start) for s in wanted)
@@ -301,7 +299,7 @@ def samples_of(parts: Sequence[Segment]) -> list[tuple[str, float]]:
         (3, True, "blocks", 4, "4 blocks of every run held out in turn"),
     ],
 )
-def test_what_is_tested_was_not_fitted_and_every_sample_is_tested_once(
+def test_every_sample_is_tested_once_and_never_fitted_in_the_same_fold(
     runs: int, in_blocks: bool, kind: str, folds: int, words: str
 ) -> None:
     own = segments(runs)
@@ -319,7 +317,7 @@ def test_what_is_tested_was_not_fitted_and_every_sample_is_tested_once(
     _starts_belong(parts)
 
 
-def test_runs_kept_apart_are_only_ever_tested() -> None:
+def test_held_out_runs_are_only_tested() -> None:
     own = segments(3)
     parts = parts_of(problem_of(own[:2]), own[2:])
     (fold,) = parts.folds
@@ -329,20 +327,20 @@ def test_runs_kept_apart_are_only_ever_tested() -> None:
 
 
 def _starts_belong(parts: Parts) -> None:
-    told = [[(s.run, s.start) for s in fold.train] for fold in parts.folds]
-    assert [list(states) for states in parts.starts] == told
-    told = [[(s.run, s.start) for s in fold.test] for fold in parts.folds]
-    assert [list(states) for states in parts.tests] == told
+    result = [[(s.run, s.start) for s in fold.train] for fold in parts.folds]
+    assert [list(states) for states in parts.starts] == result
+    result = [[(s.run, s.start) for s in fold.test] for fold in parts.folds]
+    assert [list(states) for states in parts.tests] == result
 
 
 @pytest.mark.parametrize(("evidence", "first"), [(30.0, "sway-moment"), (20.0, "munk-moment")])
-def test_the_same_cause_by_a_plainer_law_is_named_first_where_it_holds_as_well(evidence: float, first: str) -> None:
-    """Which of two laws of one cause is likelier changed with the time that a search was given."""
+def test_the_simpler_law_of_a_cause_is_preferred_if_about_as_likely(evidence: float, first: str) -> None:
+    """Which of two laws of one cause was likelier changed with the time limit of a search."""
     found = winner_of([judged("munk-moment"), judged("sway-moment", evidence=evidence)])
     assert found is not None and found.effect.slug == first
 
 
-def test_a_plainer_law_at_another_place_is_another_cause() -> None:
+def test_a_simpler_law_at_another_place_is_another_cause() -> None:
     elsewhere = replace(judged("sway-moment"), effect=EffectInstance("sway-moment", "pitch", {}))
     found = winner_of([judged("munk-moment", evidence=60.0), elsewhere])
     assert found is not None and found.effect.slug == "munk-moment"
@@ -351,19 +349,17 @@ def test_a_plainer_law_at_another_place_is_another_cause() -> None:
 @pytest.mark.parametrize(
     ("beside", "refuted"), [({"p": 1.0}, True), ({"p": 1e-6}, False), ({"p": 1.0, "evidence": -1.0}, False)]
 )
-def test_what_pays_on_the_runs_fitted_and_foretells_nothing_of_the_others_calls_for_all_together(
-    beside: dict[str, float], refuted: bool
-) -> None:
-    """A run of one size of command knows nothing of a dead zone, and what it does show is predicted wrongly."""
+def test_a_cause_that_improves_only_the_fitted_runs_is_refuted(beside: dict[str, float], refuted: bool) -> None:
+    """A run with one size of command contains nothing about a dead zone, and predicts the others wrongly."""
     assert _refuted(SearchStep(BASE, (judged("input-delay", **beside),), None)) is refuted
 
 
-# --- what is told of the numbers found -------------------------------------------------------
+# --- what is reported of the estimates -------------------------------------------------------
 
 
-@pytest.mark.parametrize(("error", "told"), [(0.1, True), (1.0, True), (1.2, False), (40.0, False), (1e9, False)])
-def test_no_inertia_is_told_only_where_the_runs_allow_none_that_they_would_have_shown(
-    error: float, told: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("error", "result"), [(0.1, True), (1.0, True), (1.2, False), (40.0, False), (1e9, False)])
+def test_no_inertia_is_reported_only_if_the_runs_would_have_shown_one(
+    error: float, result: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By hand: 0.05 s may be 0.3 s, three samples, where its relative error is ln 6 / 1.645 = 1.09."""
     form = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
@@ -371,15 +367,15 @@ def test_no_inertia_is_told_only_where_the_runs_allow_none_that_they_would_have_
     summary = SimpleNamespace(data_summary=SimpleNamespace(interval=0.1))
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: error)
     found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=None)
-    assert [d.slug for d in report_builder._weightless(cast(SearchState, found))] == ["no-inertia"] * told
+    assert [d.slug for d in report_builder._weightless(cast(SearchState, found))] == ["no-inertia"] * result
 
 
 @pytest.mark.parametrize(
-    ("dof", "memory", "told"),
+    ("dof", "memory", "result"),
     [("yaw", 0.05, False), ("yaw", 0.4, True), ("yaw", 2.0, False), ("heave", 0.4, False)],
 )
-def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_time_constant(
-    dof: str, memory: float, told: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_brief_correlation_time_is_reported_as_a_possible_time_constant(
+    dof: str, memory: float, result: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     form = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
     quick = SimpleNamespace(base=CoupledModel(form, {"N_rdot": -0.05, "N_r": -1.0}))
@@ -388,4 +384,4 @@ def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_t
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: 0.1)
     found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=weather)
     (doubt,) = report_builder._weightless(cast(SearchState, found))
-    assert ("(or 0.4 s, the correlation time of the disturbance" in doubt.cause) is told
+    assert ("(or 0.4 s, the correlation time of the disturbance" in doubt.cause) is result

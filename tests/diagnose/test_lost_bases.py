@@ -1,4 +1,4 @@
-"""Bases that lose the craft altogether: pieces to begin from, wiring tried anew, what runs of one size can tell."""
+"""Base fits that fail: starts from pieces, wiring tried again, and what runs of one size can identify."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from gcs_autotune.identify.signals import prepare_as_recorded
 pytestmark = pytest.mark.slow
 
 
-def named(told) -> list[str]:
-    return [cause.effect.slug for cause in told.causes]
+def slugs_of(result) -> list[str]:
+    return [cause.effect.slug for cause in result.causes]
 
 
-def test_drag_is_found_from_a_base_that_has_none_and_drifts_away_within_seconds() -> None:
+def test_drag_is_identified_from_a_base_without_drag_that_diverges_within_seconds() -> None:
     """A blind case that ended `unexplained` before pieces were tried as well."""
     found = run_case("single", 9101, 1, "linear-drag")
     assert (found.verdict, found.causes) == ("effect-found", ["linear-drag"])
 
 
-def test_a_rudder_stalled_so_deep_that_more_helm_turns_the_craft_back_is_found() -> None:
+def test_a_rudder_so_stalled_that_more_helm_turns_less_is_identified() -> None:
     stalled = ("rudder-stall", "N", {"angle": 0.4, "drop": 1.5})
-    told = diagnose(squares(0.35, 0.5, 0.6, period=6.0, effects=[stalled]))
-    assert told.verdict == "effect-found"
-    assert named(told) == ["rudder-stall"]
-    assert told.causes[0].parameters["angle"].value == pytest.approx(0.4, rel=0.05)
+    result = diagnose(squares(0.35, 0.5, 0.6, period=6.0, effects=[stalled]))
+    assert result.verdict == "effect-found"
+    assert slugs_of(result) == ["rudder-stall"]
+    assert result.causes[0].parameters["angle"].value == pytest.approx(0.4, rel=0.05)
 
 
-def test_where_no_run_is_foretold_by_the_others_blocks_of_every_run_are_left_out() -> None:
+def test_blocks_of_every_run_are_held_out_if_no_run_predicts_the_others() -> None:
     runs = squares(0.3, 1.0, period=6.0, effects=[("saturation", "N", {"limit": 0.6})])
     form = plain_form(runs)
     segments = prepare_as_recorded(runs, form)[0]
@@ -60,20 +60,20 @@ def test_where_no_run_is_foretold_by_the_others_blocks_of_every_run_are_left_out
     assert begun.parts.kind == "runs", "a state never changes"
 
 
-def test_a_limit_that_only_the_runs_kept_apart_tell_is_found_in_all_together_and_that_is_said() -> None:
+def test_a_limit_visible_only_in_the_held_out_runs_is_found_from_all_runs_and_reported() -> None:
     *runs, unseen = squares(0.8, 1.0, 0.3, period=6.0, effects=[("saturation", "N", {"limit": 0.6})])
-    told = diagnose(runs, unseen=[unseen])
-    assert "saturation" in {slug for group in (*told.indistinguishable, named(told)) for slug in group}
-    assert "validation-was-needed" in {doubt.slug for doubt in told.doubts}
+    result = diagnose(runs, unseen=[unseen])
+    assert "saturation" in {slug for group in (*result.indistinguishable, slugs_of(result)) for slug in group}
+    assert "validation-was-needed" in {doubt.slug for doubt in result.doubts}
 
 
-def test_a_change_of_mass_is_dated_right_although_some_swings_too_late_fits_nearly_as_well() -> None:
+def test_a_change_of_mass_is_dated_correctly_although_a_later_time_fits_nearly_as_well() -> None:
     """A blind case that ended `unexplained` before other moments were tried."""
     found = run_case("single", 9101, 2, "mass-change")
     assert (found.verdict, found.causes) == ("effect-found", ["mass-change"])
 
 
-def test_signals_are_read_as_they_were_before_a_wrong_sign_or_unit() -> None:
+def test_wrong_signs_and_units_are_undone_in_the_signals() -> None:
     (run, *_) = towed()
     form = plain_form([run])
     (segment,) = prepare_as_recorded([run], form)[0]
@@ -84,31 +84,31 @@ def test_signals_are_read_as_they_were_before_a_wrong_sign_or_unit() -> None:
     assert undo_data_errors([EffectInstance("sign-error", "psi@another", {})], segment) is segment
 
 
-def test_a_heading_that_counts_the_other_way_is_found_on_a_boat_whose_way_over_ground_is_measured() -> None:
-    told = diagnose(sailed(("sign-error", "psi", {}), samples=125), effects=["sign-error", "channel-swap"])
-    assert told.verdict == "effect-found"
-    assert [(c.effect.slug, c.effect.place) for c in told.causes] == [("sign-error", "psi")]
+def test_a_reversed_heading_is_identified_on_a_boat_with_a_measured_track() -> None:
+    result = diagnose(sailed(("sign-error", "psi", {}), samples=125), effects=["sign-error", "channel-swap"])
+    assert result.verdict == "effect-found"
+    assert [(c.effect.slug, c.effect.place) for c in result.causes] == [("sign-error", "psi")]
 
 
-def test_of_two_columns_that_disagree_by_a_unit_either_may_be_wrong_and_that_is_said() -> None:
-    told = diagnose(towed(("unit-error", "psi", {"factor": 180.0 / math.pi})), effects=["unit-error", "time-scale"])
-    assert named(told) == ["unit-error"]
-    (doubt,) = (d for d in told.doubts if d.slug == "another-place")
+def test_either_of_two_columns_that_disagree_by_a_unit_is_reported_as_possibly_wrong() -> None:
+    result = diagnose(towed(("unit-error", "psi", {"factor": 180.0 / math.pi})), effects=["unit-error", "time-scale"])
+    assert slugs_of(result) == ["unit-error"]
+    (doubt,) = (d for d in result.doubts if d.slug == "another-place")
     assert {"psi", "r"} <= set(doubt.cause.replace(",", "").split())
     assert "0.01745" in doubt.cause
     assert "57.3" in doubt.cause
 
 
-def test_late_sensors_and_late_commands_are_named_together_as_only_the_time_before_the_runs_could_tell() -> None:
+def test_late_sensors_and_late_commands_are_reported_as_indistinguishable() -> None:
     runs = towed(("measurement-delay", "psi+r", {"delay": 0.5}), noise=0.02)
-    told = diagnose(runs, effects=["input-delay", "measurement-delay", "gyro-bias"])
-    assert told.verdict == "effect-found"
-    assert any({"input-delay", "measurement-delay"} <= set(group) for group in told.indistinguishable)
+    result = diagnose(runs, effects=["input-delay", "measurement-delay", "gyro-bias"])
+    assert result.verdict == "effect-found"
+    assert any({"input-delay", "measurement-delay"} <= set(group) for group in result.indistinguishable)
 
 
-def test_a_heading_in_degrees_that_says_radians_is_found_although_the_fit_took_it_for_thirteen_turns() -> None:
-    """A blind case that ended `unexplained` before headings were put back by whole turns."""
+def test_a_heading_in_degrees_labelled_radians_is_identified() -> None:
+    """A blind case that ended `unexplained` before headings were corrected by whole turns."""
     case = draw_case("single", 9103, 2, "unit-error")
     effects = ["unit-error", "sign-error", "compass-deviation"]
-    told = diagnose(list(case.runs), unseen=list(case.unseen), effects=effects)
-    assert (told.verdict, named(told)) == ("effect-found", ["unit-error"])
+    result = diagnose(list(case.runs), unseen=list(case.unseen), effects=effects)
+    assert (result.verdict, slugs_of(result)) == ("effect-found", ["unit-error"])

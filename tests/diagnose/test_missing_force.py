@@ -1,4 +1,4 @@
-"""The force that no name accounts for, over what it may go with."""
+"""The force that no cause explains, as curves over the quantities it may depend on."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_commands_of_two_sizes_have_a_curve_of_two_points():
     assert curve.share > 0.8
 
 
-def test_of_a_quantity_that_takes_any_value_means_are_told_along_it():
+def test_a_continuous_quantity_has_a_curve_of_means():
     curve = _curve_over("x", "", estimates(lambda rng, n: rng.normal(size=n), lambda x: 0.3 * x))
     assert curve is not None
     assert len(curve.x) == 9
@@ -46,13 +46,13 @@ def test_a_single_run_is_predicted_by_its_other_half():
     assert _curve_over("x", "", found[:1]).predicted_by == "the other half of the run"
 
 
-def test_what_never_changed_has_no_curve():
+def test_a_constant_quantity_has_no_curve():
     assert _curve_over("x", "", estimates(lambda rng, n: np.ones(n), lambda x: x)) is None
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_thrusters_whose_labels_are_exchanged_are_told(swapped):
-    """A lake boat turned the other way than its labels said, and no word was lost about it."""
+def test_thrusters_with_exchanged_labels_are_reported(swapped):
+    """A lake boat turned opposite to its labels, and nothing was reported."""
     step, samples = 0.1, 600
     t, rng = step * np.arange(samples), np.random.default_rng(3)
     push = 2.0 * np.sign(np.sin(0.5 * t))
@@ -66,7 +66,7 @@ def test_thrusters_whose_labels_are_exchanged_are_told(swapped):
     }
     run = Trial("lake", channels)
     assert plain_form([run], "yaw").inputs["force_right"] == (("N", "-k_N"),)
-    said = {d.slug: d.cause for d in diagnose(run, dof="yaw", effects=["quadratic-drag"]).doubts}
-    assert ("reversed-input" in said) == swapped
+    text = {d.slug: d.cause for d in diagnose(run, dof="yaw", effects=["quadratic-drag"]).doubts}
+    assert ("reversed-input" in text) == swapped
     if swapped:
-        assert said["reversed-input"].endswith("force_left, force_right act opposite to their names")
+        assert text["reversed-input"].endswith("force_left, force_right act opposite to their names")

@@ -1,4 +1,4 @@
-"""Records that say they swung yaw: what else moved in them is named, with the option that looks at it."""
+"""Records of a yaw oscillation: other motion in them is reported, with the option that analyses it."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_a_boat_that_turns_without_sliding_at_steady_speed_moves_in_yaw_only(mea
     assert moved_too([flown(measured=measured)], ("yaw",)) == []
 
 
-def test_what_moved_and_nothing_recorded_drives_is_named_with_what_to_record():
+def test_a_motion_without_recorded_inputs_is_reported_with_the_inputs_to_record():
     run = flown(COUPLED)
     without = replace(run, channels={n: c for n, c in run.channels.items() if n != "X"})
     (doubt,) = moved_too([without], ("yaw",))
@@ -60,25 +60,25 @@ def test_what_moved_and_nothing_recorded_drives_is_named_with_what_to_record():
     assert doubt.cure == "record their inputs (X)"
 
 
-def test_noise_on_a_speed_is_no_motion():
+def test_noise_on_a_speed_is_not_motion():
     assert moved_besides([flown(thrust=0.0, noise=0.5)], {"yaw"}) == {}
 
 
 @pytest.mark.slow
-def test_a_diagnosis_of_yaw_alone_says_so_where_its_verdict_stands():
+def test_a_diagnosis_of_yaw_alone_states_so_in_its_verdict():
     run = flown(COUPLED)
-    told = diagnose(run, effects=["input-bias"])
-    assert MOVED_TOO in {d.slug for d in told.doubts}
-    assert verdict_of(told).sentences[-1].startswith("Only yaw was analysed, but ")
-    asked = diagnose(run, dof="yaw", effects=["input-bias"])
-    assert MOVED_TOO not in {d.slug for d in asked.doubts}
+    result = diagnose(run, effects=["input-bias"])
+    assert MOVED_TOO in {d.slug for d in result.doubts}
+    assert verdict_of(result).sentences[-1].startswith("Only yaw was analysed, but ")
+    requested = diagnose(run, dof="yaw", effects=["input-bias"])
+    assert MOVED_TOO not in {d.slug for d in requested.doubts}
     whole = diagnose(run, dof="horizontal", effects=["input-bias"])
     assert MOVED_TOO not in {d.slug for d in whole.doubts}
 
 
-def test_an_identification_of_yaw_alone_says_so():
+def test_an_identification_of_yaw_alone_has_a_doubt():
     run = flown(COUPLED)
-    told = study([run], [], StudySettings(check=False), "")
-    assert [d.slug for d in told.fit.doubts if d.slug == MOVED_TOO]
-    asked = study([run], [], StudySettings(dof="yaw", check=False), "")
-    assert not [d.slug for d in asked.fit.doubts if d.slug == MOVED_TOO]
+    result = study([run], [], StudySettings(check=False), "")
+    assert [d.slug for d in result.fit.doubts if d.slug == MOVED_TOO]
+    requested = study([run], [], StudySettings(dof="yaw", check=False), "")
+    assert not [d.slug for d in requested.fit.doubts if d.slug == MOVED_TOO]

@@ -1,4 +1,4 @@
-"""What our own runs hold besides their manoeuvre, and constants beside forces that drift."""
+"""Runs of the program itself: what they contain apart from the manoeuvre, and constant forces among drifting ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from runs_in_the_tank import towed
-from test_process_noise import as_from_a_log, nobody, weathered
+from test_process_noise import as_from_a_log, drifting_runs, no_progress
 
 from benchmarks import own_runs
 from gcs_autotune.diagnose import diagnose, process_noise, strategies
@@ -66,7 +66,7 @@ def thrusts(levels: Sequence[float], samples: int) -> Array:
     return np.asarray(np.repeat(levels, math.ceil(samples / len(levels)))[:samples], dtype=np.float64)
 
 
-def test_approach_and_clean_up_of_an_own_run_are_left_out() -> None:
+def test_approach_and_clean_up_of_a_run_of_the_program_are_left_out() -> None:
     thrust = np.concatenate([np.linspace(0.0, 0.8, 20), np.full(300, 0.8), np.linspace(0.8, 0.0, 10)])
     run = steered(thrust, helm(330, 2))
     part = within_manoeuvre(run, ["N"])
@@ -106,7 +106,7 @@ def turned(largest: float, astern: float, seed: int) -> Trial:
     return replace(run, channels={**run.channels, "N": Channel("N", "1", run["N"].t, steering)})
 
 
-def found_of_thrusters(largest: float, seed: int) -> dict[tuple[str, str], float]:
+def causes_with_thrusters(largest: float, seed: int) -> dict[tuple[str, str], float]:
     runs = [turned(largest, 0.5, 10 * seed + k) for k in range(2)]
     slugs = ["input-bias", "asymmetric-thrust", "saturation", "quadratic-actuator", "actuator-lag", "time-offset"]
     found = diagnose(runs, dof="yaw", effects=slugs)
@@ -114,17 +114,17 @@ def found_of_thrusters(largest: float, seed: int) -> dict[tuple[str, str], float
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_two_thrusters_that_are_weaker_astern_are_identified_where_hard_turns_take_one_there(seed: int) -> None:
-    found = found_of_thrusters(0.8, seed)
+def test_thrusters_weaker_astern_are_identified_if_hard_turns_run_one_astern(seed: int) -> None:
+    found = causes_with_thrusters(0.8, seed)
     assert set(found) == {("input-bias", "yaw"), ("asymmetric-thrust", "N+X")}
     assert found["asymmetric-thrust", "N+X"] == pytest.approx(0.5, abs=0.05)
 
 
-def test_two_thrusters_that_never_went_astern_do_not_show_which_way_they_are_weaker() -> None:
-    assert set(found_of_thrusters(0.4, 4)) == {("input-bias", "yaw")}
+def test_thrusters_that_never_ran_astern_show_no_asymmetry() -> None:
+    assert set(causes_with_thrusters(0.4, 4)) == {("input-bias", "yaw")}
 
 
-def test_runs_that_are_each_flown_once_complete_each_other() -> None:
+def test_different_manoeuvres_flown_once_each_count_as_one_flight() -> None:
     run = steered(np.full(60, 0.8), helm(60, 1))
     relays = [replace(run, meta={"manoeuvre": "relay", "C": size}) for size in (0.15, 0.3, 0.9)]
     assert is_one_flight([run, *relays])
@@ -134,7 +134,7 @@ def test_runs_that_are_each_flown_once_complete_each_other() -> None:
 
 
 @pytest.mark.parametrize(("way", "still"), [(0.0, True), (0.5, False)])
-def test_nothing_goes_with_a_velocity_that_is_noise(way: float, still: bool) -> None:
+def test_no_effect_depends_on_a_velocity_that_is_only_noise(way: float, still: bool) -> None:
     rng, run = np.random.default_rng(1), steered(np.full(300, 0.8), helm(300, 1))
     u = Channel("u", "m/s", run["psi"].t, way + 0.02 * rng.normal(size=300))
     run = replace(run, channels={**run.channels, "u": u})
@@ -144,7 +144,7 @@ def test_nothing_goes_with_a_velocity_that_is_noise(way: float, still: bool) -> 
     assert any("u" in place for place in EFFECTS["velocity-product"].places(data)) is not still
 
 
-def test_thrust_that_a_relay_cannot_tell_from_backlash_is_called_a_dead_zone() -> None:
+def test_thrust_that_a_relay_cannot_distinguish_from_backlash_is_reported_as_a_dead_zone() -> None:
     runs = []
     for k, size in enumerate((0.15, 0.3, 0.9)):
         command = np.asarray(size * np.where(np.arange(300) // 15 % 2, 1.0, -1.0), dtype=np.float64)
@@ -159,7 +159,7 @@ def test_thrust_that_a_relay_cannot_tell_from_backlash_is_called_a_dead_zone() -
 
 
 @pytest.mark.slow
-def test_a_moment_that_a_recorded_command_explains_is_no_change_of_mass() -> None:
+def test_a_moment_that_a_recorded_command_explains_is_not_reported_as_a_change_of_mass() -> None:
     falling = thrusts([0.9, 0.7], 400)
     runs = [steered(falling, helm(400, k), seed=k) for k in (3, 4)]
     found = diagnose(runs, dof="yaw", effects=["input-bias", "mass-change"])
@@ -172,37 +172,37 @@ def test_a_change_of_mass_that_no_command_explains_is_identified() -> None:
     assert [c.effect.slug for c in found.causes] == ["mass-change"]
 
 
-def test_inertia_that_follows_a_command_is_a_rival_of_every_change_in_time() -> None:
+def test_a_change_of_mass_is_the_only_effect_that_happens_at_a_time() -> None:
     assert [s for s, e in EFFECTS.items() if e.happens_at] == ["mass-change"]
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_constant_force_is_no_process_noise(seed: int) -> None:
-    """A drifting force with a long memory is a constant, and stood in its place."""
+def test_a_constant_force_is_not_taken_for_process_noise(seed: int) -> None:
+    """A drifting force with a long memory is a constant, and replaced it."""
     problem, base = as_from_a_log(towed(("input-bias", "yaw", {"bias": 0.3}), seed=seed))
-    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
+    found = search_with_process_noise(problem, base, ("input-bias",), (), no_progress)
     assert found is not None
     assert found.calm < PRESENT
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_constant_is_identified_beside_process_noise(seed: int) -> None:
-    problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0, days=[(0.15, 0.0)] * 3))
-    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
+def test_a_constant_force_is_identified_together_with_process_noise(seed: int) -> None:
+    problem, base = as_from_a_log(drifting_runs(seed, size=0.1, memory=1.0, offsets=[(0.15, 0.0)] * 3))
+    found = search_with_process_noise(problem, base, ("input-bias",), (), no_progress)
     assert found is not None and found.calm > PRESENT
     assert [a.effect.slug for a in found.accepted] == ["input-bias"]
     assert found.accepted[0].effect["bias"] == pytest.approx(0.15, abs=0.06)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_process_noise_alone_has_no_constant(seed: int) -> None:
-    problem, base = as_from_a_log(weathered(seed, size=0.1, memory=1.0))
-    found = search_with_process_noise(problem, base, ("input-bias",), (), nobody)
+def test_process_noise_alone_yields_no_constant_force(seed: int) -> None:
+    problem, base = as_from_a_log(drifting_runs(seed, size=0.1, memory=1.0))
+    found = search_with_process_noise(problem, base, ("input-bias",), (), no_progress)
     assert found is not None
     assert found.accepted == ()
 
 
-def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() -> None:
+def test_the_missing_force_has_intervals_and_a_note_when_it_may_be_constant() -> None:
     noise, covariance = ProcessNoise(0.1, 20.0, 1e-3), np.diag([0.0, 0.0, 0.1**2, 0.7**2, 0.0])
     fit = NoisyFit(cast(Any, None), np.ones(2), (), ("k_N", "N_r"), (), noise, np.ones(1), covariance, ())
     assert fit.interval_of("size") == pytest.approx((0.082, 0.122), abs=0.001)
@@ -218,13 +218,13 @@ def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() ->
     assert missing.to_dict()["memory95"] == [5.07, 78.9]
 
 
-def test_a_motion_that_did_not_happen_explains_no_force() -> None:
+def test_a_motion_within_the_noise_explains_no_force() -> None:
     noise = 0.02 * np.random.default_rng(1).normal(size=600)
     assert not moves(noise)
     assert moves(noise + 0.2 * np.sin(0.05 * np.arange(600)))
 
 
-def test_a_curve_whose_band_holds_a_constant_varies_with_nothing() -> None:
+def test_a_curve_whose_band_contains_a_constant_does_not_vary() -> None:
     x, force = np.arange(4.0), np.array([0.10, 0.12, 0.11, 0.13])
     assert not MissingCurve("v", "m/s", x, force, np.full(4, 0.05), 0.6).varies
     assert MissingCurve("v", "m/s", x, force, np.full(4, 0.005), 0.6).varies
@@ -250,7 +250,7 @@ def test_curves_of_thrust_and_drag_replace_the_constant_that_was_tried_first() -
     levels = (0.3, 0.8, 0.5, 0.2, 0.7, 0.35, 0.9, 0.4)
     problem, base = as_from_a_log([pushed_ahead(40 + k, np.roll(levels, k).tolist()) for k in range(3)])
     slugs = ("input-bias", "quadratic-drag", "quadratic-actuator")
-    found = search_with_process_noise(problem, base, slugs, (), nobody)
+    found = search_with_process_noise(problem, base, slugs, (), no_progress)
     assert found is not None
     assert {a.effect.slug for a in found.accepted} == {"quadratic-drag", "quadratic-actuator"}
 
@@ -258,7 +258,7 @@ def test_curves_of_thrust_and_drag_replace_the_constant_that_was_tried_first() -
 def dead_and_square(seed: int) -> list[Trial]:
     """Return runs of a craft with a dead zone of 0.3 and quadratic drag, in a drifting moment."""
     found = []
-    for run in weathered(seed, square=0.0, size=0.05):
+    for run in drifting_runs(seed, square=0.0, size=0.05):
         N, psi = run["N"], run["psi"]
         rng, heading, r, path = np.random.default_rng(seed), 0.0, 0.0, np.empty(len(N))
         for k, u in enumerate(N.values):
@@ -273,20 +273,20 @@ def dead_and_square(seed: int) -> list[Trial]:
 
 
 @pytest.mark.slow
-def test_two_causes_are_accepted_together_where_each_alone_is_not_sure() -> None:
+def test_two_causes_are_accepted_together_if_neither_is_certain_alone() -> None:
     problem, base = as_from_a_log(dead_and_square(1))
     slugs = ("quadratic-drag", "dead-zone")
-    found = search_with_process_noise(problem, base, slugs, (), nobody)
+    found = search_with_process_noise(problem, base, slugs, (), no_progress)
     assert found is not None and found.steps
     first = next(j for j in found.steps[0].judged if j.effect.slug == "quadratic-drag")
     unsure = replace(first, lacks="not-sure", gained=first.needed + 1.0)
     step = replace(found.steps[0], judged=(unsure,), accepted=None)
     begun = replace(found, steps=(), fit=found.plain)
-    pair = process_noise._pair(begun, step, slugs, nobody)
+    pair = process_noise._pair(begun, step, slugs, no_progress)
     assert pair is not None
     assert {a.effect.slug for a in pair.accepted} == {"quadratic-drag", "dead-zone"}
     weak = replace(step, judged=(replace(unsure, lacks="weak"),))
-    assert process_noise._pair(begun, weak, slugs, nobody) is None
+    assert process_noise._pair(begun, weak, slugs, no_progress) is None
 
 
 def with_forces(run: Trial, slugs: Sequence[str]) -> SearchState:
@@ -300,7 +300,7 @@ def with_forces(run: Trial, slugs: Sequence[str]) -> SearchState:
     return state.with_model(fit)
 
 
-def test_two_forces_that_cancel_but_for_a_constant_become_that_constant() -> None:
+def test_two_forces_that_cancel_except_for_a_constant_are_replaced_by_it() -> None:
     state = with_forces(steered(np.full(300, 0.8), helm(300, 5)), ["wind-moment", "tether-pull"])
     plain = strategies.plain_constants(state)
     assert plain is not None
@@ -326,7 +326,7 @@ def test_a_wind_that_the_runs_show_is_not_replaced_by_a_constant() -> None:
     assert strategies.plain_constants(state) is None
 
 
-def test_a_flight_that_the_vehicle_refused_is_not_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flight_that_the_vehicle_rejected_is_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     flights = []
 
     def refuse(case: own_runs.Case, place: Path) -> None:

@@ -23,29 +23,29 @@ def table(seed: int = 0, scatter: float = 0.03, level: np.ndarray[Any, Any] = LE
     return ParameterTable("made up", level, inertia * spoiled.get("inertia", 1.0), drag * spoiled.get("drag", 1.0))
 
 
-def told(table: ParameterTable, question: str, quantity: str, where: str = "") -> TableFinding:
+def finding(table: ParameterTable, question: str, quantity: str, where: str = "") -> TableFinding:
     return next(
         f for f in diagnose_table(table) if (f.question, f.quantity) == (question, quantity) and where in f.where
     )
 
 
-def test_a_table_of_one_craft_shows_nothing() -> None:
+def test_a_consistent_table_has_no_finding() -> None:
     answers = [f.answer for seed in range(40) for f in diagnose_table(table(seed))]
     assert answers.count("yes") <= 0.01 * len(answers)
 
 
-def test_thrust_that_does_not_arrive_at_one_level_raises_both() -> None:
+def test_missing_thrust_at_one_level_raises_inertia_and_drag() -> None:
     more = np.where(LEVELS == 3.0, 1.3, 1.0)
-    found = [told(table(seed, inertia=more, drag=more), "level", "inertia", "= 3") for seed in range(20)]
+    found = [finding(table(seed, inertia=more, drag=more), "level", "inertia", "= 3") for seed in range(20)]
     sure = [f for f in found if f.answer == "yes"]
     assert len(sure) >= 15
     assert np.mean([f.share for f in found]) == pytest.approx(0.3, abs=0.02)
     assert sum("of the stated thrust is missing" in f.reading for f in sure) >= 0.9 * len(sure)
 
 
-def test_another_load_at_one_level_raises_the_inertia_alone() -> None:
+def test_another_load_at_one_level_raises_only_the_inertia() -> None:
     loaded = np.where(LEVELS == 4.0, 1.25, 1.0)
-    found = [told(table(seed, inertia=loaded), "level", "inertia", "= 4") for seed in range(20)]
+    found = [finding(table(seed, inertia=loaded), "level", "inertia", "= 4") for seed in range(20)]
     sure = [f for f in found if f.answer == "yes"]
     assert len(sure) >= 15
     assert all(f.reading.startswith("only inertia deviates") for f in sure)
@@ -53,31 +53,31 @@ def test_another_load_at_one_level_raises_the_inertia_alone() -> None:
 
 def test_a_dead_zone_shows_at_the_smallest_input() -> None:
     lost = LEVELS / (LEVELS - 0.25)
-    found = told(table(inertia=lost, drag=lost), "smallest-input", "drag")
+    found = finding(table(inertia=lost, drag=lost), "smallest-input", "drag")
     assert found.answer in ("yes", "cannot tell")
     assert found.share > 0.15
-    trend = told(table(inertia=lost, drag=lost, scatter=0.005), "trend", "drag")
+    trend = finding(table(inertia=lost, drag=lost, scatter=0.005), "trend", "drag")
     assert trend.share < 0.0
 
 
-def test_asymmetric_thrust_shows_in_the_sign() -> None:
+def test_asymmetric_thrust_shows_in_the_comparison_of_signs() -> None:
     level = np.concatenate([-LEVELS, LEVELS])
     less = np.where(level < 0.0, 1.2, 1.0)
-    found = told(table(level=level, inertia=less, drag=less), "sign", "drag")
+    found = finding(table(level=level, inertia=less, drag=less), "sign", "drag")
     assert found.answer == "yes"
     assert found.share == pytest.approx(1.0 / 1.2 - 1.0, abs=0.03)
     assert "asymmetric thrust" in found.reading
-    assert told(table(level=level), "sign", "drag").answer == "no"
+    assert finding(table(level=level), "sign", "drag").answer == "no"
 
 
-def test_one_wrong_row_is_named() -> None:
+def test_one_wrong_row_is_reported() -> None:
     wrong = np.ones(len(LEVELS))
     wrong[8] = 1.5
     rows = [f for f in diagnose_table(table(inertia=wrong)) if f.question == "row"]
     assert [f.where.split(" (")[0] for f in rows] == ["row 9"]
 
 
-def test_too_few_rows_or_values_that_make_no_sense_are_refused() -> None:
+def test_too_few_rows_and_invalid_values_are_rejected() -> None:
     with pytest.raises(NotInformative, match="2 rows"):
         diagnose_table(ParameterTable("short", np.ones(2), np.ones(2), np.ones(2)))
     with pytest.raises(NotInformative, match="positive"):
@@ -96,30 +96,30 @@ def test_automarine_at_the_largest_input_has_a_larger_inertia_and_the_same_drag(
     published: dict[str, ParameterTable],
 ) -> None:
     automarine = published["AutoMarine, IS-O"]
-    found = told(automarine, "level", "inertia", "6.46")
+    found = finding(automarine, "level", "inertia", "6.46")
     assert found.answer == "yes"
     assert 0.15 < found.share < 0.28
-    assert told(automarine, "level", "drag", "6.46").answer != "yes"
+    assert finding(automarine, "level", "drag", "6.46").answer != "yes"
     assert found.reading.startswith("only inertia deviates")
 
 
-def test_automarine_steps_cannot_tell_the_signs_apart(published: dict[str, ParameterTable]) -> None:
+def test_automarine_steps_cannot_distinguish_the_signs(published: dict[str, ParameterTable]) -> None:
     for quantity in ("inertia", "drag"):
-        found = told(published["AutoMarine, steps"], "sign", quantity)
+        found = finding(published["AutoMarine, steps"], "sign", quantity)
         assert found.answer == "cannot tell"
         assert found.ci95[0] < 0.0 < found.ci95[1]
 
 
-def test_the_smallest_inputs_cannot_be_told_from_scatter(published: dict[str, ParameterTable]) -> None:
+def test_the_smallest_inputs_cannot_be_distinguished_from_scatter(published: dict[str, ParameterTable]) -> None:
     assert len(published) >= 3
     for one in published.values():
-        assert told(one, "smallest-input", "drag").answer == "cannot tell"
+        assert finding(one, "smallest-input", "drag").answer == "cannot tell"
 
 
 def test_automarine_steps_show_quadratic_drag_and_videoray_a_mixture(published: dict[str, ParameterTable]) -> None:
-    steps = told(published["AutoMarine, steps"], "drag-order", "linear drag")
+    steps = finding(published["AutoMarine, steps"], "drag-order", "linear drag")
     assert steps.share == pytest.approx(2.0, abs=0.1)
-    rov = told(published["VideoRay, IS-O"], "drag-order", "linear drag")
+    rov = finding(published["VideoRay, IS-O"], "drag-order", "linear drag")
     assert 1.0 < rov.ci95[0] < rov.ci95[1] < 2.0
 
 

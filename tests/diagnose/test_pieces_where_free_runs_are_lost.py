@@ -1,4 +1,4 @@
-"""Runs in gusts: a horizon cuts them, a second look names hypotheses at most, and calm runs need none."""
+"""Runs in gusts: a horizon cuts them into pieces, which yield hypotheses at most; calm runs are not cut."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FEW = ("dead-zone", "input-bias", "quadratic-drag", "compass-deviation")
 
 
 def sailed(seed: int, gusts: float, width: float, n: int = 900) -> Trial:
-    """Return a yaw run of *n* samples under steps, with a moment that wanders and a dead zone."""
+    """Return a yaw run of *n* samples under steps, with a drifting moment and a dead zone."""
     rng = np.random.default_rng(seed)
     t = 0.1 * np.arange(n)
     N = np.repeat(rng.uniform(-0.6, 0.6, n // 30 + 1), 30)[:n]
@@ -46,7 +46,7 @@ def test_pieces_are_no_longer_than_the_horizon_and_keep_every_sample_and_command
     assert within_horizon(segments, math.inf)[0] is segments[0]
 
 
-def test_a_horizon_that_makes_no_sense_is_refused() -> None:
+def test_an_invalid_horizon_is_rejected() -> None:
     with pytest.raises(UsageError, match="horizon"):
         diagnose(sailed(1, 0.0, 0.0), effects=FEW, horizon=0.0)
 
@@ -60,7 +60,7 @@ def test_in_gusts_a_cause_is_a_hypothesis_at_most() -> None:
     assert not short or named
 
 
-def test_calm_runs_are_not_cut() -> None:
+def test_runs_without_process_noise_are_not_cut() -> None:
     diagnosis = diagnose([sailed(seed, 0.0, 0.15) for seed in (2, 3)], effects=FEW)
     assert diagnosis.verdict == "effect-found"
     assert all(d.slug != "short-horizon" for d in diagnosis.doubts)
@@ -68,7 +68,7 @@ def test_calm_runs_are_not_cut() -> None:
     assert "pieces" not in diagnosis.gain.held_out
 
 
-def test_pieces_asked_for_make_a_name_sure_only_where_whole_runs_are_foretold_as_well() -> None:
+def test_a_cause_found_with_a_requested_horizon_is_certain_only_if_whole_runs_are_predicted() -> None:
     calm = diagnose([sailed(seed, 0.0, 0.15) for seed in (2, 3)], effects=("dead-zone",), horizon=30.0)
     assert (calm.verdict, [c.effect.slug for c in calm.causes]) == ("effect-found", ["dead-zone"])
     gusty = diagnose([sailed(seed, 0.0003, 0.15) for seed in (2, 3)], effects=("dead-zone",), horizon=3.0)

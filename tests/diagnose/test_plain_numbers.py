@@ -1,4 +1,4 @@
-"""Gain, time constant, delay and trim of somebody else's simulator against the runs."""
+"""Gain, time constant, delay and trim of a foreign simulator compared with the runs."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def held(size, drag, square):
 
 
 @pytest.mark.parametrize(("drag", "square"), [(1.0, 0.0), (0.5, 0.8), (0.0, 1.5)])
-def test_numbers_of_a_simulator_are_those_of_a_step_as_large_as_the_commands(drag, square):
+def test_the_numbers_of_a_simulator_are_those_of_a_step_of_command_size(drag, square):
     runs = towed(noise=0.0)
     theirs = made_by(runs, inertia=1.6, drag=drag, square=square, gain=0.8, delay=0.4, trim=0.1)
     driven = [replace(s, channels={**s.channels, "N": r["N"]}) for s, r in zip(theirs, runs, strict=True)]
@@ -68,12 +68,12 @@ def test_numbers_of_a_simulator_are_those_of_a_step_as_large_as_the_commands(dra
     while v < (1.0 - math.exp(-1.0)) * end:
         v += 1e-4 * (size - drag * v - square * v**2) / 1.6
         t += 1e-4
-    told = {kind: n for (kind, _), n in found.items()}
-    assert told["gain"].value == pytest.approx(end / sizes["N"], rel=0.02)
-    assert told["time constant"].value == pytest.approx(t, rel=0.02)
-    assert told["delay"].value == pytest.approx(0.4, abs=0.02)
-    assert told["trim"].value == pytest.approx(-0.1 / 0.8, rel=0.05)
-    for number in told.values():
+    result = {kind: n for (kind, _), n in found.items()}
+    assert result["gain"].value == pytest.approx(end / sizes["N"], rel=0.02)
+    assert result["time constant"].value == pytest.approx(t, rel=0.02)
+    assert result["delay"].value == pytest.approx(0.4, abs=0.02)
+    assert result["trim"].value == pytest.approx(-0.1 / 0.8, rel=0.05)
+    for number in result.values():
         assert 0.0 < number.std < 0.02
 
 
@@ -89,60 +89,60 @@ def test_numbers_of_a_simulator_are_those_of_a_step_as_large_as_the_commands(dra
         ({"drag": 0.0, "square": 3.0}, {"gain of yaw", "time constant of yaw"}),
     ],
 )
-def test_exactly_what_a_simulator_has_wrong_is_told_with_its_interval(wrong, named):
+def test_exactly_the_wrong_numbers_of_a_simulator_are_reported_with_intervals(wrong, named):
     runs = towed()
-    told = diagnose(runs, simulations=made_by(runs, **wrong), effects=FEW)
-    assert told.verdict == "wrong-numbers"
-    assert {n.name for n in told.wrong_numbers} == named
-    assert told.causes == ()
-    assert told.numbers is not None
+    result = diagnose(runs, simulations=made_by(runs, **wrong), effects=FEW)
+    assert result.verdict == "wrong-numbers"
+    assert {n.name for n in result.wrong_numbers} == named
+    assert result.causes == ()
+    assert result.numbers is not None
     right = {"gain of yaw": 1.0, "time constant of yaw": 2.0, "delay of N": 0.0, "trim of N": 0.0}
-    for number in told.numbers.rows:
+    for number in result.numbers.rows:
         assert abs(number.value - right[number.name]) < max(4.0 * number.std, 1e-3), number.name
         assert number.std < 0.05, number.name
         assert number.given_std < 0.05, number.name
 
 
 @pytest.mark.slow
-def test_what_a_cause_accounts_for_is_no_wrong_number_of_the_simulator():
+def test_what_a_cause_explains_is_not_a_wrong_number_of_the_simulator():
     runs = towed(("dead-zone", "N", {"width": 0.15}), seed=2)
-    told = diagnose(runs, simulations=made_by(runs), effects=FEW)
-    assert [c.effect.slug for c in told.causes] == ["dead-zone"]
-    assert told.verdict == "effect-found"
-    assert told.wrong_numbers == ()
+    result = diagnose(runs, simulations=made_by(runs), effects=FEW)
+    assert [c.effect.slug for c in result.causes] == ["dead-zone"]
+    assert result.verdict == "effect-found"
+    assert result.wrong_numbers == ()
 
 
 @pytest.mark.slow
-def test_a_wrong_gain_is_told_beside_a_cause_that_accounts_for_part_of_it():
+def test_a_wrong_gain_is_reported_with_a_cause_that_explains_part_of_it():
     runs = towed(("dead-zone", "N", {"width": 0.15}), seed=2)
-    told = diagnose(runs, simulations=made_by(runs, drag=0.7, inertia=1.4), effects=FEW)
-    assert [c.effect.slug for c in told.causes] == ["dead-zone"]
-    assert [n.name for n in told.wrong_numbers] == ["gain of yaw"]
+    result = diagnose(runs, simulations=made_by(runs, drag=0.7, inertia=1.4), effects=FEW)
+    assert [c.effect.slug for c in result.causes] == ["dead-zone"]
+    assert [n.name for n in result.wrong_numbers] == ["gain of yaw"]
 
 
 @pytest.mark.slow
-def test_a_number_that_its_error_swallows_says_so_and_is_never_a_headline():
+def test_a_number_with_a_large_error_is_shown_as_not_identifiable():
     runs = towed()
-    told = diagnose(runs, simulations=made_by(runs, inertia=3.0), effects=FEW)
-    assert told.numbers is not None
+    result = diagnose(runs, simulations=made_by(runs, inertia=3.0), effects=FEW)
+    assert result.numbers is not None
     value, std = if_precise(0.0, 1400.0, 1.0)
-    vague = replace(told.numbers.rows[0], given=value, given_std=std, value=value, std=std, wrong=False)
+    vague = replace(result.numbers.rows[0], given=value, given_std=std, value=value, std=std, wrong=False)
     assert if_precise(0.27, 0.1, 0.27) == (0.27, 0.1)
     assert given_words(vague) == "not stated"
     assert found_words(vague) == "not identifiable from these runs"
-    numbers = replace(told.numbers, rows=(vague, *told.numbers.rows[1:]))
-    said = render_text(diagnosis_document(replace(told, numbers=numbers)))
-    assert "nan" not in said
+    numbers = replace(result.numbers, rows=(vague, *result.numbers.rows[1:]))
+    text = render_text(diagnosis_document(replace(result, numbers=numbers)))
+    assert "nan" not in text
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bias", [0.1, 0.015])
-def test_a_delay_and_a_trim_that_only_the_craft_has_stand_in_the_table_as_the_causes_they_are(bias):
+def test_a_delay_and_a_trim_of_the_craft_are_listed_as_explained_by_causes(bias):
     runs = towed(("input-delay", "N", {"delay": 0.4}), ("input-bias", "yaw", {"bias": bias}))
-    told = diagnose(runs, simulations=made_by(runs), effects=["input-bias", "input-delay", "time-offset"])
-    assert told.verdict == "effect-found"
-    assert told.numbers is not None
-    rows = {n.name: n for n in told.numbers.rows}
+    result = diagnose(runs, simulations=made_by(runs), effects=["input-bias", "input-delay", "time-offset"])
+    assert result.verdict == "effect-found"
+    assert result.numbers is not None
+    rows = {n.name: n for n in result.numbers.rows}
     assert rows["delay of N"].value == pytest.approx(0.4, abs=0.03)
     assert rows["trim of N"].value == pytest.approx(-bias, rel=0.1)
     assert [n for n, row in rows.items() if row.explained] == ["delay of N", "trim of N"]

@@ -1,4 +1,4 @@
-"""Records of a track without speeds: x, y and the heading beside what was commanded."""
+"""Records of a track without speeds: x, y, the heading and the commands."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_track_shows_surge_and_sway_without_their_speeds(dof):
     assert overlooked([run], form, dof, None, segments) == []
 
 
-def test_momentum_that_carries_a_craft_sideways_is_missing_from_its_track():
+def test_unmodelled_sideways_momentum_leaves_large_correlated_residuals_in_the_track():
     runs = [s_manoeuvre(COUPLED, k=k) for k in (0, 1)]
     form = plain_form(runs, "horizontal")
     problem, fitted = fit_base(form, prepare_as_recorded(runs, form)[0])
@@ -55,24 +55,24 @@ def test_momentum_that_carries_a_craft_sideways_is_missing_from_its_track():
     assert signature_of(problem, fitted)[0].whiteness_p < 1e-6
 
 
-def test_a_plain_craft_lacks_nothing_on_its_track():
-    told = diagnose([s_manoeuvre(k=k) for k in (0, 1)], effects=["steady-current"])
-    assert (told.verdict, told.doubts) == ("no-effect", ())
+def test_the_plain_model_explains_the_track_of_a_plain_craft():
+    result = diagnose([s_manoeuvre(k=k) for k in (0, 1)], effects=["steady-current"])
+    assert (result.verdict, result.doubts) == ("no-effect", ())
 
 
 @pytest.mark.parametrize(("measured", "place"), [(("x", "y", "psi"), "x+y"), (("u", "v", "r", "psi"), "u+v")])
-def test_a_sensor_off_the_centre_is_named_and_not_taken_for_sway(measured, place):
+def test_a_sensor_off_the_centre_is_identified_and_not_mistaken_for_sway(measured, place):
     hidden = make_effect("sensor-position", place, {"x_P": 0.5, "y_P": 0.2})
     rivals = ["sensor-position", "sway-yaw-coupling", "coriolis-coupling", "steady-current", "measurement-delay"]
-    told = diagnose([s_manoeuvre(hidden, measured=measured, k=k) for k in (0, 1)], effects=rivals)
-    (cause,) = told.causes
-    assert (told.verdict, cause.effect.slug, cause.effect.place) == ("effect-found", "sensor-position", place)
+    result = diagnose([s_manoeuvre(hidden, measured=measured, k=k) for k in (0, 1)], effects=rivals)
+    (cause,) = result.causes
+    assert (result.verdict, cause.effect.slug, cause.effect.place) == ("effect-found", "sensor-position", place)
     for name, truth in (("x_P", 0.5), ("y_P", 0.2)):
         assert abs(cause.parameters[name].value - truth) < 4.0 * cause.parameters[name].std < 0.2, name
 
 
-def test_a_track_that_cannot_be_looked_at_is_said_aloud():
-    run = s_manoeuvre(measured=("u", "psi", "x", "y"))  # a speed ahead alone: no telling how far it slides
+def test_a_track_that_cannot_be_analysed_is_reported():
+    run = s_manoeuvre(measured=("u", "psi", "x", "y"))  # only the speed ahead: how far it slides is unknown
     form = plain_form([run])
     segments, _ = prepare_as_recorded([run], form)
     assert {"x", "y"}.isdisjoint(segments[0].signals)
@@ -81,7 +81,7 @@ def test_a_track_that_cannot_be_looked_at_is_said_aloud():
     assert overlooked([run], form, "yaw", None, segments) == []
 
 
-def test_a_degree_of_freedom_asked_for_in_vain_is_said_aloud():
+def test_a_requested_degree_of_freedom_that_cannot_be_analysed_is_reported():
     run = s_manoeuvre(measured=("psi",))
     form = plain_form([run], "yaw,heave")
     segments, _ = prepare_as_recorded([run], form)
@@ -92,38 +92,40 @@ def test_a_degree_of_freedom_asked_for_in_vain_is_said_aloud():
 
 
 @pytest.mark.parametrize("k", [0, 2])
-def test_momentum_carried_sideways_is_named_from_a_track_alone(k):
-    """A base that knows nothing of it is lost on the track, however far that leads: short pieces show the cause."""
+def test_sideways_momentum_is_identified_from_a_track_alone(k):
+    """A base fit without it diverges from the track; short pieces show the cause."""
     rivals = ["coriolis-coupling", "sway-yaw-coupling", "steady-current", "quadratic-drag", "dead-zone"]
-    told = diagnose([s_manoeuvre(COUPLED, k=i) for i in (k, k + 1)], effects=rivals)
-    assert told.verdict == "effect-found"
-    (cause,) = told.causes
+    result = diagnose([s_manoeuvre(COUPLED, k=i) for i in (k, k + 1)], effects=rivals)
+    assert result.verdict == "effect-found"
+    (cause,) = result.causes
     assert cause.effect.slug == "coriolis-coupling"
     assert cause.effect["X_vr"] == pytest.approx(7.0, rel=0.05)
     assert cause.effect["N_uv"] == pytest.approx(-2.0, rel=0.05)
-    assert cause.effect["Y_ur"] == pytest.approx(-5.0 / 7.0, rel=0.05)  # of a mass in sway that nothing tells
+    assert cause.effect["Y_ur"] == pytest.approx(
+        -5.0 / 7.0, rel=0.05
+    )  # relative to a mass in sway that is not identifiable
 
 
-def test_three_s_manoeuvres_are_explained_with_a_twentieth_of_the_work_there_is():
-    told = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1, 2)])
-    assert told.verdict == "effect-found"
-    assert [c.effect.slug for c in told.causes] == ["coriolis-coupling"]
-    assert told.causes[0].effect["X_vr"] == pytest.approx(7.0, rel=0.05)
-    assert told.work < 0.05 * WORK
+def test_three_s_manoeuvres_are_explained_with_a_twentieth_of_the_allowed_work():
+    result = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1, 2)])
+    assert result.verdict == "effect-found"
+    assert [c.effect.slug for c in result.causes] == ["coriolis-coupling"]
+    assert result.causes[0].effect["X_vr"] == pytest.approx(7.0, rel=0.05)
+    assert result.work < 0.05 * WORK
 
 
 @pytest.mark.parametrize("work", [3e6, 1e7])
-def test_three_s_manoeuvres_looked_at_in_part_get_no_name(work):
-    told = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1, 2)], work=work)
-    assert (told.verdict, told.causes) == ("unfinished", ())
+def test_an_unfinished_analysis_of_three_s_manoeuvres_reports_no_cause(work):
+    result = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1, 2)], work=work)
+    assert (result.verdict, result.causes) == ("unfinished", ())
 
 
 @pytest.mark.slow
-def test_a_name_found_in_the_heading_alone_does_not_keep_a_track_from_being_looked_at():
-    """With every effect in question the heading alone, under a wandering moment, speaks for quadratic drag."""
-    told = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1)], dof="horizontal")
-    assert told.verdict == "effect-found"
-    (cause,) = told.causes
+def test_a_cause_found_from_the_heading_alone_does_not_stop_the_analysis_of_the_track():
+    """With every effect as a candidate, the heading alone supports quadratic drag under a drifting moment."""
+    result = diagnose([s_manoeuvre(COUPLED, k=k) for k in (0, 1)], dof="horizontal")
+    assert result.verdict == "effect-found"
+    (cause,) = result.causes
     assert cause.effect.slug == "coriolis-coupling"
     assert cause.effect["X_vr"] == pytest.approx(7.0, rel=0.05)
     assert cause.effect["N_uv"] == pytest.approx(-2.0, rel=0.05)

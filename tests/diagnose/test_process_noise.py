@@ -1,4 +1,4 @@
-"""Causes beneath weather: named where they hold on runs left out, and nothing invented; what is missing is told."""
+"""Causes with process noise modelled: reported if they hold on held-out runs; the missing force is reported."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ Array = NDArray[np.float64]
 SOME = ("quadratic-drag", "dead-zone", "input-bias", "asymmetric-thrust")
 
 
-def weathered(
+def drifting_runs(
     seed: int,
     *,
     square: float = 0.0,
     size: float = 0.15,
     memory: float = 2.0,
     count: int = 3,
-    days: Sequence[tuple[float, float]] = (),
+    offsets: Sequence[tuple[float, float]] = (),
 ) -> list[Trial]:
-    """Return relay runs of 60 s of a craft of inertia one, and a push that wanders and is forgotten in *memory* [s].
+    """Return relay runs of 60 s of a craft of inertia one, and a drifting force of correlation time *memory* [s].
 
-    days : constant moment and share of thrust more of each run.
+    offsets : constant moment of each run, and the excess of its thrust as a fraction.
     """
     rng = np.random.default_rng(seed)
     found = []
@@ -66,7 +66,7 @@ def weathered(
         t = fine * np.arange(samples)
         command = (0.5, 1.0, 1.5)[k % 3] * np.where(np.floor(t / (3.0 + k)) % 2 == 0, 1.0, -1.0)
         psi, r, push, keep = 0.0, 0.0, rng.normal(0.0, size), math.exp(-fine / memory)
-        moment, thrust = days[k] if days else (0.0, 0.0)
+        moment, thrust = offsets[k] if offsets else (0.0, 0.0)
         path = np.empty(samples)
         for i in range(samples):
             path[i] = psi
@@ -82,9 +82,9 @@ def weathered(
     return found
 
 
-def test_one_motion_of_runs_that_other_forces_drive_too_knows_its_own_input() -> None:
-    """A diagnosis of positions, driven by X and N, ended in a traceback when it looked for weather in yaw."""
-    run = weathered(1, count=1)[0]
+def test_a_single_motion_uses_only_its_own_input() -> None:
+    """A diagnosis of positions, driven by X and N, ended in a traceback when it searched for process noise in yaw."""
+    run = drifting_runs(1, count=1)[0]
     psi, N = run["psi"], run["N"]
     along = {n: Channel(n, "m", psi.t, psi.values) for n in ("x", "y")}
     run = Trial("run", {"psi": psi, **along, "X": replace(N, name="X", unit="N"), "N": N})
@@ -97,8 +97,8 @@ def test_one_motion_of_runs_that_other_forces_drive_too_knows_its_own_input() ->
 
 
 @pytest.mark.slow
-def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() -> None:
-    found = diagnose(weathered(1, square=1.0), effects=SOME)
+def test_only_quadratic_drag_is_identified_with_process_noise_modelled() -> None:
+    found = diagnose(drifting_runs(1, square=1.0), effects=SOME)
     assert [c.effect.slug for c in found.causes] == ["quadratic-drag"]
     assert found.verdict == "partly-explained"
     value = found.causes[0].parameters["coefficient"]
@@ -110,18 +110,18 @@ def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() ->
     assert 0.05 < found.missing.size < 0.3
     assert "process-noise" in {d.slug for d in found.doubts}
     assert found.causes[0].is_structural
-    told = {n.label: n.text for n in evidence_notes(found, found.causes[0])}["Evidence"]
-    assert told.startswith("Very strong: log-likelihood of the held-out data +")
+    result = {n.label: n.text for n in evidence_notes(found, found.causes[0])}["Evidence"]
+    assert result.startswith("Very strong: log-likelihood of the held-out data +")
     assert len(found.ranking[0].unseen) == 3
 
 
 @pytest.mark.slow
-def test_a_smoother_beside_a_delay_is_taken_for_no_tether() -> None:
-    """Judged at every sample its shape halved the damping, and a spring stood beside the delay."""
+def test_a_smoother_together_with_a_delay_is_not_mistaken_for_a_tether() -> None:
+    """Judged at every sample its shape halved the damping, and a spring was reported with the delay."""
     case = draw_case("process-noise", 90, 0, "input-delay")
     form = plain_form(case.runs)
     problem, base = fit_base(form, prepare_as_recorded(case.runs, form)[0])
-    found = search_with_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), nobody)
+    found = search_with_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), no_progress)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     _, true = case.truth["input-delay"]
@@ -131,8 +131,8 @@ def test_a_smoother_beside_a_delay_is_taken_for_no_tether() -> None:
 
 
 @pytest.mark.slow
-def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
-    found = diagnose(weathered(2), effects=SOME)
+def test_process_noise_alone_is_reported_as_a_force_without_a_cause() -> None:
+    found = diagnose(drifting_runs(2), effects=SOME)
     assert found.causes == ()
     assert found.verdict == "unexplained"
     assert found.missing is not None
@@ -141,7 +141,7 @@ def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
     assert found.to_dict()["missing"]["curves"]
 
 
-def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> None:
+def test_a_missing_force_of_normalised_inputs_is_reported_in_full_output() -> None:
     missing = MissingForce("yaw", "1", 0.0445, 0.4, math.nan, {})
     nothing = cast(NoiseSearch, SimpleNamespace(accepted=(), steps=()))
     assert words_of(nothing, missing)[0].startswith("a drifting moment of 0.0445 of full output (standard deviation)")
@@ -150,7 +150,7 @@ def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> 
     )
 
 
-def test_what_couples_two_motions_is_not_judged_in_one_alone() -> None:
+def test_a_coupling_of_two_motions_is_not_judged_by_one_motion_alone() -> None:
     coupling = EffectInstance("sway-yaw-coupling", "sway+yaw", dict.fromkeys(("Y_rdot", "N_vdot", "Y_r", "N_v"), 0.2))
     search = cast(NoiseSearch, SimpleNamespace(dof="yaw", accepted=()))
     assert _outdone(search, cast(SearchState, SimpleNamespace(causes=(coupling,))))
@@ -161,36 +161,36 @@ def as_from_a_log(runs: list[Trial]) -> tuple[Problem, Fitted]:
     return fit_base(form, prepare_as_recorded(runs, form, None)[0])
 
 
-def nobody(stage: str, done: int, total: int) -> None:
-    """Hear of progress and do nothing."""
+def no_progress(stage: str, done: int, total: int) -> None:
+    """Ignore progress."""
 
 
 @pytest.mark.slow
-def test_a_search_beneath_the_weather_finds_the_craft_wherever_the_fit_without_weather_ended() -> None:
-    """On a lake that fit had an inertia hundred times too small, and the one beneath began and ended beside it."""
-    problem, base = as_from_a_log(weathered(3))
+def test_the_search_with_process_noise_converges_from_a_wrong_fit_without_it() -> None:
+    """On a lake that fit had an inertia a hundred times too small, and the one with process noise stayed there."""
+    problem, base = as_from_a_log(drifting_runs(3))
     inertia = base.form.parameters.index("N_rdot")
     theta = base.theta.copy()
     theta[inertia] *= 0.01
     lost = problem.states(theta, (), base.initial)
     assert lost is not None
-    found = search_with_process_noise(problem, lost, (), (), nobody)
+    found = search_with_process_noise(problem, lost, (), (), no_progress)
     assert found is not None
     assert found.plain.theta == pytest.approx([1.0, -0.8], abs=0.2)
     assert not found.momentary
 
 
 @pytest.mark.slow
-def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_took_her_for_a_sluggish_one() -> None:
-    """A craft of 0.1 s, which the search without weather left at 535 s, her gain eighteen times too large: begun with
-    that gain the filter ran away, no model was found beneath the weather, and a change of mass was named in vain.
+def test_a_quick_craft_is_identified_with_process_noise_although_the_fit_without_it_was_sluggish() -> None:
+    """A craft of 0.1 s was fitted as one of 535 s, with eighteen times the gain. From there the filter diverged, no
+    model was found with process noise, and a change of mass was reported wrongly.
     """
     case = draw_case("process-noise", 77, 8, CALM)
     problem, base = as_from_a_log(list(case.runs))
     assert base.form.parameters == ("N_rdot", "N_r")
     lost = problem.states(np.array([-793118.34, -1482.04]), (), base.initial)
     assert lost is not None
-    found = search_with_process_noise(problem, lost, (), (), nobody)
+    found = search_with_process_noise(problem, lost, (), (), no_progress)
     assert found is not None
     inertia, linear = case.craft.inertia["yaw"], case.craft.linear["yaw"]
     assert found.plain.theta == pytest.approx([1.0 / inertia, -linear / inertia], rel=0.1)
@@ -198,13 +198,12 @@ def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_too
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [75, 84])
-def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craft(seed: int) -> None:
-    """Without a delay of seven seconds her gain had the wrong sign and her pace was too quick: no delay within that
-    pace gained anything, and a lag was named. Of the other, 1.4 s between commands that change every second, half was
-    found: only what is nearly right leads there.
+def test_a_long_delay_is_identified_although_the_plain_model_without_it_is_wrong(seed: int) -> None:
+    """Without its delay of 7 s the gain had the wrong sign and the time constant was too short, and a lag was
+    reported. Of the other's delay, 1.4 s with commands that change every second, half was found.
     """
     case = draw_case("process-noise", seed, 0, "input-delay")
-    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), no_progress)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     _, true = case.truth["input-delay"]
@@ -213,44 +212,44 @@ def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craf
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "late"), [(232, 0.2125), (440, 0.6881)])
-def test_a_heading_two_time_constants_late_is_found_of_a_quick_craft_and_told_as_either(seed: int, late: float) -> None:
-    """Her gain came out with the wrong sign, no delay so long was tried, and a dead zone of a clean craft was named;
+def test_a_heading_two_time_constants_late_is_reported_as_either_kind_of_delay(seed: int, late: float) -> None:
+    """The gain had the wrong sign, no delay so long was tried, and a dead zone of a clean craft was reported;
     of the other, 17 samples late, a rate limit and a tether.
     """
     case = draw_case("rough", seed, 2, CALM)
     assert "lag" in case.circumstances
     slugs = ("input-delay", "dead-zone", "quadratic-actuator")
-    found = search_with_process_noise(*as_from_a_log(list(case.runs)), slugs, (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), slugs, (), no_progress)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-delay"]
     assert found.accepted[0].effect["delay"] == pytest.approx(late, rel=0.05)
     assert found.alike() == (("input-delay", "measurement-delay"),)
 
 
-def test_waves_that_turn_the_bow_leave_a_craft_her_inertia() -> None:
-    """Seen at every sample they ruled the fit, which forgot a turn within 2 ms; a search of 88 s named a rate limit."""
+def test_waves_that_turn_the_bow_do_not_hide_the_inertia() -> None:
+    """At every sample they dominated the fit, with a time constant of 2 ms; a search of 88 s reported a rate limit."""
     case = draw_case("rough", 247, 0, CALM)
     assert case.circumstances == ("waves", "lag")
-    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), no_progress)
     assert found is not None
     assert -1.0 / found.plain.theta[1] > 3.0 * case.craft.interval
 
 
-def test_a_craft_in_waves_that_turn_the_bow_far_more_than_a_sensor_errs_keeps_her_pace() -> None:
-    """Begun at a sensor's noise alone a craft of 18 s came out as one of 0.7, and a backlash was named."""
+def test_the_time_constant_is_kept_in_waves_far_above_the_sensor_noise() -> None:
+    """Begun at a sensor's noise alone a craft of 18 s came out as one of 0.7, and a backlash was reported."""
     case = draw_case("rough", 275, 0, "quadratic-actuator")
     assert "waves" in case.circumstances and case.craft.pace > 15.0
-    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), no_progress)
     assert found is not None
     assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=1.0)
 
 
-def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
-    """Without them she came out as a craft of half a second, her heading smoothed by two."""
+def test_waves_are_modelled_and_reported_with_their_period() -> None:
+    """Without them the fit had a time constant of 0.5 s and a heading smoothed by 2 s."""
     case = draw_case("rough", 292, 0, "quadratic-actuator")
     assert case.circumstances == ("waves",) and case.flown is not None
     waves = next(h.values for h in case.flown.hidden if h.slug == "waves")
-    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), (), (), no_progress)
     assert found is not None
     assert -1.0 / found.plain.theta[1] == pytest.approx(case.craft.pace, rel=0.1)
     missing = missing_of(found)
@@ -258,14 +257,14 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     assert missing.waves.period == pytest.approx(2.0 * math.pi / waves["frequency"], rel=0.05)
     assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
     assert missing.to_dict()["waves"]["period"] == missing.waves.period
-    told = next(w for w in words_of(found, missing) if "waves" in w)
-    assert told.startswith("the heading also oscillates by ")
-    assert " with a period of 4.2 s, as from waves or a loose sensor mount. The moment behind it is " in told
-    assert "N m. Both sizes are standard deviations." in told
+    result = next(w for w in words_of(found, missing) if "waves" in w)
+    assert result.startswith("the heading also oscillates by ")
+    assert " with a period of 4.2 s, as from waves or a loose sensor mount. The moment behind it is " in result
+    assert "N m. Both sizes are standard deviations." in result
 
 
-def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
-    """Of a lake boat's surge one gust of a run left out was worth 5,500 against the true drag, or 3,100 for it."""
+def test_a_rougher_held_out_run_is_judged_by_its_own_process_noise() -> None:
+    """In a lake boat's surge one gust of a held-out run counted 5,500 against the true drag, or 3,100 for it."""
     own = np.array([0.1, -0.2, 0.05])
     calm, rough = (
         NoisyFit(cast(Any, None), own, (), (), (), ProcessNoise(1.0, 1.0, 1.0), own, np.eye(5), ((own, k * own, S),))
@@ -282,10 +281,10 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
 
 
 @pytest.mark.slow
-def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
-    """A stock sub's thrust seemed to fall with speed until her quadratic drag was found, and stayed at 0.1 +- 0.2."""
-    problem, base = as_from_a_log(weathered(5, square=0.3, size=0.05))
-    found = search_with_process_noise(problem, base, ("quadratic-drag",), (), nobody)
+def test_a_cause_that_explains_nothing_after_a_later_one_is_dropped() -> None:
+    """A stock sub's thrust seemed to fall with speed until its quadratic drag was found, and stayed at 0.1 +- 0.2."""
+    problem, base = as_from_a_log(drifting_runs(5, square=0.3, size=0.05))
+    found = search_with_process_noise(problem, base, ("quadratic-drag",), (), no_progress)
     assert found is not None and [a.effect.slug for a in found.accepted] == ["quadratic-drag"]
     bias = EffectInstance("input-bias", "yaw", {"bias": 0.01})
     both = found.problem.fit(found.fit.theta, (bias, *found.fit.effects), found.fit.noise)
@@ -302,39 +301,39 @@ def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
 
 
 @pytest.mark.slow
-def test_an_effect_is_named_beneath_waves() -> None:
+def test_an_effect_is_identified_in_waves() -> None:
     case = draw_case("rough", 292, 0, "input-bias")
     assert "waves" in case.circumstances
-    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-bias", "tether-pull"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-bias", "tether-pull"), (), no_progress)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-bias"]
 
 
-def test_water_without_waves_has_none_in_the_model() -> None:
-    found = search_with_process_noise(*as_from_a_log(weathered(3)), (), (), nobody)
+def test_runs_without_waves_have_no_waves_in_the_model() -> None:
+    found = search_with_process_noise(*as_from_a_log(drifting_runs(3)), (), (), no_progress)
     assert found is not None
     assert not found.plain.noise.wavy
 
 
 @pytest.mark.slow
-def test_a_helm_that_keeps_the_course_makes_no_delay_between_two_samples() -> None:
+def test_a_helm_that_keeps_the_course_yields_no_delay() -> None:
     """Commands that answered pushes within two seconds looked 1 s late where a sample was judged every 2 s."""
     case = draw_case("rough", 284, 2, CALM)
     assert case.circumstances == ("driving",)
-    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), nobody)
+    found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "actuator-lag"), (), no_progress)
     assert found is not None
     assert found.accepted == ()
     assert noise_scorer.answers_heading(found.problem, found.plain)
     open_loop = draw_case("rough", 284, 0, "input-delay")
-    other = search_with_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), nobody)
+    other = search_with_process_noise(*as_from_a_log(list(open_loop.runs)), ("input-delay",), (), no_progress)
     assert other is not None
     assert [a.effect.slug for a in other.accepted] == ["input-delay"]
     assert not noise_scorer.answers_heading(other.problem, other.fit)
 
 
-def test_times_are_tried_evenly_of_an_effect_whose_book_sets_no_limits_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever adds one need not give any."""
-    problem, _ = as_from_a_log(weathered(3))
+def test_evenly_spaced_times_are_tried_for_effects_without_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An added effect needs no bounds."""
+    problem, _ = as_from_a_log(drifting_runs(3))
     monkeypatch.setattr(type(noise_scorer.EFFECTS["input-delay"]), "bounds", lambda *_: {})
     (choices,) = noise_scorer.choices_of(problem.data_summary, ("input-delay",), ())
     assert len(choices) > noise_scorer.EVEN
@@ -349,36 +348,32 @@ def on_unseen(density: float) -> SimpleNamespace:
     ("damping", "slug", "brief"),
     [(540.0, "actuator-lag", True), (540.0, "dead-zone", False), (0.5, "actuator-lag", False)],
 )
-def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
+def test_a_lag_is_too_brief_to_report_if_the_craft_shows_no_inertia(
     monkeypatch: pytest.MonkeyPatch, damping: float, slug: str, brief: bool
 ) -> None:
-    """In waves that turned the bow no inertia was found (540 1/s), and hers was named as a rate limit."""
+    """In waves that turned the bow no inertia was found (540 1/s), and a rate limit was reported instead."""
     number = {"actuator-lag": {"time_constant": 1.5}, "dead-zone": {"width": 0.1}}[slug]
     effect = EffectInstance(slug, "N", number)
     monkeypatch.setattr(WithProcessNoise, "unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
     problem = SimpleNamespace(data_summary=data, interval=0.1)
-    told = {"gain": 1.0, "damping": -damping, "effects": (effect,), "errors_of": lambda _: {}}
-    fits = [SimpleNamespace(unknowns=n, total=t, samples=0, free_effects=(), **told) for n, t in ((5, 0), (6, 20))]
+    result = {"gain": 1.0, "damping": -damping, "effects": (effect,), "errors_of": lambda _: {}}
+    fits = [SimpleNamespace(unknowns=n, total=t, samples=0, free_effects=(), **result) for n, t in ((5, 0), (6, 20))]
     before = [on_unseen(0.0), on_unseen(0.0)]
-    scorer = WithProcessNoise(*cast(Any, (problem, (), fits[0], fits[0], 15, nobody)), left_out=cast(Any, before))
+    scorer = WithProcessNoise(*cast(Any, (problem, (), fits[0], fits[0], 15, no_progress)), left_out=cast(Any, before))
     score = scorer.score(effect, cast(Any, fits[1]))
     assert (score.lacks == "brief") is brief
 
 
 @pytest.mark.parametrize(("gain", "unseen", "named"), [(5.6, 18.0, True), (5.6, 6.3, False), (9.0, 2.5, True)])
-def test_a_name_may_earn_far_more_than_so_many_tried_ask_on_the_runs_left_out(
-    gain: float, unseen: float, named: bool
-) -> None:
-    """A dead zone gained 5.6 nats on two runs, and 36 where each was predicted from the other: it was not named."""
+def test_a_cause_is_accepted_by_a_large_gain_on_the_held_out_runs(gain: float, unseen: float, named: bool) -> None:
+    """A dead zone gained 5.6 nats on two runs, and 36 where each was predicted from the other: it was not accepted."""
     effect = EffectInstance("dead-zone", "N", {"width": 0.1})
     lacks = lack_by_parts(scored(effect, gain, (unseen, unseen), 6.4, (1.0, 60.0)))
     assert (lacks is None) is named
 
 
-def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though_its_gain_elsewhere_is_not_sure() -> (
-    None
-):
+def test_an_equally_likely_cause_is_reported_with_the_winner_although_its_held_out_gain_is_uncertain() -> None:
     """A trim and thrust that is weaker to one side: within two nats, and which predicts better depends on the runs."""
 
     def of(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> CandidateScore[NoisyFit]:
@@ -389,15 +384,15 @@ def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though
     less = of("tether-pull", 17.0, (5.0, 5.0), 1.0)
     assert lack_by_parts(winner) is None and lack_by_parts(trim) == "not-sure"
     assert noise_scorer._as_likely([trim, winner, less], winner) == [trim, winner]
-    # Never accepted, but reported: a rate limit took the name of a lag of less than a sample.
+    # Never accepted, but reported: a rate limit was accepted instead of a lag of less than a sample.
     short = replace(trim, lacks="brief")
     assert noise_scorer._as_likely([short, winner], winner) == [short, winner]
 
 
-def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
-    """Return a search that named quadratic drag in weather, and beneath it found no model of the craft."""
+def search_with_drag(monkeypatch: pytest.MonkeyPatch) -> SearchState:
+    """Return a search that found quadratic drag, and then no model with process noise."""
     monkeypatch.setattr(search_with_noise, "search_with_process_noise", lambda *_, **__: None)
-    runs = weathered(1, square=1.0, count=1)
+    runs = drifting_runs(1, square=1.0, count=1)
     form = plain_form(runs)
     segments = prepare_as_recorded(runs, form, None)[0]
     state = begin(Question(form, segments, SOME, whole=segments))
@@ -407,16 +402,16 @@ def drag_named(monkeypatch: pytest.MonkeyPatch) -> SearchState:
     return replace(state, fitted=fitted, present_unseen=HeldOut((), False))
 
 
-def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weather(
+def test_no_cause_is_reported_if_no_model_fits_with_process_noise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A change of mass was named beside a fit that was 500 s slow, of a craft of 0.1 s."""
-    state = drag_named(monkeypatch)
+    """A change of mass was reported with a fit of 500 s, for a craft of 0.1 s."""
+    state = search_with_drag(monkeypatch)
     assert [e.slug for e in state.causes] == ["quadratic-drag"]
     after = model_process_noise(state)
     assert after is not None and after.causes == ()
-    told = next(d for d in after.doubts if d.slug == "no-model")
-    assert "quadratic drag (yaw) is therefore not identified" in told.cause
+    result = next(d for d in after.doubts if d.slug == "no-model")
+    assert "quadratic drag (yaw) is therefore not identified" in result.cause
     assert search_in_pieces(after) is None
     found = build_report(after, (), [], [])
     assert (found.verdict, found.causes) == ("unexplained", ())
@@ -424,10 +419,10 @@ def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weathe
 
 
 @pytest.mark.parametrize(("factor", "another"), [(1.0, False), (20.0, False), (1000.0, True), (0.001, True)])
-def test_a_base_that_became_another_craft_on_the_way_is_known_for_it(
+def test_a_base_that_became_a_different_craft_during_the_search_is_recognised(
     monkeypatch: pytest.MonkeyPatch, factor: float, another: bool
 ) -> None:
-    state = drag_named(monkeypatch)
+    state = search_with_drag(monkeypatch)
     summary = state.problem.data_summary
     first = replace(summary, time_constant=factor * summary.time_constant)
     now = SimpleNamespace(base=state.base, problem=SimpleNamespace(data_summary=first))
@@ -435,20 +430,20 @@ def test_a_base_that_became_another_craft_on_the_way_is_known_for_it(
 
 
 @pytest.mark.slow
-def test_a_push_that_is_forgotten_within_two_samples_is_no_weather() -> None:
-    """ArduPilot's own boat in a calm harbour was told of a moment that changes within 0.04 s."""
-    runs = weathered(4, size=1.5, memory=0.02)
+def test_a_disturbance_shorter_than_two_samples_is_not_process_noise() -> None:
+    """For ArduPilot's own boat in a calm harbour a moment was reported that changes within 0.04 s."""
+    runs = drifting_runs(4, size=1.5, memory=0.02)
     problem, base = as_from_a_log(runs)
-    found = search_with_process_noise(problem, base, (), (), nobody)
+    found = search_with_process_noise(problem, base, (), (), no_progress)
     assert found is not None and found.momentary
-    told = diagnose(runs, effects=("input-bias",))
-    assert told.missing is None
-    assert "no-weather" in {d.slug for d in told.doubts}
+    result = diagnose(runs, effects=("input-bias",))
+    assert result.missing is None
+    assert "no-weather" in {d.slug for d in result.doubts}
 
 
 @pytest.mark.parametrize(("late", "own"), [(0.0, True), (5.0, False)])
-def test_bursts_that_wait_for_a_command_are_the_models_own_errors(late: float, own: bool) -> None:
-    """Taken for gusts, they made the damping of a lake boat four times too large, and nothing was named."""
+def test_bursts_after_commands_are_errors_of_the_model(late: float, own: bool) -> None:
+    """Taken for gusts, they made the damping of a lake boat four times too large, and no cause was found."""
     t = np.arange(0.0, 200.0, 0.2)
     e = np.where((t - late) % 10.0 < 1.0, 3.0, 0.3) * np.where(np.arange(len(t)) % 2 == 0, 1.0, -1.0)
     commands = np.where(np.arange(0.0, 200.0, 10.0) // 10.0 % 2 == 0, 1.0, -1.0)[:, None]
@@ -458,18 +453,18 @@ def test_bursts_that_wait_for_a_command_are_the_models_own_errors(late: float, o
     assert errs_after_commands(cast(NoisyProblem, problem), cast(NoisyFit, fit)) is own
 
 
-def test_a_gain_alike_in_every_run_is_sure_however_it_changes_from_block_to_block() -> None:
-    """A sway moment gained on each of six runs of a lake, and quiet blocks took what lively ones gave."""
+def test_an_equal_gain_in_every_run_is_certain_although_blocks_vary() -> None:
+    """A sway moment gained on each of six runs of a lake, and quiet blocks cancelled the gain of lively ones."""
     before = [np.zeros(200) for _ in range(6)]
-    swings = np.repeat([3.0, -2.8], 100) * 0.1
-    after = [swings + 0.002 * k for k in range(6)]
+    oscillation = np.repeat([3.0, -2.8], 100) * 0.1
+    after = [oscillation + 0.002 * k for k in range(6)]
     low, high = interval_of(before, after)
     assert 0.0 < low < high
     low, _ = interval_of(before[:2], after[:2])
     assert low < 0.0
 
 
-def test_a_gain_that_one_gust_brought_is_not_sure() -> None:
+def test_a_gain_from_a_single_gust_is_not_certain() -> None:
     before = [np.zeros(200), np.zeros(200)]
     steady = [np.full(200, 0.05), np.full(200, 0.05)]
     one = [np.zeros(200), np.zeros(200)]
@@ -496,11 +491,11 @@ def followed(settles: float) -> Trial:
     return Trial("run", {n: Channel(n, unit, t[::10], values) for n, (unit, values) in columns.items()})
 
 
-@pytest.mark.parametrize(("settles", "told"), [(0.03, True), (1.0, False)])
-def test_a_rate_that_follows_within_three_samples_is_told_to_show_no_inertia(settles: float, told: bool) -> None:
+@pytest.mark.parametrize(("settles", "result"), [(0.03, True), (1.0, False)])
+def test_a_rate_that_follows_within_three_samples_is_reported_to_show_no_inertia(settles: float, result: bool) -> None:
     doubts = {d.slug: d.cause for d in diagnose(followed(settles), effects=[]).doubts}
-    assert ("no-inertia" in doubts) == told
-    if told:
+    assert ("no-inertia" in doubts) == result
+    if result:
         below = float(doubts["no-inertia"].split("below ")[1].split(" s ")[0])
         assert settles < below < 2.0 * settles
 
@@ -517,13 +512,11 @@ def test_a_rate_that_follows_within_three_samples_is_told_to_show_no_inertia(set
         ("wave-disturbance", "yaw", False),
     ],
 )
-def test_a_filter_weighs_what_acts_on_commands_and_motion_and_the_errors_in_a_command(
-    slug: str, place: str, may: bool
-) -> None:
+def test_the_filter_judges_effects_on_commands_and_motion_and_command_errors(slug: str, place: str, may: bool) -> None:
     assert may_be_weighed(EffectInstance(slug, place, {}), {"N"}) is may
 
 
-def test_calm_water_ends_as_it_did_without_process_noise() -> None:
+def test_runs_without_disturbance_give_the_result_without_process_noise() -> None:
     found = diagnose(towed(("dead-zone", "N", {"width": 0.2})), effects=["quadratic-drag", "dead-zone"])
     assert found.verdict == "effect-found"
     assert found.missing is None

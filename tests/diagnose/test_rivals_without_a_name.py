@@ -1,4 +1,4 @@
-"""A name is confident only when laws that are in no book do no better: cubes, ringing, and runs kept apart."""
+"""A cause is confident only if laws outside the catalogue fit no better: cubic drag, ringing, held-out runs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class CubicDrag(HiddenEffect):
 
 
 class Ringing(HiddenEffect):
-    """An actuator on a spring: what it does follows its command as a mass swings after its hook."""
+    """An actuator on a spring: its output follows its command as a mass oscillates behind its hook."""
 
     slug = "spring-behind-the-command"
     meaning = "test only"
@@ -45,10 +45,10 @@ class Ringing(HiddenEffect):
         self.at = self.rate = 0.0
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        omega, zeta, told = self["frequency"], self["damping"], inputs["N"]
+        omega, zeta, result = self["frequency"], self["damping"], inputs["N"]
         steps = max(1, int(np.ceil(omega * dt / 0.05)))
         for _ in range(steps):
-            self.rate += dt / steps * (omega**2 * (told - self.at) - 2.0 * zeta * omega * self.rate)
+            self.rate += dt / steps * (omega**2 * (result - self.at) - 2.0 * zeta * omega * self.rate)
             self.at += dt / steps * self.rate
         inputs["N"] = self.at
 
@@ -64,7 +64,7 @@ def fitted(runs, slug, values):
     return problem, found
 
 
-def test_a_square_of_the_rate_holds_its_ground_against_a_cube_and_a_cube_is_seen_through():
+def test_quadratic_drag_is_distinguished_from_cubic_drag():
     begin = {"coefficient": 1.0}
     assert not nonparametric_rivals(
         *fitted(towed(("quadratic-drag", "yaw", {"coefficient": 1.5})), "quadratic-drag", begin)
@@ -72,7 +72,7 @@ def test_a_square_of_the_rate_holds_its_ground_against_a_cube_and_a_cube_is_seen
     assert nonparametric_rivals(*fitted(towed(CubicDrag(coefficient=2.0)), "quadratic-drag", begin))
 
 
-def test_a_wave_holds_its_ground_against_ringing_and_ringing_after_every_command_is_seen_through():
+def test_waves_are_distinguished_from_ringing_after_every_command():
     begin = {"amplitude": 0.1, "frequency": 1.9, "bandwidth": 0.05}
     wave = ("wave-disturbance", "yaw", {"amplitude": 0.15, "frequency": 1.9, "bandwidth": 0.05})
     (_, likely), *none = resonance_checks(*fitted(towed(wave), "wave-disturbance", begin))
@@ -83,27 +83,27 @@ def test_a_wave_holds_its_ground_against_ringing_and_ringing_after_every_command
     assert not none and likely < 1e-6
 
 
-def test_ringing_that_filters_could_follow_gets_no_confident_name():
-    told = diagnose(towed(Ringing(frequency=1.9, damping=0.08)), effects=("wave-disturbance",))
-    assert [c.effect.slug for c in told.causes] == ["wave-disturbance"]
-    assert told.verdict == "partly-explained"
+def test_ringing_that_a_wave_model_can_follow_is_only_partly_explained():
+    result = diagnose(towed(Ringing(frequency=1.9, damping=0.08)), effects=("wave-disturbance",))
+    assert [c.effect.slug for c in result.causes] == ["wave-disturbance"]
+    assert result.verdict == "partly-explained"
 
 
-def test_a_cause_that_only_the_runs_kept_apart_show_is_found_in_all_together():
+def test_a_cause_visible_only_in_the_held_out_runs_is_found_from_all_runs():
     hidden = ("saturation", "N", {"limit": 0.55})
     small, large = towed(hidden, full=0.5, seed=2), towed(hidden, seed=3)
-    asked = ("saturation", "rate-limit", "quadratic-actuator", "quadratic-drag")
-    assert diagnose(small, effects=asked).verdict == "no-effect"
-    told = diagnose(small, unseen=large, effects=asked)
-    assert [c.effect.slug for c in told.causes] == ["saturation"]
-    assert told.causes[0].parameters["limit"].value == pytest.approx(0.55, abs=0.02)
-    assert "validation-was-needed" in [d.slug for d in told.doubts]
+    requested = ("saturation", "rate-limit", "quadratic-actuator", "quadratic-drag")
+    assert diagnose(small, effects=requested).verdict == "no-effect"
+    result = diagnose(small, unseen=large, effects=requested)
+    assert [c.effect.slug for c in result.causes] == ["saturation"]
+    assert result.causes[0].parameters["limit"].value == pytest.approx(0.55, abs=0.02)
+    assert "validation-was-needed" in [d.slug for d in result.doubts]
 
 
 def test_readings_rounded_far_beyond_their_noise_leave_no_heavy_tails():
     rounded = ("quantisation", "psi", {"step": 0.035})
     biased = ("input-bias", "yaw", {"bias": 0.1})
-    asked = ("quantisation", "input-bias", "tether-pull", "wind-moment", "outliers")
-    told = diagnose(towed(rounded, biased, noise=0.004), effects=asked)
-    assert told.verdict == "effect-found"
-    assert {c.effect.slug for c in told.causes} == {"quantisation", "input-bias"}
+    requested = ("quantisation", "input-bias", "tether-pull", "wind-moment", "outliers")
+    result = diagnose(towed(rounded, biased, noise=0.004), effects=requested)
+    assert result.verdict == "effect-found"
+    assert {c.effect.slug for c in result.causes} == {"quantisation", "input-bias"}

@@ -1,4 +1,4 @@
-"""The interval between samples is chosen by evidence; no name stands on what is no model of the craft."""
+"""The interval between samples is chosen by evidence; no cause is reported from an invalid model of the craft."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def begun(runs: Sequence[Trial]) -> tuple[Problem, Fitted, NoisyProblem, NoisyFi
     return problem, base, *found
 
 
-def test_a_fit_is_no_model_whose_drift_is_as_large_as_its_commands_or_that_is_quicker_than_a_sample() -> None:
+def test_a_fit_with_drift_as_large_as_the_commands_or_quicker_than_a_sample_is_invalid() -> None:
     _, _, problem, plain = begun([sailed(1)])
     assert stands(problem, plain)
     loud = replace(plain, noise=replace(plain.noise, size=abs(float(plain.theta[0]))))
@@ -72,13 +72,13 @@ def test_a_fit_is_no_model_whose_drift_is_as_large_as_its_commands_or_that_is_qu
     assert not stands(problem, quick)
 
 
-def test_predictions_reach_over_the_legs_of_the_commands_however_quick_a_fit_takes_the_craft_for() -> None:
+def test_the_prediction_horizon_covers_the_command_steps_even_for_a_quick_fit() -> None:
     _, _, problem, plain = begun([sailed(1)])
     quick = replace(plain, theta=np.array([plain.theta[0], -50.0]))
     assert prediction_horizon(problem, quick) == 5.0
 
 
-def test_where_the_plain_model_is_one_of_the_craft_the_runs_are_judged_as_closely_as_ever() -> None:
+def test_a_valid_plain_model_keeps_the_sampling_interval() -> None:
     problem, _, close, plain = begun([sailed(2, speed=0.0)])
     equation = noise_equation(problem)
     assert equation is not None
@@ -86,7 +86,7 @@ def test_where_the_plain_model_is_one_of_the_craft_the_runs_are_judged_as_closel
     assert same is close and fit is plain and hint is None and words == ""
 
 
-def test_a_refit_to_fewer_runs_that_is_of_a_quicker_craft_is_chosen_by_its_error_ahead(
+def test_a_refit_that_became_too_quick_is_replaced_by_the_one_that_predicts_better(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """On a lake boat, one run left out, a damping of 2.4 1/s became 18 and all that it had gained was lost."""
@@ -100,7 +100,7 @@ def test_a_refit_to_fewer_runs_that_is_of_a_quicker_craft_is_chosen_by_its_error
 
 
 @pytest.mark.slow
-def test_damping_that_grows_with_speed_is_named_ahead_and_astern() -> None:
+def test_damping_that_grows_with_speed_is_identified_ahead_and_astern() -> None:
     problem, base, *_ = begun([sailed(3), sailed(4), sailed(5)])
     slugs = ["speed-damping", "velocity-product", "quadratic-drag", "dead-zone"]
     search = search_with_process_noise(problem, base, slugs, (), quiet)

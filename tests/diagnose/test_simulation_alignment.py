@@ -18,10 +18,10 @@ SEEDS = range(24)
 FULL, LASTS, STEP = 0.6, 80.0, 0.1
 CRAFT = {"inertia": 2.0, "drag": 1.0, "square": 0.0, "gain": 1.0, "delay": 0.0}
 OTHER = {"inertia": 3.0, "drag": 0.4, "square": 2.0, "delay": 0.3}
-"""A simulator of quite another craft."""
+"""A simulator of a very different craft."""
 
 
-def wandering(rng, count, dt, size, memory=2.0):
+def coloured_noise(rng, count, dt, size, memory=2.0):
     """An Ornstein-Uhlenbeck moment."""
     keeps = np.exp(-dt / memory)
     pushes = (size * np.sqrt(1.0 - keeps**2) * rng.normal(size=count)).tolist()
@@ -31,12 +31,12 @@ def wandering(rng, count, dt, size, memory=2.0):
     return np.array(moment)
 
 
-def turned(rng, stamps, t_in, commands, weather, craft):
+def turned(rng, stamps, t_in, commands, disturbance, craft):
     """Turn rate and heading, by Euler steps of 20 ms: of plain numbers, which take a third of the time of NumPy's."""
     dt = 0.02
     fine = np.arange(0.0, stamps[-1] + dt, dt)
     at = np.maximum(np.searchsorted(t_in, fine - craft["delay"], side="right") - 1, 0)
-    moment = (craft["gain"] * commands[at] + wandering(rng, len(fine), dt, weather)).tolist()
+    moment = (craft["gain"] * commands[at] + coloured_noise(rng, len(fine), dt, disturbance)).tolist()
     inertia, linear, square = craft["inertia"], craft["drag"], craft["square"]
     r, psi, rate, heading = [0.0], [0.0], 0.0, 0.0
     for now in moment[:-1]:
@@ -54,21 +54,21 @@ def filed(name, t, r, psi, commands=None):
     return Trial(name, channels)
 
 
-def two(seed, *, clock=1.0, offset=0.0, weather=(0.4, 0.4), theirs=None, commands=False, times=None, runs=2):
-    """Return simulations and runs of the same commands, both in *weather* (shares of the command)."""
+def two(seed, *, clock=1.0, offset=0.0, disturbance=(0.4, 0.4), theirs=None, commands=False, times=None, runs=2):
+    """Return simulations and runs of the same commands, both in *disturbance* (shares of the command)."""
     rng = np.random.default_rng([seed, 77])
     simulations, measured = [], []
     for k in range(runs):
         t_in = np.r_[0.0, np.cumsum(rng.uniform(1.5, 5.0, 40))]
         t_in = t_in[t_in < LASTS - 1.0]
-        told = FULL * rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], len(t_in))
+        result = FULL * rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], len(t_in))
         t = np.arange(0.0, LASTS, STEP)
-        r, psi = turned(rng, t, t_in, told, weather[0] * 0.45, CRAFT)
+        r, psi = turned(rng, t, t_in, result, disturbance[0] * 0.45, CRAFT)
         noise = 0.002 * rng.normal(size=(2, len(t)))
-        measured.append(filed(f"run{k}", t, r + noise[0], psi + noise[1], (t_in, told)))
-        r, psi = turned(rng, t, t_in, told, weather[1] * 0.45, {**CRAFT, **(theirs or {})})
+        measured.append(filed(f"run{k}", t, r + noise[0], psi + noise[1], (t_in, result)))
+        r, psi = turned(rng, t, t_in, result, disturbance[1] * 0.45, {**CRAFT, **(theirs or {})})
         stamps = clock * t + offset
-        seen = told[np.searchsorted(t_in, t, side="right") - 1]
+        seen = result[np.searchsorted(t_in, t, side="right") - 1]
         by = times or {}
         own = (stamps, seen) if commands else None
         simulations.append(filed(f"sim{k}", stamps, by.get("r", 1.0) * r, by.get("psi", 1.0) * psi, own))
@@ -81,7 +81,7 @@ def rows(*case, **others):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("theirs", [None, OTHER], ids=["the same craft", "another craft"])
-def test_a_wrong_clock_is_found_in_weather_that_moves_both_records(theirs):
+def test_a_wrong_clock_is_identified_although_disturbances_move_both_records(theirs):
     right, near = 0, 0
     for seed in SEEDS:
         clock = (0.98, 1.02, 1.05, 0.99)[seed % 4]
@@ -100,8 +100,8 @@ def test_a_simulator_of_another_craft_has_no_wrong_clock_sign_or_unit(theirs):
     assert [list(rows(seed, theirs=theirs)) for seed in SEEDS] == [[]] * len(SEEDS)
 
 
-def test_the_simulation_is_put_on_the_clock_of_the_runs():
-    simulations, runs = two(1, clock=1.03, weather=(0.0, 0.0))
+def test_the_simulation_is_moved_to_the_clock_of_the_runs():
+    simulations, runs = two(1, clock=1.03, disturbance=(0.0, 0.0))
     found = compared(simulations, runs)
     assert [n.name for n in found.rows] == ["clock scale"]
     (number,) = found.rows
@@ -116,26 +116,26 @@ def test_the_simulation_is_put_on_the_clock_of_the_runs():
 
 
 @pytest.mark.parametrize("offset", [0.5, -0.5])
-def test_an_offset_between_the_clocks_is_read_off_the_commands_that_both_hold(offset):
+def test_a_clock_offset_is_estimated_from_the_commands_of_both_records(offset):
     found = rows(2, offset=offset, commands=True)
     assert list(found) == ["clock offset"]
     assert abs(found["clock offset"].given - offset) < 0.05
     assert found["clock offset"].given_std < 0.05
 
 
-def test_commands_logged_at_the_simulations_own_rows_are_no_late_clock():
+def test_commands_logged_at_the_simulations_own_rows_cause_no_clock_offset():
     assert rows(2, commands=True) == {}
 
 
-def test_a_scale_and_an_offset_are_told_apart():
-    found = rows(3, clock=1.02, offset=0.5, commands=True, weather=(0.2, 0.2))
+def test_a_clock_scale_and_a_clock_offset_are_distinguished():
+    found = rows(3, clock=1.02, offset=0.5, commands=True, disturbance=(0.2, 0.2))
     assert list(found) == ["clock scale", "clock offset"]
     assert abs(found["clock scale"].given - 1.02) < 0.001
     assert abs(found["clock offset"].given - 0.5) < 0.05
 
 
-def test_a_simulation_stamped_from_zero_is_laid_beside_its_run():
-    simulations, runs = two(4, offset=1000.0, commands=True, weather=(0.0, 0.0))
+def test_a_simulation_stamped_from_zero_is_aligned_with_its_run():
+    simulations, runs = two(4, offset=1000.0, commands=True, disturbance=(0.0, 0.0))
     found = compared(simulations, runs)
     assert found.rows == ()
     assert {d.slug for d in found.doubts} == {"simulation-elsewhere"}
@@ -150,7 +150,7 @@ def test_a_simulation_stamped_from_zero_is_laid_beside_its_run():
         ({"psi": -1.0}, {"sign of psi": -1.0}),
     ],
 )
-def test_signs_and_degrees_are_named_and_set_right(times, named):
+def test_wrong_signs_and_degrees_are_reported_and_corrected(times, named):
     for seed in range(5):
         found = compared(*two(seed, times=times))
         assert {n.name: n.given for n in found.rows} == pytest.approx(named)
@@ -159,8 +159,8 @@ def test_signs_and_degrees_are_named_and_set_right(times, named):
             assert found.simulations[0][name].values == pytest.approx(clean[0][name].values)
 
 
-def test_a_simulation_gets_the_runs_own_commands_where_they_are_the_same_and_is_told_where_not():
-    simulations, runs = two(5, commands=True, weather=(0.0, 0.0))
+def test_a_simulation_takes_the_runs_commands_where_equal_and_differences_are_reported():
+    simulations, runs = two(5, commands=True, disturbance=(0.0, 0.0))
     assert compared(simulations, runs).simulations[0]["N"] is runs[0]["N"]
     halves = [replace(s["N"], values=0.5 * s["N"].values) for s in simulations]
     others = [replace(s, channels={**s.channels, "N": half}) for s, half in zip(simulations, halves, strict=True)]
@@ -170,15 +170,15 @@ def test_a_simulation_gets_the_runs_own_commands_where_they_are_the_same_and_is_
 
 
 @pytest.mark.slow
-def test_a_wrong_clock_stands_first_in_the_answer_though_both_records_wander():
-    simulations, runs = two(6, clock=1.02, weather=(0.3, 0.2))
-    told = diagnose(runs, simulations=simulations, effects=["input-delay", "input-bias", "time-scale"])
-    assert told.verdict not in ("unexplained", "no-effect")
-    assert told.wrong_numbers[0].name == "clock scale"
-    assert "time-scale" not in [c.effect.slug for c in told.causes]
-    said = " ".join(render_text(diagnosis_document(told)).replace("│", "").split())
-    assert "wrong number in the simulation: clock scale (simulation seconds per second of these runs) is 1.0" in said
-    assert "diverges" not in said
-    as_it_stands, set_right = (float(e) for e in re.findall(r"[ ,] r by ([0-9.]+) rad/s", said))
-    assert "With clock, signs and units corrected it differs in psi by" in said
-    assert set_right < 0.9 * as_it_stands  # the weather of either is left: neither knows the other's
+def test_a_wrong_clock_is_reported_first_although_both_records_drift():
+    simulations, runs = two(6, clock=1.02, disturbance=(0.3, 0.2))
+    result = diagnose(runs, simulations=simulations, effects=["input-delay", "input-bias", "time-scale"])
+    assert result.verdict not in ("unexplained", "no-effect")
+    assert result.wrong_numbers[0].name == "clock scale"
+    assert "time-scale" not in [c.effect.slug for c in result.causes]
+    text = " ".join(render_text(diagnosis_document(result)).replace("│", "").split())
+    assert "wrong number in the simulation: clock scale (simulation seconds per second of these runs) is 1.0" in text
+    assert "diverges" not in text
+    as_it_stands, set_right = (float(e) for e in re.findall(r"[ ,] r by ([0-9.]+) rad/s", text))
+    assert "With clock, signs and units corrected it differs in psi by" in text
+    assert set_right < 0.9 * as_it_stands  # the disturbance of each record remains

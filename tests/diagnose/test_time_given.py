@@ -1,4 +1,4 @@
-"""A search is limited by work; one that is stopped names nothing, reports what was tried and can be resumed."""
+"""A search is limited by work; one that is stopped reports no cause, lists what was tried and can be resumed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch, last: str, *, jobs: int = 1) -> D
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_search_that_is_stopped_says_where_and_what_is_left(monkeypatch: pytest.MonkeyPatch, jobs: int) -> None:
+def test_a_stopped_search_reports_its_stage_and_what_is_left(monkeypatch: pytest.MonkeyPatch, jobs: int) -> None:
     found = diagnosed(monkeypatch, "cause 1: fitting", jobs=jobs)
     assert (found.verdict, found.causes, found.gain) == ("unfinished", (), None)
     doubt = next(d for d in found.doubts if d.slug == "out-of-time")
@@ -50,7 +50,7 @@ def test_a_search_that_is_stopped_says_where_and_what_is_left(monkeypatch: pytes
     assert "--resume" in doubt.cure
 
 
-def test_a_cause_found_before_the_search_was_stopped_is_reported_as_tried_and_not_named(
+def test_a_cause_found_before_a_stop_is_listed_as_tried_but_not_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     found = diagnosed(monkeypatch, "cause 2")
@@ -62,16 +62,16 @@ def test_a_cause_found_before_the_search_was_stopped_is_reported_as_tried_and_no
     assert "dead-zone" in doubt.cause.partition("completed: ")[2]
 
 
-def test_time_enough_is_not_mentioned(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sufficient_time_limit_is_not_mentioned(monkeypatch: pytest.MonkeyPatch) -> None:
     found = diagnosed(monkeypatch, "never")
     assert [c.effect.slug for c in found.causes] == ["dead-zone"]
     assert "out-of-time" not in {d.slug for d in found.doubts}
 
 
 def answer(found: Diagnosis) -> Any:
-    """Return all that a diagnosis says but how long it took."""
-    told = found.to_dict()
-    return {n: v for n, v in told.items() if n != "seconds"}
+    """Return everything in a diagnosis except its duration."""
+    result = found.to_dict()
+    return {n: v for n, v in result.items() if n != "seconds"}
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def whole() -> Diagnosis:
 
 
 @pytest.mark.parametrize("pace", [1e-7, 1e-5, 1e-4, 1e-3])
-def test_a_slow_clock_changes_no_name_and_no_number(
+def test_a_slow_clock_changes_no_cause_and_no_number(
     monkeypatch: pytest.MonkeyPatch, whole: Diagnosis, pace: float
 ) -> None:
     """Each look at the clock finds it so much later; half a second is given."""
@@ -100,9 +100,7 @@ def test_a_slow_clock_changes_no_name_and_no_number(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8, 0.99])
-def test_work_that_is_used_up_stops_at_the_same_place_with_any_number_of_processes(
-    whole: Diagnosis, share: float
-) -> None:
+def test_the_work_limit_stops_at_the_same_point_with_any_number_of_processes(whole: Diagnosis, share: float) -> None:
     runs = towed(("dead-zone", "N", {"width": 0.2}))
     one, two = (diagnose(runs, effects=SOME, jobs=jobs, work=share * whole.work) for jobs in (1, 2))
     assert (one.verdict, one.causes) == ("unfinished", ())
@@ -110,7 +108,7 @@ def test_work_that_is_used_up_stops_at_the_same_place_with_any_number_of_process
     assert answer(one) == answer(two)
 
 
-def test_a_search_that_is_resumed_ends_as_one_that_was_never_stopped(tmp_path: Path, whole: Diagnosis) -> None:
+def test_a_resumed_search_gives_the_result_of_an_uninterrupted_one(tmp_path: Path, whole: Diagnosis) -> None:
     runs, stops = towed(("dead-zone", "N", {"width": 0.2})), 0
     while True:
         with keeping(KeptResults(tmp_path / "kept", "these runs")):
@@ -127,7 +125,7 @@ def test_a_search_that_is_resumed_ends_as_one_that_was_never_stopped(tmp_path: P
     assert [r.cause for r in found.ranking] == [r.cause for r in whole.ranking]
 
 
-def test_what_is_kept_is_not_calculated_again(tmp_path: Path, whole: Diagnosis) -> None:
+def test_saved_results_are_not_calculated_again(tmp_path: Path, whole: Diagnosis) -> None:
     runs = towed(("dead-zone", "N", {"width": 0.2}))
     for share in (1.0, 0.3):
         with keeping(KeptResults(tmp_path / "kept", "these runs")):
@@ -142,7 +140,7 @@ OVERHEAD = 150
 """Passes that a diagnosis of two runs makes however little time it has: a model as it stands, and some starts."""
 
 
-def passes_of(monkeypatch: pytest.MonkeyPatch, seconds: float, **asked: Any) -> tuple[int, Diagnosis]:
+def passes_of(monkeypatch: pytest.MonkeyPatch, seconds: float, **requested: Any) -> tuple[int, Diagnosis]:
     """Diagnose by a clock on which each pass of a simulation, or of a filter, over a run takes a second."""
     passed = [0]
     for owner in (ExtendedSimulator, FilterBank):
@@ -154,12 +152,12 @@ def passes_of(monkeypatch: pytest.MonkeyPatch, seconds: float, **asked: Any) -> 
 
         monkeypatch.setattr(owner, "run", counted)
     monkeypatch.setattr(clock, "time", SimpleNamespace(monotonic=lambda: float(passed[0])))
-    found = diagnose(*asked.pop("runs"), max_seconds=seconds, **asked)
+    found = diagnose(*requested.pop("runs"), max_seconds=seconds, **requested)
     return passed[0], found
 
 
 def noisy(seed: int) -> list[Trial]:
-    """Return runs of a tow, pushed by what wanders."""
+    """Return runs of a tow with a drifting force."""
     rng = np.random.default_rng(seed)
     runs = []
     for run in towed(samples=600, full=1.0, seed=seed):
@@ -172,19 +170,17 @@ def noisy(seed: int) -> list[Trial]:
 @pytest.mark.parametrize(
     "seconds", [0.0, 100.0, 1e3, pytest.param(3e3, marks=pytest.mark.slow), pytest.param(1e4, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize("asked", ["runs", "weather", "model", "simulation"])
-def test_whatever_the_stage_it_ends_near_the_time_given(
-    monkeypatch: pytest.MonkeyPatch, asked: str, seconds: float
-) -> None:
+@pytest.mark.parametrize("requested", ["runs", "process noise", "model", "simulation"])
+def test_every_stage_stops_near_the_time_limit(monkeypatch: pytest.MonkeyPatch, requested: str, seconds: float) -> None:
     runs = towed(("dead-zone", "N", {"width": 0.2}), ("quadratic-drag", "yaw", {"coefficient": 1.0}))
     wrong = ExtendedModel(CoupledModel(FORM, {"N_rdot": -3.0, "N_r": -1.0}), ())
     every: dict[str, dict[str, Any]] = {
         "runs": {"runs": (runs,)},
-        "weather": {"runs": (noisy(1),)},
+        "process noise": {"runs": (noisy(1),)},
         "model": {"runs": (runs,), "model": wrong},
         "simulation": {"runs": (runs,), "simulations": towed(noise=0.0)},
     }
-    passes, found = passes_of(monkeypatch, seconds, **every[asked])
+    passes, found = passes_of(monkeypatch, seconds, **every[requested])
     assert passes <= seconds + OVERHEAD
     assert (found.verdict == "unfinished") is (passes >= seconds)
     if found.verdict == "unfinished":
@@ -192,7 +188,7 @@ def test_whatever_the_stage_it_ends_near_the_time_given(
         assert "out-of-time" in {d.slug for d in found.doubts}
 
 
-def test_without_time_nothing_is_ruled_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_without_time_rules_nothing_out(monkeypatch: pytest.MonkeyPatch) -> None:
     _, found = passes_of(monkeypatch, 0.0, runs=(towed(("dead-zone", "N", {"width": 0.2})),))
     headline = verdict_of(found)
     assert headline.text == "Unfinished: the search reached its time limit and was stopped. Use --resume to continue."
@@ -215,9 +211,7 @@ def test_without_time_nothing_is_ruled_out(monkeypatch: pytest.MonkeyPatch) -> N
         ([1.5, 1.4, 1.3], True),
     ],
 )
-def test_a_name_holds_where_every_part_left_out_gains_or_all_but_one_well_more(
-    unseen: list[float], holds: bool
-) -> None:
+def test_a_cause_holds_if_all_held_out_parts_gain_or_all_but_one_gain_much(unseen: list[float], holds: bool) -> None:
     assert score_of(None, unseen).holds is holds
 
 
@@ -226,14 +220,14 @@ def score_of(effect: Any, unseen: list[float]) -> CandidateScore[Any]:
     return CandidateScore(effect, None, 20.0, 5.0, 1, 2.0 * float(parts.sum()), parts=parts, interval=(0.0, math.inf))
 
 
-def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> None:
+def test_rejected_causes_are_reported_with_their_held_out_gain() -> None:
     lag = SimpleNamespace(slug="actuator-lag", place="N")
     drag = SimpleNamespace(slug="quadratic-drag", place="yaw")
 
     first = SearchStep(None, (score_of(lag, [-3.0, 1.0]), score_of(drag, [-9.0, -2.0])), None)
     second = SearchStep(None, (score_of(lag, [6.0, -1.0]),), None)
-    told = missing_force.words_of(cast(Any, SimpleNamespace(accepted=[], steps=[first, second])), None)
-    assert told == (
+    result = missing_force.words_of(cast(Any, SimpleNamespace(accepted=[], steps=[first, second])), None)
+    assert result == (
         "actuator lag (N) improves the log-likelihood of the fitted runs by 20.0 and that of the held-out runs by "
         "+5.0, but not of every run. It is not reported as a cause",
         "quadratic drag (yaw) improves the log-likelihood of the fitted runs by 20.0, but lowers that of the "

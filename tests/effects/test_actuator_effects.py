@@ -1,4 +1,4 @@
-"""The book's actuators against plain computations written apart from them: fine steps, loops, scipy's integrator."""
+"""Actuators of the catalogue compared with independent computations: fine steps, loops, scipy's integrator."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ ACTUATORS = [
     "speed-dependent-steering",
     "advance-speed-loss",
 ]
-SWING = 4.0
+LARGEST = 4.0
 YAW = Form("plain", "yaw", ("yaw",), ("N_rdot", "N_r"), {}, {"N": (("N", 1.0),)}, coriolis=False)
 STAMPS = np.arange(0.0, 30.0, 0.1)
 FINE = 1e-3
 
 
 def data_summary(form: Form = YAW, *, tau: float = 1.0, **more: object) -> DataSummary:
-    channels = {"N": (-SWING, SWING), "psi": (-1.0, 1.0), "r": (-0.5, 0.5), "u": (0.2, 1.5)}
+    channels = {"N": (-LARGEST, LARGEST), "psi": (-1.0, 1.0), "r": (-0.5, 0.5), "u": (0.2, 1.5)}
     return DataSummary(
         form=form,
         inputs=dict.fromkeys(form.inputs, "N m"),
         signals={"psi": "rad", "r": "rad/s"},
-        amplitude=dict.fromkeys(form.inputs, SWING),
+        amplitude=dict.fromkeys(form.inputs, LARGEST),
         spread={"psi": 0.5, "r": 0.2},
         level={"psi": 0.01, "r": 0.01},
         channels=frozenset(channels),
@@ -59,13 +59,13 @@ def data_summary(form: Form = YAW, *, tau: float = 1.0, **more: object) -> DataS
 
 
 def commands(seed: int = 4) -> Array:
-    """Steps of random size and length up to the swing, among them full reversals, and a slow sine."""
+    """Steps of random size and length up to the largest command, among them full reversals, and a slow sine."""
     rng = np.random.default_rng(seed)
     u = np.zeros(len(STAMPS))
-    u[20:60], u[60:90], u[90:120] = SWING, -SWING, 0.4 * SWING
+    u[20:60], u[60:90], u[90:120] = LARGEST, -LARGEST, 0.4 * LARGEST
     for i in range(120, 220, 10):
-        u[i : i + 10] = rng.uniform(-SWING, SWING)
-    u[220:] = SWING * np.sin(0.8 * (STAMPS[220:] - STAMPS[220]))
+        u[i : i + 10] = rng.uniform(-LARGEST, LARGEST)
+    u[220:] = LARGEST * np.sin(0.8 * (STAMPS[220:] - STAMPS[220]))
     return u
 
 
@@ -200,8 +200,8 @@ def test_a_lag_follows_every_command_exponentially() -> None:
         c = command_at((i + 0.5) * FINE, u)
         errors.append(held(slow, np.array([(i + 0.5) * FINE]))[0] - (c + (y - c) * math.exp(-0.5 * FINE / T)))
         y = c + (y - c) * math.exp(-FINE / T)
-    assert abs(np.mean(errors)) < 1e-4 * SWING
-    assert np.max(np.abs(errors)) < 0.05 * SWING
+    assert abs(np.mean(errors)) < 1e-4 * LARGEST
+    assert np.max(np.abs(errors)) < 0.05 * LARGEST
 
 
 def test_backlash_drags_its_output_along_a_loop() -> None:
@@ -229,22 +229,22 @@ def _stall(u: float) -> float:
     [
         (applied("saturation", limit=1.5), lambda u: min(max(u, -1.5), 1.5)),
         (applied("dead-zone", width=0.7), lambda u: u - 0.7 if u > 0.7 else (u + 0.7 if u < -0.7 else 0.0)),
-        (applied("quadratic-actuator", share=0.8), lambda u: 0.2 * u + 0.8 * u * abs(u) / SWING),
+        (applied("quadratic-actuator", share=0.8), lambda u: 0.2 * u + 0.8 * u * abs(u) / LARGEST),
         (applied("rudder-stall", angle=2.5, drop=1.5), _stall),
         (applied("asymmetric-thrust", ratio=0.6), lambda u: u if u > 0 else 0.6 * u),
     ],
     ids=lambda a: a.slug if isinstance(a, EffectInstance) else "",
 )
-def test_static_curves_keep_their_law_in_drive_and_picture(own: EffectInstance, law: Callable[[float], float]) -> None:
+def test_static_curves_keep_their_law_in_drive_and_plot(own: EffectInstance, law: Callable[[float], float]) -> None:
     entry = EFFECTS[own.slug]
     assert entry.drive(own, drive_of()).channels["N"] == pytest.approx([law(c) for c in commands()], abs=1e-12)
-    picture = entry.curve(own, data_summary())
-    assert picture is not None
-    assert picture.y == pytest.approx([law(float(c)) for c in picture.x], abs=1e-12)
+    plot = entry.curve(own, data_summary())
+    assert plot is not None
+    assert plot.y == pytest.approx([law(float(c)) for c in plot.x], abs=1e-12)
 
 
 @pytest.mark.parametrize("rate", [0.02, 0.05, -0.02])
-def test_gain_drifts_from_the_first_stamp_and_never_below_a_twentieth(rate: float) -> None:
+def test_gain_drifts_from_the_first_stamp_and_stays_above_a_twentieth(rate: float) -> None:
     sparse = Drive(np.array([2.0, 8.0, 21.0]), {"N": np.array([3.0, -4.0, 1.0])}, 1.0, drive_of().measured)
     faded = EFFECTS["gain-drift"].drive(applied("gain-drift", rate=rate), sparse)
     out = np.arange(2.0, 29.9, 0.1)
@@ -252,19 +252,19 @@ def test_gain_drifts_from_the_first_stamp_and_never_below_a_twentieth(rate: floa
     gain = np.maximum(1.0 - rate * (fine + 0.5 * FINE - 1.0), 0.05)
     u = np.array([3.0, -4.0, 1.0])[np.searchsorted(sparse.t, fine + 0.5 * FINE, side="right") - 1]
     expected, seen = craft(fine, gain * u, 0.1, out), craft(faded.t, faded.channels["N"], 0.1, out)
-    assert np.abs(seen - expected).max() < 1e-3 * SWING
+    assert np.abs(seen - expected).max() < 1e-3 * LARGEST
 
 
-def test_steering_goes_with_the_square_of_the_measured_speed() -> None:
+def test_steering_grows_with_the_square_of_the_measured_speed() -> None:
     own = EffectInstance("speed-dependent-steering", "N", {"share": 0.7}, {"U_ref": 1.1})
     flown = EFFECTS[own.slug].drive(own, drive_of())
     at = np.arange(0.013, 29.5, 0.0473)
     speed = 0.9 + 0.6 * np.sin(0.4 * at)
     expected = [command_at(s, commands()) * (0.3 + 0.7 * (v / 1.1) ** 2) for s, v in zip(at, speed, strict=True)]
-    assert held(flown, at) == pytest.approx(expected, abs=0.01 * SWING)
+    assert held(flown, at) == pytest.approx(expected, abs=0.01 * LARGEST)
 
 
-def test_steering_takes_little_notice_of_noise_in_the_speed() -> None:
+def test_steering_is_little_affected_by_noise_in_the_speed() -> None:
     t = np.arange(0.0, 30.0, 0.1)
     noisy = Channel("u", "m/s", t, 1.0 + 0.1 * np.random.default_rng(1).standard_normal(len(t)))
     own = EffectInstance("speed-dependent-steering", "N", {"share": 1.0}, {"U_ref": 1.0})
@@ -272,22 +272,22 @@ def test_steering_takes_little_notice_of_noise_in_the_speed() -> None:
     assert np.std(flown.channels["N"][10:-10]) < 0.6 * 2.0 * 0.1
 
 
-def test_steering_is_left_alone_where_no_speed_was_recorded() -> None:
+def test_steering_is_unchanged_without_a_recorded_speed() -> None:
     own = EffectInstance("speed-dependent-steering", "N", {"share": 0.7}, {"U_ref": 1.1})
     drive = Drive(STAMPS, {"N": commands()}, 0.0)
     assert EFFECTS[own.slug].drive(own, drive) is drive
 
 
-# -- what a craft sees of it
+# -- the resulting motion of a craft
 
 
 @pytest.mark.parametrize("tau", [0.1, 1.0, 20.0])
 @pytest.mark.parametrize("T", [0.02, 0.3, 3.0])
-def test_no_craft_notices_that_a_lag_is_held_in_pieces(tau: float, T: float) -> None:
+def test_a_lag_held_in_pieces_is_exact_at_the_stamps(tau: float, T: float) -> None:
     u, out = commands() + 0.3, STAMPS[:250]
     slow = EFFECTS["actuator-lag"].drive(applied("actuator-lag", time_constant=T), drive_of(u))
     expected = between_stamps(lambda t, y, c: (c - y) / T, u, tau, out)
-    assert np.abs(craft(slow.t, slow.channels["N"], tau, out) - expected).max() < 1e-3 * SWING
+    assert np.abs(craft(slow.t, slow.channels["N"], tau, out) - expected).max() < 1e-3 * LARGEST
 
 
 @pytest.mark.parametrize("tau", [0.1, 1.0, 20.0])
@@ -296,15 +296,15 @@ def test_no_craft_notices_that_a_lag_is_held_in_pieces(tau: float, T: float) -> 
     [("actuator-lag", "time_constant", T) for T in (0.02, 0.3, 3.0)]
     + [("rate-limit", "rate", rate) for rate in (0.8, 6.0, 70.0)],
 )
-def test_nor_between_the_stamps(slug: str, name: str, value: float, tau: float) -> None:
+def test_lags_and_rate_limits_are_exact_between_the_stamps(slug: str, name: str, value: float, tau: float) -> None:
     u, out = commands() + 0.3, np.arange(0.0, 25.0, 0.0371)
     moved = EFFECTS[slug].drive(applied(slug, **{name: value}), drive_of(u))
     expected = EXACT[slug](u, value, tau, out)
-    assert np.abs(craft(moved.t, moved.channels["N"], tau, out) - expected).max() < 1e-3 * SWING
+    assert np.abs(craft(moved.t, moved.channels["N"], tau, out) - expected).max() < 1e-3 * LARGEST
 
 
 @pytest.mark.parametrize("rate", [0.8, 6.0])
-def test_a_plain_euler_loop_sees_the_same_ramps(rate: float) -> None:
+def test_a_plain_euler_loop_gives_the_same_ramps(rate: float) -> None:
     u, h = commands() + 0.3, 5e-4
     fine, out = np.arange(0.0, 15.0, h), STAMPS[:140]
     y, nu, seen = u[0], 0.0, []
@@ -314,13 +314,13 @@ def test_a_plain_euler_loop_sees_the_same_ramps(rate: float) -> None:
         last, y = y, y + min(max(c - y, -rate * h), rate * h)
         nu += h / 0.5 * (0.5 * (last + y) - nu)
     slow = EFFECTS["rate-limit"].drive(applied("rate-limit", rate=rate), drive_of(u))
-    assert np.abs(craft(slow.t, slow.channels["N"], 0.5, out) - np.array(seen[:140])).max() < 2e-3 * SWING
+    assert np.abs(craft(slow.t, slow.channels["N"], 0.5, out) - np.array(seen[:140])).max() < 2e-3 * LARGEST
 
 
 @pytest.mark.parametrize(("slug", "values"), [("actuator-lag", {"time_constant": 0.3}), ("rate-limit", {"rate": 6.0})])
 def test_stamps_are_added_after_changes_only_and_fewer_for_slow_craft(slug: str, values: dict[str, float]) -> None:
     t = np.arange(0.0, 600.0, 0.1)
-    u = np.where((t // 60.0) % 2 == 0, SWING, -SWING)
+    u = np.where((t // 60.0) % 2 == 0, LARGEST, -LARGEST)
     counts = []
     for tau in (0.1, 20.0):
         own = EffectInstance(slug, "N", values, EFFECTS[slug].constants("N", data_summary(tau=tau)))
@@ -330,12 +330,14 @@ def test_stamps_are_added_after_changes_only_and_fewer_for_slow_craft(slug: str,
 
 
 @pytest.mark.parametrize("slug", ["actuator-lag", "rate-limit"])
-def test_motion_goes_on_after_the_last_command(slug: str) -> None:
+def test_an_actuator_keeps_moving_after_the_last_command(slug: str) -> None:
     value = {"actuator-lag": {"time_constant": 2.0}, "rate-limit": {"rate": 1.0}}[slug]
-    moved = EFFECTS[slug].drive(applied(slug, **value), Drive(np.array([0.0, 1.0]), {"N": np.array([0.0, SWING])}, 0.0))
-    middle = {"actuator-lag": SWING * (1.0 - math.exp(-1.0)), "rate-limit": 2.0}[slug]
+    moved = EFFECTS[slug].drive(
+        applied(slug, **value), Drive(np.array([0.0, 1.0]), {"N": np.array([0.0, LARGEST])}, 0.0)
+    )
+    middle = {"actuator-lag": LARGEST * (1.0 - math.exp(-1.0)), "rate-limit": 2.0}[slug]
     assert held(moved, np.array([3.0]))[0] == pytest.approx(middle, abs=0.06)
-    assert held(moved, np.array([100.0]))[0] == SWING
+    assert held(moved, np.array([100.0]))[0] == LARGEST
 
 
 SMOOTH = [
@@ -351,7 +353,7 @@ SMOOTH = [
 
 @pytest.mark.parametrize(("slug", "name", "value"), SMOOTH)
 def test_small_and_smaller_differences_agree(slug: str, name: str, value: float) -> None:
-    """No snapping to a grid: quotients over steps of 1e-3 and 1e-4 of the value tell the same."""
+    """No snapping to a grid: quotients over steps of 1e-3 and 1e-4 of the value agree."""
 
     def response(x: float) -> Array:
         values = {"drop": 1.0, name: x} if slug == "rudder-stall" else {name: x}
@@ -361,14 +363,14 @@ def test_small_and_smaller_differences_agree(slug: str, name: str, value: float)
     here = response(value)
     fine, finest = ((response(value * (1 + h)) - here) / h for h in (1e-3, 1e-4))
     size = np.abs(finest).max()
-    assert size > 1e-2 * SWING
+    assert size > 1e-2 * LARGEST
     assert np.abs(fine - finest).max() < 0.02 * size
 
 
 @pytest.mark.parametrize(
     ("slug", "name", "value"), [("actuator-lag", "time_constant", 0.61), ("rate-limit", "rate", 3.7)]
 )
-def test_differences_are_those_of_the_continuous_motion(slug: str, name: str, value: float) -> None:
+def test_differences_match_the_continuous_motion(slug: str, name: str, value: float) -> None:
     def response(x: float) -> Array:
         moved = EFFECTS[slug].drive(applied(slug, **{name: x}), drive_of())
         return craft(moved.t, moved.channels["N"], 0.5, STAMPS)
@@ -383,14 +385,14 @@ def test_differences_are_those_of_the_continuous_motion(slug: str, name: str, va
 
 
 @pytest.mark.parametrize("gain", [1.0, "k_N", "-k_N"])
-def test_thrust_is_lost_with_speed_whatever_made_the_command(gain: float | str) -> None:
+def test_thrust_is_lost_with_speed_for_any_input_gain(gain: float | str) -> None:
     known = {"k_N": 1.6} if isinstance(gain, str) else {}
     form = Form("plain", "", ("yaw",), ("N_rdot", "N_r"), known, {"N": (("N", gain),)}, coriolis=False)
     k = {1.0: 1.0, "k_N": 1.6, "-k_N": -1.6}[gain]
-    told = data_summary(form)
-    told = DataSummary(**{**{n: getattr(told, n) for n in DataSummary.__slots__}, "base": {**told.base, **known}})
+    result = data_summary(form)
+    result = DataSummary(**{**{n: getattr(result, n) for n in DataSummary.__slots__}, "base": {**result.base, **known}})
     entry, loss = EFFECTS["advance-speed-loss"], 0.21
-    own = EffectInstance(entry.slug, "N", {"loss": loss}, entry.constants("N", told))
+    own = EffectInstance(entry.slug, "N", {"loss": loss}, entry.constants("N", result))
     dead = EFFECTS["dead-zone"].drive(applied("dead-zone", width=0.5), drive_of())
     extended = form.freeing(*entry.derivatives(own))
     model = CoupledModel(extended, {"N_rdot": -2.0, "N_r": -0.4, **known, **entry.derivatives(own)})
@@ -411,22 +413,22 @@ def test_thrust_is_lost_with_speed_whatever_made_the_command(gain: float | str) 
     assert motion.values["r"] == pytest.approx(expected, abs=1e-5 * max(np.abs(expected)))
 
 
-def test_lost_thrust_has_an_axis_a_unit_and_a_picture() -> None:
+def test_lost_thrust_has_an_axis_a_unit_and_a_plot() -> None:
     entry = EFFECTS["advance-speed-loss"]
     surge = Form("plain", "", ("surge",), ("X_udot", "X_u"), {}, {"X": (("X", 1.0),)}, coriolis=False)
-    told = data_summary(surge)
-    assert entry.places(told) == ("X",)
-    assert entry.unit_of("loss", "X", told) == "s/m"
+    result = data_summary(surge)
+    assert entry.places(result) == ("X",)
+    assert entry.unit_of("loss", "X", result) == "s/m"
     assert entry.unit_of("loss", "N", data_summary()) == "s/rad"
-    own = EffectInstance(entry.slug, "X", {"loss": 0.3}, entry.constants("X", told))
+    own = EffectInstance(entry.slug, "X", {"loss": 0.3}, entry.constants("X", result))
     assert entry.derivatives(own) == {"X_|X|u": -0.3}
-    picture = entry.curve(own, told)
-    assert picture is not None and picture.plain is not None
-    assert picture.y == pytest.approx(SWING * (1.0 - 0.3 * picture.x))
+    plot = entry.curve(own, result)
+    assert plot is not None and plot.plain is not None
+    assert plot.y == pytest.approx(LARGEST * (1.0 - 0.3 * plot.x))
 
 
 @pytest.mark.parametrize("gain", [1.0, "k_N", "-k_N", "N_N"])
-def test_steering_goes_with_the_simulated_speed_where_surge_is_simulated(gain: float | str) -> None:
+def test_steering_uses_the_simulated_speed_if_surge_is_simulated(gain: float | str) -> None:
     known = {gain.lstrip("-"): 1.6} if isinstance(gain, str) else {}
     form = Form(
         "plain",
@@ -438,11 +440,11 @@ def test_steering_goes_with_the_simulated_speed_where_surge_is_simulated(gain: f
         coriolis=False,
     )
     k = {1.0: 1.0, "-k_N": -1.6}.get(gain, 1.6)
-    told = data_summary(form)
+    result = data_summary(form)
     base = {"X_udot": -3.0, "X_u": -1.5, "N_rdot": -2.0, "N_r": -0.4, **known}
-    told = DataSummary(**{**{n: getattr(told, n) for n in DataSummary.__slots__}, "base": base})
+    result = DataSummary(**{**{n: getattr(result, n) for n in DataSummary.__slots__}, "base": base})
     entry = EFFECTS["speed-dependent-steering"]
-    own = EffectInstance(entry.slug, "N", {"share": 0.7}, entry.constants("N", told))
+    own = EffectInstance(entry.slug, "N", {"share": 0.7}, entry.constants("N", result))
     push = 2.0 * np.sin(0.3 * STAMPS)
     drive = drive_of(X=push)
     assert entry.drive(own, drive) is drive
@@ -467,7 +469,7 @@ def test_steering_goes_with_the_simulated_speed_where_surge_is_simulated(gain: f
     assert motion.values["r"] == pytest.approx(expected, abs=1e-5 * max(np.abs(expected)))
 
 
-# -- what the book says of them
+# -- entries of the catalogue
 
 
 @pytest.mark.parametrize("slug", ACTUATORS)
@@ -484,13 +486,13 @@ def test_starts_lie_within_bounds_and_are_few(slug: str) -> None:
 
 NEUTRAL = {
     "input-delay": {"delay": 0.0},
-    "saturation": {"limit": SWING},
+    "saturation": {"limit": LARGEST},
     "rate-limit": {"rate": 1e9},
     "actuator-lag": {"time_constant": 0.0},
     "backlash": {"width": 0.0},
     "dead-zone": {"width": 0.0},
     "quadratic-actuator": {"share": 0.0},
-    "rudder-stall": {"angle": SWING, "drop": 1.0},
+    "rudder-stall": {"angle": LARGEST, "drop": 1.0},
     "asymmetric-thrust": {"ratio": 1.0},
     "gain-drift": {"rate": 0.0},
     "speed-dependent-steering": {"share": 0.0},
@@ -505,20 +507,20 @@ def test_a_neutral_value_changes_nothing(slug: str) -> None:
 
 
 @pytest.mark.parametrize("slug", ACTUATORS)
-def test_every_actuator_has_a_picture_and_words(slug: str) -> None:
+def test_every_actuator_has_a_plot_and_a_description(slug: str) -> None:
     entry = EFFECTS[slug]
     own = EffectInstance(slug, "N", entry.starts("N", data_summary())[0], entry.constants("N", data_summary()))
-    picture = entry.curve(own, data_summary())
+    plot = entry.curve(own, data_summary())
     assert entry.family == "actuator"
-    assert picture is not None and picture.plain is not None
-    assert len(picture.x) == len(picture.y) == len(picture.plain)
-    assert np.isfinite(picture.x).all() and np.isfinite(picture.y).all()
-    assert np.abs(picture.y - picture.plain).max() > 0.01
+    assert plot is not None and plot.plain is not None
+    assert len(plot.x) == len(plot.y) == len(plot.plain)
+    assert np.isfinite(plot.x).all() and np.isfinite(plot.y).all()
+    assert np.abs(plot.y - plot.plain).max() > 0.01
     assert slug not in entry.mistaken_for and len(entry.mistaken_for) >= 2
     assert entry.meaning and entry.shown_by and entry.separated_by
 
 
-def test_actuators_act_in_the_order_of_the_book() -> None:
+def test_actuators_act_in_the_order_of_the_catalogue() -> None:
     assert [s for s in EFFECTS if s in ACTUATORS] == ACTUATORS
 
 
@@ -534,7 +536,7 @@ def test_places_are_where_the_runs_can_show_an_effect() -> None:
     )
     here = data_summary(twin)
     extent = {**here.extent, "X": (0.0, 3.0), "delta": (-0.4, 0.4), "left": (-1.0, 1.0), "idle": (0.0, 0.0)}
-    told = DataSummary(
+    result = DataSummary(
         **{
             **{n: getattr(here, n) for n in DataSummary.__slots__},
             "extent": extent,
@@ -542,27 +544,27 @@ def test_places_are_where_the_runs_can_show_an_effect() -> None:
             "amplitude": {"X": 3.0, "delta": 0.4, "left": 1.0, "idle": 0.0},
         }
     )
-    assert EFFECTS["saturation"].places(told) == ("X", "delta", "left")
-    assert EFFECTS["asymmetric-thrust"].places(told) == ("delta", "left")
-    assert EFFECTS["rudder-stall"].places(told) == ("delta", "left")
-    assert EFFECTS["speed-dependent-steering"].places(told) == ("delta", "left")
-    assert EFFECTS["advance-speed-loss"].places(told) == ("X",)
+    assert EFFECTS["saturation"].places(result) == ("X", "delta", "left")
+    assert EFFECTS["asymmetric-thrust"].places(result) == ("delta", "left")
+    assert EFFECTS["rudder-stall"].places(result) == ("delta", "left")
+    assert EFFECTS["speed-dependent-steering"].places(result) == ("delta", "left")
+    assert EFFECTS["advance-speed-loss"].places(result) == ("X",)
     steady = DataSummary(
-        **{**{n: getattr(told, n) for n in DataSummary.__slots__}, "extent": {**extent, "u": (0.98, 1.02)}}
+        **{**{n: getattr(result, n) for n in DataSummary.__slots__}, "extent": {**extent, "u": (0.98, 1.02)}}
     )
     assert EFFECTS["speed-dependent-steering"].places(steady) == ()
-    blind = DataSummary(**{**{n: getattr(told, n) for n in DataSummary.__slots__}, "channels": frozenset({"psi"})})
+    blind = DataSummary(**{**{n: getattr(result, n) for n in DataSummary.__slots__}, "channels": frozenset({"psi"})})
     assert EFFECTS["speed-dependent-steering"].places(blind) == ()
 
 
 @pytest.mark.parametrize("tau", [0.05, 0.6, 3.0, 100.0])
-def test_the_quickest_craft_is_read_off_the_base_with_caution(tau: float) -> None:
+def test_the_quickest_craft_is_estimated_from_the_base_with_a_margin(tau: float) -> None:
     assert quickest(data_summary(tau=tau)) == pytest.approx(min(max(tau / 3.0, 0.1), 5.0))
     without = DataSummary(**{**{n: getattr(data_summary(tau=tau), n) for n in DataSummary.__slots__}, "base": {}})
     assert quickest(without) == quickest(data_summary(tau=tau))
 
 
-def test_effects_are_called_by_words_and_never_by_their_slug() -> None:
+def test_effects_are_described_in_words_and_not_by_slug() -> None:
     assert effect_at(EffectInstance("quadratic-actuator", "N", {})) == "quadratic thrust curve (N)"
     assert effect_words("N_u") == "derivative N_u"
     assert not [slug for slug in EFFECTS if "-" in effect_words(slug)]

@@ -1,4 +1,4 @@
-"""What docs/developing.md tells of effects, done as it says: one file outside the package and one line."""
+"""The guide on effects in docs/developing.md, followed step by step: one file outside the package and one line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GUIDE = (Path(__file__).parents[2] / "docs" / "developing.md").read_text(encodin
 INERTIA, DRAG, COEFFICIENT = 2.0, 0.5, 1.5
 
 
-def told(language: str) -> str:
+def guide_code(language: str) -> str:
     """Return the code of that *language* in the guide's section on effects."""
     section = GUIDE.split("## An effect of your own")[1].split("\n## ")[0]
     (code,) = re.findall(rf"```{language}\n(.*?)```", section, re.DOTALL)
@@ -29,11 +29,11 @@ def told(language: str) -> str:
 
 @pytest.fixture
 def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Put the guide's module on Python's path, as an installed package leaves it, with *more* lines beside its own."""
+    """Put the guide's module on Python's path, as an installed package leaves it, with *more* lines in addition."""
 
     def offer(**more: str) -> None:
-        (tmp_path / "waves_made.py").write_text(told("python"))
-        lines = {**tomllib.loads(told("toml"))["project"]["entry-points"][GROUP], **more}
+        (tmp_path / "waves_made.py").write_text(guide_code("python"))
+        lines = {**tomllib.loads(guide_code("toml"))["project"]["entry-points"][GROUP], **more}
         described = tmp_path / "waves_made-1.0.dist-info"
         described.mkdir()
         rows = "".join(f"{name} = {where}\n" for name, where in lines.items())
@@ -60,7 +60,7 @@ def flown(path: Path, seed: int) -> Path:
 
 
 @pytest.mark.slow
-def test_an_effect_from_outside_is_hidden_found_fitted_and_listed_from_the_command_line(offered, tmp_path, capsys):
+def test_a_plug_in_effect_is_diagnosed_fitted_and_listed_on_the_command_line(offered, tmp_path, capsys):
     offered()
     runs = [str(flown(tmp_path / f"run{seed}.csv", seed)) for seed in (1, 2)]
     assert main(["diagnose", *runs, "--effects", "cubic-drag,dead-zone,input-bias", "--json"]) == 0
@@ -75,19 +75,19 @@ def test_an_effect_from_outside_is_hidden_found_fitted_and_listed_from_the_comma
     assert "cubic-drag" in capsys.readouterr().out
 
 
-def test_one_that_cannot_be_loaded_is_said_to_be_so(offered):
+def test_a_plug_in_that_cannot_be_loaded_is_reported(offered):
     offered(broken="waves_made:nothing")
     with pytest.raises(UsageError, match=r"'broken' \(waves_made:nothing\) cannot be loaded"):
         len(EFFECTS)
 
 
-def test_what_is_no_effect_is_not_taken_for_one(offered):
+def test_a_plug_in_that_is_not_an_effect_is_rejected(offered):
     offered(odd="builtins:dict")
     with pytest.raises(UsageError, match=r"'odd' \(builtins:dict\) does not produce"):
         len(EFFECTS)
 
 
-def test_every_effect_says_what_it_acts_on_or_is_a_disturbance():
+def test_every_effect_states_what_it_acts_on_or_is_a_disturbance():
     assert len(EFFECTS) > 30
     for effect in EFFECTS.values():
         assert effect.acts_on or effect.is_disturbance, effect.slug

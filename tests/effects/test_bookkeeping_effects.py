@@ -66,11 +66,11 @@ def test_starts_lie_within_the_bounds(slug: str) -> None:
             assert all(bounds[n][0] <= v <= bounds[n][1] for n, v in start.items())
 
 
-def test_bookkeeping_is_looked_for_first() -> None:
+def test_data_errors_are_searched_first() -> None:
     assert tuple(EFFECTS)[: len(SLUGS)] == SLUGS
 
 
-def test_a_fast_clock_is_set_right_about_the_first_stamp() -> None:
+def test_a_fast_clock_is_corrected_about_the_first_stamp() -> None:
     own = EffectInstance("time-scale", "t", {"factor": 1.25})
     true = EFFECTS["time-scale"].retime(own, T, 10.0, inputs=False)
     assert true[0] == 10.0
@@ -78,7 +78,7 @@ def test_a_fast_clock_is_set_right_about_the_first_stamp() -> None:
     np.testing.assert_array_equal(true, EFFECTS["time-scale"].retime(own, T, 10.0, inputs=True))
 
 
-def test_a_wrong_clock_needs_a_position_beside_its_velocity_to_show() -> None:
+def test_a_wrong_clock_is_visible_only_with_a_position_and_its_velocity() -> None:
     effect = EFFECTS["time-scale"]
     assert effect.places(data_summary(yaw(), "psi", "r")) == ("t",)
     assert effect.places(data_summary(yaw(), "r")) == ()
@@ -95,7 +95,7 @@ def craft(effects: tuple[EffectInstance, ...], t_in: np.ndarray, stamps: np.ndar
 
 
 @pytest.mark.parametrize("offset", [-0.7, 0.4])
-def test_signals_stamped_late_are_the_motion_of_earlier_commands(offset: float) -> None:
+def test_signals_stamped_late_show_the_motion_of_earlier_commands(offset: float) -> None:
     t = np.arange(0.0, 10.0, 0.1)
     late = craft((EffectInstance("time-offset", "t", {"offset": offset}),), t, t)
     # By hand: the response of r' = (N - 0.5 r), command jumps moved by the offset in the signals' clock.
@@ -118,7 +118,7 @@ def test_a_file_with_a_fast_clock_moves_too_slowly_for_its_rates() -> None:
     assert np.max(np.abs(np.gradient(plain["psi"], t)[5:-5] - plain["r"][5:-5])) < 0.06 * np.ptp(plain["r"])
 
 
-def test_a_slip_of_units_scales_a_signal_and_unscales_a_command() -> None:
+def test_a_unit_mistake_scales_a_signal_and_unscales_a_command() -> None:
     effect = EFFECTS["unit-error"]
     own = EffectInstance("unit-error", "r", {"factor": 180.0 / math.pi})
     shown = effect.observe(own, seen(r=np.full(41, math.pi), psi=T))
@@ -129,7 +129,7 @@ def test_a_slip_of_units_scales_a_signal_and_unscales_a_command() -> None:
     np.testing.assert_allclose(true.channels["N"], 10.0)
 
 
-def test_the_factor_of_a_slip_is_chosen_not_fitted() -> None:
+def test_the_factor_of_a_unit_mistake_is_chosen_and_not_fitted() -> None:
     effect = EFFECTS["unit-error"]
     assert effect.fixed == ("factor",)
     about = data_summary(yaw(), "psi", "r")
@@ -138,7 +138,7 @@ def test_the_factor_of_a_slip_is_chosen_not_fitted() -> None:
     assert all(any(f * g == pytest.approx(1.0) for g in factors) for f in factors)
 
 
-def test_units_are_doubted_only_where_something_checks_them() -> None:
+def test_unit_mistakes_are_searched_only_where_the_data_can_show_them() -> None:
     effect = EFFECTS["unit-error"]
     assert effect.places(data_summary(yaw(), "r")) == ()
     assert effect.places(data_summary(yaw(), "psi", "r")) == ("psi", "r")
@@ -151,7 +151,7 @@ def test_units_are_doubted_only_where_something_checks_them() -> None:
     assert effect.places(data_summary(PLANAR, "u", "v", "r")) == ()
 
 
-def test_a_wrong_sign_sits_in_every_run_or_in_one() -> None:
+def test_a_wrong_sign_applies_to_every_run_or_to_one() -> None:
     effect = EFFECTS["sign-error"]
     r = np.sin(T)
     np.testing.assert_array_equal(effect.observe(EffectInstance("sign-error", "r", {}), seen(r=r)).signals["r"], -r)
@@ -163,7 +163,7 @@ def test_a_wrong_sign_sits_in_every_run_or_in_one() -> None:
         np.testing.assert_array_equal(found, sign * r)
 
 
-def test_the_sign_of_a_rudder_is_fitted_anyway_unless_one_run_differs() -> None:
+def test_a_rudder_sign_is_searched_only_as_a_difference_between_runs() -> None:
     effect = EFFECTS["sign-error"]
     rudder = yaw({"delta": {"N": "N_delta"}})
     assert effect.places(data_summary(rudder, "psi", "r")) == ("psi", "r")
@@ -172,7 +172,7 @@ def test_the_sign_of_a_rudder_is_fitted_anyway_unless_one_run_differs() -> None:
     assert "N" in effect.places(data_summary(yaw(), "r"))
 
 
-def test_exchanged_columns_come_back_exchanged() -> None:
+def test_exchanged_columns_are_exchanged_back() -> None:
     effect = EFFECTS["channel-swap"]
     swapped = effect.observe(EffectInstance("channel-swap", "u+v", {}), seen(u=T, v=-T, r=0.0 * T))
     np.testing.assert_array_equal(swapped.signals["u"], -T)
@@ -183,7 +183,7 @@ def test_exchanged_columns_come_back_exchanged() -> None:
     np.testing.assert_array_equal(untouched.channels["X"], -T)
 
 
-def test_only_columns_of_one_kind_are_taken_for_exchanged() -> None:
+def test_only_columns_of_one_kind_are_considered_exchanged() -> None:
     effect = EFFECTS["channel-swap"]
     assert effect.places(data_summary(PLANAR, "u", "v", "r", "psi", "x", "y")) == ("u+v", "x+y", "X+N")
     assert effect.places(data_summary(yaw(), "psi", "r")) == ()

@@ -39,7 +39,7 @@ def at(drive: Drive, times: NDArray[np.float64]) -> NDArray[np.float64]:
     return found
 
 
-def test_a_command_that_drives_nothing_is_added_from_its_own_stamps_on_and_held_before_the_first() -> None:
+def test_a_command_that_is_not_an_input_is_added_at_its_own_stamps() -> None:
     other = Channel("X", "1", np.array([0.5, 1.0, 1.6, 2.0]), np.array([1.0, -2.0, np.nan, 4.0]))
     drive = Drive(np.array([0.0, 1.2]), {"N": np.array([0.3, 0.7])}, 0.0, {"X": other})
     times = np.array([0.1, 0.6, 1.1, 1.3, 1.7, 2.5])
@@ -47,7 +47,7 @@ def test_a_command_that_drives_nothing_is_added_from_its_own_stamps_on_and_held_
     assert at(ENTRY.drive(LEAKS, drive), times) == pytest.approx(by_hand)
 
 
-def test_a_command_that_drives_is_added_as_it_acts_and_its_own_axis_keeps_all_of_it() -> None:
+def test_an_input_command_is_added_as_it_acts_and_its_own_axis_is_unchanged() -> None:
     t, turn, push = np.array([0.0, 1.0]), np.array([0.3, 0.7]), np.array([2.0, -2.0])
     measured = Channel("X", "N", t, 9.0 * push)
     acting = ENTRY.drive(LEAKS, Drive(t, {"N": turn, "X": push}, 0.0, {"X": measured}))
@@ -55,7 +55,7 @@ def test_a_command_that_drives_is_added_as_it_acts_and_its_own_axis_keeps_all_of
     assert acting.channels["X"] == pytest.approx(push)
 
 
-def test_it_sits_where_another_command_was_recorded_that_changes() -> None:
+def test_the_coupling_applies_to_recorded_commands_that_change() -> None:
     assert ENTRY.places(data_summary()) == ()
     assert ENTRY.places(data_summary(X=(-0.5, 1.0), u=(0.0, 1.0), Z=(0.0, 0.3))) == ("N+X", "N+Z")
     assert ENTRY.places(data_summary(X=(-5e-17, 1e-16))) == (), "what a mixer's arithmetic leaves of zero"
@@ -64,20 +64,20 @@ def test_it_sits_where_another_command_was_recorded_that_changes() -> None:
     assert ENTRY.places(idle) == ()
 
 
-def test_the_search_begins_either_way_with_a_fair_share_of_the_largest_command() -> None:
+def test_the_search_starts_at_both_signs_of_a_fraction_of_the_largest_command() -> None:
     starts = ENTRY.starts("N+X", data_summary(X=(-4.0, 2.0)))
     assert [s["gain"] * 4.0 for s in starts] == pytest.approx([0.2, -0.2])
 
 
-def test_it_is_drawn_over_all_of_the_other_command_that_was_given() -> None:
+def test_the_coupling_is_plotted_over_the_range_of_the_other_command() -> None:
     drawn = ENTRY.curve(LEAKS, data_summary(X=(0.5, 2.0)))
     assert drawn is not None
     assert (drawn.x[0], drawn.x[-1], drawn.y[-1]) == (0.0, 2.0, -1.0)
     assert drawn.x_label == "X commanded [1]", "a share, as the input that drives"
 
 
-def test_a_throttle_that_is_put_on_once_is_no_place_for_it() -> None:
-    """A boat's bias was called a coupling to her throttle, which had been up for all but the first seconds."""
+def test_a_throttle_that_is_set_once_is_not_a_candidate() -> None:
+    """A boat's bias was reported as a coupling to its throttle, which was up for all but the first seconds."""
     data = data_summary(X=(0.0, 0.8))
     assert ENTRY.places(replace(data, usual={"X": (0.78, 0.8)})) == ()
     assert ENTRY.places(replace(data, usual={"X": (0.5, 0.8)})) == ("N+X",)

@@ -73,12 +73,12 @@ def test_a_lag_between_stamps_has_the_exact_mean_on_every_piece(time_constant: f
     # as many pieces as the slope asks for: 2 sqrt(d T / resolution) (1 - exp(-h / 2T)) in each interval, rounded up
     for j, (begin, until) in enumerate(zip(T, [*T[1:], end], strict=True)):
         d = abs(lagged(begin, time_constant) - U[j])
-        asked = 2.0 * np.sqrt(d * time_constant / resolution) * -np.expm1(-(until - begin) / (2.0 * time_constant))
+        requested = 2.0 * np.sqrt(d * time_constant / resolution) * -np.expm1(-(until - begin) / (2.0 * time_constant))
         inside = np.sum((stamps[:-1] >= begin) & (stamps[:-1] < until))
-        assert inside == max(1, int(np.ceil(asked - 1e-9)))
+        assert inside == max(1, int(np.ceil(requested - 1e-9)))
 
 
-def test_two_commands_at_one_stamp_are_one_and_a_piece_of_no_length_has_the_value_of_its_moment() -> None:
+def test_two_commands_at_one_stamp_count_as_the_second() -> None:
     t, u = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 1.0, 5.0, -1.0])
     stamps, values = following(t, u, 0.5, COARSE)
     assert stamps[1] == stamps[2] == 1.0
@@ -114,21 +114,21 @@ def test_a_fading_gain_has_the_exact_mean_on_every_piece(rate: float, floor: flo
     assert (len(stamps) == len(T)) is (resolution == COARSE or rate == 0.0)
     for u, begin, until in zip(U, T, [*T[1:], 7.0], strict=True):
         if 1.0 - rate * (until - T[0]) > floor:  # pieces as long as the slope times their square is the resolution
-            asked = (until - begin) * np.sqrt(abs(u * rate) / resolution)
-            assert np.sum((stamps >= begin) & (stamps < until)) == max(1, int(np.ceil(asked - 1e-9)))
+            requested = (until - begin) * np.sqrt(abs(u * rate) / resolution)
+            assert np.sum((stamps >= begin) & (stamps < until)) == max(1, int(np.ceil(requested - 1e-9)))
     if rate > 0.0:
         bottom = T[0] + (1.0 - floor) / rate
         assert np.sum((stamps >= bottom) & ~np.isin(stamps, T)) <= 1, "what is as weak as it gets is drawn in one piece"
 
 
-def test_backlash_is_dragged_along_by_its_flanks() -> None:
+def test_backlash_follows_its_flanks() -> None:
     u = np.array([0.0, 0.3, 1.0, 0.8, 0.2, -1.0, -0.9, 0.0])
     assert backlash(u, 0.25) == pytest.approx([0.0, 0.05, 0.75, 0.75, 0.45, -0.75, -0.75, -0.25])
     assert backlash(u, 0.0) == pytest.approx(u)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.37])
-def test_a_smooth_motion_a_moment_ago_is_exact_for_a_cubic_on_uneven_stamps(delay: float) -> None:
+def test_a_delayed_motion_is_exact_for_a_cubic_on_uneven_stamps(delay: float) -> None:
     rng = np.random.default_rng(2)
     t = np.cumsum(rng.uniform(0.06, 0.14, 60))
 
@@ -143,7 +143,7 @@ def test_a_smooth_motion_a_moment_ago_is_exact_for_a_cubic_on_uneven_stamps(dela
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("offset", [0.0, 1e5])
-def test_a_kink_at_a_stamp_does_not_ring_wherever_the_motion_is(sign: float, offset: float) -> None:
+def test_a_kink_at_a_stamp_does_not_ring_at_any_offset(sign: float, offset: float) -> None:
     t = 0.1 * np.arange(60)
     found = sign * (earlier(t, sign * (np.abs(t - 3.0) + offset), 0.04, coasting=False)) - offset
     assert found[1:] == pytest.approx(np.abs(t - 0.04 - 3.0)[1:], abs=1e-6)
@@ -156,13 +156,13 @@ def test_before_the_first_stamp_a_position_coasts_and_a_velocity_holds() -> None
     assert earlier(t, parabola, 0.25, coasting=False)[:2] == pytest.approx([2.0, 2.0])
 
 
-def test_four_stamps_are_enough_for_a_cubic() -> None:
+def test_four_stamps_are_enough_for_an_exact_cubic() -> None:
     t = np.array([0.0, 0.9, 2.1, 3.0])
     found = earlier(t, t**3 - 2.0 * t, 0.5, coasting=False)
     assert found[1:] == pytest.approx((t[1:] - 0.5) ** 3 - 2.0 * (t[1:] - 0.5), abs=1e-9)
 
 
-def test_stamps_that_nearly_coincide_are_passed_over_and_few_are_joined_by_lines() -> None:
+def test_nearly_equal_stamps_are_skipped_and_few_stamps_are_interpolated_linearly() -> None:
     t = np.sort(np.append(0.1 * np.arange(40), 2.001))
     motion = np.sin(t)
     spoilt = motion + np.where(t == 2.001, 0.5, 0.0)
@@ -175,7 +175,7 @@ def test_stamps_that_nearly_coincide_are_passed_over_and_few_are_joined_by_lines
 
 
 @pytest.mark.parametrize(("omega", "zeta"), [(2.0, 0.1), (5.0, 0.7)])
-def test_a_spring_under_held_pushes_swings_as_an_integrator_says(omega: float, zeta: float) -> None:
+def test_a_spring_under_held_forces_oscillates_as_by_an_integrator(omega: float, zeta: float) -> None:
     rng = np.random.default_rng(1)
     t = np.cumsum(rng.uniform(0.05, 0.3, 40))
     push = rng.normal(size=40)
@@ -209,9 +209,9 @@ def covariance_of(law: Oscillator, t: np.ndarray) -> np.ndarray:
     stationary *= law.rho / (seen @ stationary @ seen)
     leak = 1.0 / (t[-1] - t[0])
     slow = np.array([[-law.fade, 0.0, 0.0], [1.0 / law.lag, -1.0 / law.lag, 0.0], [0.0, 1.0 / law.lag, -leak]])
-    wanders = solve_continuous_lyapunov(slow, -np.diag([2.0 * law.fade * law.slow, 0.0, 0.0]))
+    drifting = solve_continuous_lyapunov(slow, -np.diag([2.0 * law.fade * law.slow, 0.0, 0.0]))
     last = np.array([0.0, 1.0, 0.0] if law.rate else [0.0, 0.0, 1.0])
-    return np.eye(len(t)) + _covariance(A, stationary, seen, t) + _covariance(slow, wanders, last, t)
+    return np.eye(len(t)) + _covariance(A, stationary, seen, t) + _covariance(slow, drifting, last, t)
 
 
 def _covariance(A: np.ndarray, stationary: np.ndarray, seen: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -232,7 +232,7 @@ GAPS = np.array([*np.random.default_rng(7).uniform(0.05, 0.4, 7), *[0.5] * 60, 0
 
 
 @pytest.mark.parametrize("rate", [False, True])
-def test_a_narrow_band_is_whitened_as_its_covariance_says(rate: bool) -> None:
+def test_a_narrow_band_is_whitened_by_its_covariance(rate: bool) -> None:
     """The triangular root of the covariance of all samples whitens them."""
     law, t = replace(LAW, rate=rate), np.concatenate([[3.0], 3.0 + np.cumsum(GAPS)])
     L = cholesky(covariance_of(law, t), lower=True)
@@ -247,7 +247,7 @@ def test_a_narrow_band_is_whitened_as_its_covariance_says(rate: bool) -> None:
 
 @pytest.mark.parametrize("fade", [0.05, 1.0 / LAW.lag])
 @pytest.mark.parametrize("rate", [False, True])
-def test_a_band_beside_a_slow_force_is_whitened_as_its_covariance_says(rate: bool, fade: float) -> None:
+def test_a_narrow_band_with_a_slow_force_is_whitened_by_its_covariance(rate: bool, fade: float) -> None:
     """The second decay rate is that of the craft, which the filter keeps apart by two thousandths."""
     law, t = replace(LAW, rate=rate, slow=2.0, fade=fade), np.concatenate([[3.0], 3.0 + np.cumsum(GAPS)])
     L = cholesky(covariance_of(law, t), lower=True)
@@ -267,14 +267,14 @@ def test_the_drift_of_waves_is_a_slow_force_of_the_same_size_in_speed_and_positi
 
 
 @pytest.mark.parametrize("rate", [False, True])
-def test_a_gain_that_settles_within_a_few_samples_is_the_one_the_covariance_asks_for(rate: bool) -> None:
+def test_a_gain_that_settles_within_a_few_samples_matches_the_covariance(rate: bool) -> None:
     quick, even = Oscillator(omega=9.0, zeta=0.9, lag=0.1, rate=rate, rho=3.0), np.arange(26.0)
     found = whitened(quick, even, np.zeros((26, 1)))[1]
     assert found == pytest.approx(np.diag(cholesky(covariance_of(quick, even), lower=True)), rel=1e-8)
 
 
 @pytest.mark.parametrize("rate", [False, True])
-def test_the_likelihood_of_several_records_is_that_of_normal_samples_the_noise_level_at_its_best(rate: bool) -> None:
+def test_the_likelihood_of_several_records_uses_the_best_noise_level(rate: bool) -> None:
     law, rng = replace(LAW, rate=rate), np.random.default_rng(9)
     records = [(np.cumsum(rng.uniform(0.1, 0.5, n)), rng.normal(size=n)) for n in (5, 9)]
     square, logs = 0.0, 0.0
@@ -290,7 +290,7 @@ def test_the_likelihood_of_several_records_is_that_of_normal_samples_the_noise_l
 
 
 @pytest.mark.parametrize(("zeta", "damped"), [(0.0, 0.03), (0.02, 0.03), (0.2, 0.2)])
-def test_what_a_craft_rings_up_is_damped_by_three_hundredths_at_least(zeta: float, damped: float) -> None:
+def test_ringing_has_a_damping_ratio_of_at_least_0_03(zeta: float, damped: float) -> None:
     t, push = 0.4 * np.arange(6), np.array([0.3, 1.0, -1.0, 0.0, 0.5, 2.0])
     found = driven(replace(LAW, zeta=zeta), t, push)
     assert np.array_equal(found, rung(LAW.omega, damped, t, push))

@@ -1,4 +1,4 @@
-"""Sensors that deviate, lag, round and slip, and the wave nobody foretells: laws, and likelihoods that play fair."""
+"""Sensors that deviate, lag, round and have outliers, and waves: laws, and consistent likelihoods."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_starts_are_within_bounds_and_every_place_has_some(slug: str) -> None:
             assert all(bounds[n][0] <= v <= bounds[n][1] for n, v in start.items())
 
 
-def test_a_misaligned_compass_is_sought_only_where_a_track_tells() -> None:
+def test_a_misaligned_compass_is_searched_only_with_a_track() -> None:
     effect = EFFECTS["compass-deviation"]
     assert all("A" not in s for s in effect.starts("psi", data_summary("psi", "r")))
     assert all("A" in s for s in effect.starts("psi", data_summary("psi", "r", "x", "y")))
@@ -87,7 +87,7 @@ def test_a_misaligned_compass_is_sought_only_where_a_track_tells() -> None:
     assert effect.places(data_summary("r")) == ()
 
 
-def test_a_sensor_off_the_centre_sits_where_something_measured_feels_it() -> None:
+def test_a_sensor_off_the_centre_is_a_candidate_where_measurements_show_it() -> None:
     effect = EFFECTS["sensor-position"]
     assert effect.places(data_summary("psi", "r")) == ()
     assert effect.places(data_summary("psi", "u")) == ("u",)
@@ -98,7 +98,7 @@ def test_a_sensor_off_the_centre_sits_where_something_measured_feels_it() -> Non
     assert effect.starts("u", data_summary("psi", "u"))[0].keys() == {"y_P"}
 
 
-def test_turning_looks_like_sway_at_a_sensor_ahead_and_like_surge_at_one_aside() -> None:
+def test_turning_appears_as_sway_at_a_sensor_ahead_and_as_surge_at_one_aside() -> None:
     still = dict.fromkeys(("u", "v", "x", "y"), np.zeros(3))
     seen = Observed(np.zeros(3), {**still, "r": np.full(3, 0.5), "psi": np.full(3, math.pi / 2.0)}, 0.0)
     where = EffectInstance("sensor-position", "u+v+x+y", {"x_P": 2.0, "y_P": 1.0})
@@ -123,7 +123,7 @@ def test_velocities_turned_by_a_wrong_compass_keep_their_size() -> None:
     np.testing.assert_array_equal(alone["u"], u)
 
 
-def test_a_gyro_bias_adds_to_the_rate_alone() -> None:
+def test_a_gyro_bias_is_added_only_to_the_rate() -> None:
     effect = EFFECTS["gyro-bias"]
     assert effect.places(data_summary("psi", "r")) == ("r",)
     seen = effect.observe(
@@ -149,7 +149,7 @@ def stepped(t: np.ndarray, T: float) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("delay", [0.01, 0.04, 0.1, 0.23, 0.7])
 @pytest.mark.parametrize("T", [0.5, 2.0, 20.0])
-def test_what_was_earlier_is_right_to_a_thousandth_across_command_jumps(delay: float, T: float) -> None:
+def test_a_delayed_motion_is_accurate_to_a_thousandth_across_command_jumps(delay: float, T: float) -> None:
     t = 0.1 * np.arange(100)
     r, psi = stepped(t, T)
     r_then, psi_then = stepped(t - delay, T)
@@ -157,7 +157,7 @@ def test_what_was_earlier_is_right_to_a_thousandth_across_command_jumps(delay: f
     assert np.max(np.abs(earlier(t, psi, delay, coasting=True) - psi_then)) < 1e-3 * np.ptp(psi)
 
 
-def test_stamps_of_several_channels_close_together_do_not_hurt() -> None:
+def test_close_stamps_of_several_channels_do_not_reduce_the_accuracy() -> None:
     t = np.sort(np.concatenate([0.1 * np.arange(100), 0.1 * np.arange(100) + 2e-4, 0.1 * np.arange(100) + 0.05]))
     r, _ = stepped(t, 0.5)
     assert np.max(np.abs(earlier(t, r, 0.13, coasting=False) - stepped(t - 0.13, 0.5)[0])) < 1e-3 * np.ptp(r)
@@ -180,7 +180,7 @@ def test_a_delay_has_the_right_derivative() -> None:
             assert np.max(np.abs(got - true)) < 0.03 * np.max(np.abs(true))
 
 
-def test_all_signals_late_or_each_alone() -> None:
+def test_a_delay_applies_to_all_signals_or_to_each_alone() -> None:
     effect = EFFECTS["measurement-delay"]
     assert effect.places(data_summary("psi", "r")) == ("psi", "r", "psi+r")
     assert effect.places(data_summary("psi")) == ("psi",)
@@ -197,7 +197,7 @@ def test_all_signals_late_or_each_alone() -> None:
 
 
 @pytest.mark.parametrize("ratio", [2.6, 5.0, 20.0])
-def test_rounded_readings_give_the_noise_before_rounding(ratio: float) -> None:
+def test_rounded_readings_identify_the_noise_before_rounding(ratio: float) -> None:
     rng = np.random.default_rng(3)
     predicted = 2.0 * np.sin(0.05 * np.arange(900))
     level, about = 0.01, data_summary("psi")
@@ -212,7 +212,7 @@ def test_rounded_readings_give_the_noise_before_rounding(ratio: float) -> None:
     assert with_it < without - 300.0
 
 
-def test_the_interval_likelihood_is_the_one_of_the_cells() -> None:
+def test_the_interval_likelihood_is_that_of_the_rounding_cells() -> None:
     rng = np.random.default_rng(4)
     predicted = 2.0 * np.sin(0.05 * np.arange(500))
     step, level = 0.05, 0.02
@@ -222,11 +222,11 @@ def test_the_interval_likelihood_is_the_one_of_the_cells() -> None:
     s = own.constants["level"]
     cells = norm.cdf((rest.error + step / 2) / s) - norm.cdf((rest.error - step / 2) / s)
     # Over the density's unit, less the constant, less one bit per reading that lies on the grid.
-    wanted = -2.0 * np.sum(np.log(cells / step)) - 500 * (1.0 + math.log(2.0 * math.pi)) - 1000 * math.log(2.0)
-    assert cost_of("quantisation", own, [rest])[0] == pytest.approx(wanted, abs=1e-6)
+    expected = -2.0 * np.sum(np.log(cells / step)) - 500 * (1.0 + math.log(2.0 * math.pi)) - 1000 * math.log(2.0)
+    assert cost_of("quantisation", own, [rest])[0] == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_worse_prediction_costs_more_wherever_the_noise_was_learnt() -> None:
+def test_a_worse_prediction_costs_more_with_noise_learnt_from_either() -> None:
     rng = np.random.default_rng(6)
     predicted = 2.0 * np.sin(0.05 * np.arange(900))
     read = np.round((predicted + 0.004 * rng.standard_normal(900)) / 0.035) * 0.035
@@ -242,7 +242,7 @@ def test_a_worse_prediction_costs_more_wherever_the_noise_was_learnt() -> None:
 
 
 @pytest.mark.parametrize("ratio", [3.0, 9.0])
-def test_the_noise_drawn_from_behind_coarse_rounding_is_normal(ratio: float) -> None:
+def test_noise_sampled_within_the_rounding_cells_is_normal(ratio: float) -> None:
     rng = np.random.default_rng(7)
     predicted = 2.0 * np.sin(0.05 * np.arange(4000))
     step = 0.004 * ratio
@@ -258,7 +258,7 @@ def test_the_noise_drawn_from_behind_coarse_rounding_is_normal(ratio: float) -> 
 
 
 @pytest.mark.parametrize("step", [1e-9, 0.002])
-def test_a_grid_finer_than_the_noise_is_no_finding(step: float) -> None:
+def test_a_grid_finer_than_the_noise_is_not_reported(step: float) -> None:
     rng = np.random.default_rng(5)
     predicted = 2.0 * np.sin(0.05 * np.arange(900))
     read = np.round((predicted + 0.01 * rng.standard_normal(900)) / step) * step
@@ -270,7 +270,7 @@ def test_a_grid_finer_than_the_noise_is_no_finding(step: float) -> None:
     assert penalty == 0.0
 
 
-def test_noise_free_readings_are_found_too() -> None:
+def test_the_quantum_of_noise_free_readings_is_identified() -> None:
     predicted = 2.0 * np.sin(0.05 * np.arange(600))
     rest = left(np.round(predicted / 0.1) * 0.1 - predicted, predicted=predicted)
     own = EFFECTS["quantisation"].learn(begun("quantisation", "psi", data_summary("psi")), [rest])
@@ -280,7 +280,7 @@ def test_noise_free_readings_are_found_too() -> None:
     assert np.sqrt(np.mean(judged**2)) < 0.1 * np.sqrt(np.mean(rest.error**2))
 
 
-def test_grids_are_read_off_numbers_written_with_few_digits() -> None:
+def test_grids_are_detected_in_numbers_written_with_few_digits() -> None:
     degrees = np.round(40.0 * np.sin(0.1 * np.arange(300)))
     assert grid_step(np.round(np.radians(degrees), 6)) == pytest.approx(math.pi / 180.0, rel=1e-4)
     assert grid_step(np.random.default_rng(1).standard_normal(300)) == 0.0
@@ -297,7 +297,7 @@ def spiky(n: int, share: float, size: float, seed: int) -> tuple[np.ndarray, np.
 
 
 @pytest.mark.parametrize(("share", "size"), [(0.02, 0.1), (0.1, 0.08), (0.01, 1.0)])
-def test_outliers_are_counted_and_sized(share: float, size: float) -> None:
+def test_the_fraction_and_size_of_outliers_are_identified(share: float, size: float) -> None:
     runs = [left(spiky(600, share, size, 10 + k)[0], run=str(k)) for k in range(3)]
     effect = EFFECTS["outliers"]
     own = effect.learn(begun("outliers", "psi", data_summary("psi")), runs)
@@ -308,7 +308,7 @@ def test_outliers_are_counted_and_sized(share: float, size: float) -> None:
     assert with_it < without - 100.0
 
 
-def test_the_cost_of_outliers_is_that_of_their_law() -> None:
+def test_the_cost_of_outliers_matches_their_distribution() -> None:
     rest = left(spiky(800, 0.05, 0.2, 4)[0])
     own = EFFECTS["outliers"].learn(begun("outliers", "psi", data_summary("psi")), [rest])
     level = own.constants["level"]
@@ -322,14 +322,14 @@ def test_the_cost_of_outliers_is_that_of_their_law() -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_normal_noise_has_no_outliers_worth_their_price(seed: int) -> None:
+def test_normal_noise_does_not_support_outliers(seed: int) -> None:
     rest = left(0.01 * np.random.default_rng(seed).standard_normal(600))
     own = EFFECTS["outliers"].learn(begun("outliers", "psi", data_summary("psi")), [rest])
     with_it, without = cost_of("outliers", own, [rest])
     assert with_it > without - 2.0 * math.log(600)
 
 
-def test_spikes_at_every_change_of_motion_are_a_wrong_model() -> None:
+def test_spikes_at_every_change_of_motion_are_not_outliers() -> None:
     rng = np.random.default_rng(7)
     at = np.arange(30, 600, 30)
     predicted = np.zeros(600)
@@ -346,7 +346,7 @@ def test_spikes_at_every_change_of_motion_are_a_wrong_model() -> None:
     assert own["share"] == 0.0
 
 
-def test_a_perfect_prediction_teaches_nothing() -> None:
+def test_a_perfect_prediction_changes_no_disturbance() -> None:
     rests = [left(np.zeros(300), s) for s in ("psi", "r")]
     for slug, place in (("outliers", "psi"), ("quantisation", "psi"), ("wave-disturbance", "yaw")):
         own = EFFECTS[slug].learn(begun(slug, place, data_summary("psi", "r")), rests)
@@ -356,7 +356,7 @@ def test_a_perfect_prediction_teaches_nothing() -> None:
             assert penalty == 0.0
 
 
-def test_one_sample_off_in_noise_free_readings_is_seen() -> None:
+def test_single_outliers_in_noise_free_readings_are_detected() -> None:
     error = np.zeros(300)
     error[[50, 120, 200]] = (0.2, -0.3, 0.25)
     own = EFFECTS["outliers"].learn(begun("outliers", "psi", data_summary("psi")), [left(error)])
@@ -396,7 +396,7 @@ def wavy(
 
 
 @pytest.mark.parametrize(("frequency", "bandwidth"), [(2.0, 0.05), (1.2, 0.15)])
-def test_waves_are_found_with_their_force_frequency_and_bandwidth(frequency: float, bandwidth: float) -> None:
+def test_waves_are_identified_with_their_force_frequency_and_bandwidth(frequency: float, bandwidth: float) -> None:
     effect = EFFECTS["wave-disturbance"]
     rests = [x for k in range(3) for x in wavy(600, frequency, bandwidth, 0.1, 20 + k)]
     own = effect.learn(begun("wave-disturbance", "yaw", data_summary("psi", "r")), rests)
@@ -413,7 +413,7 @@ def test_waves_are_found_with_their_force_frequency_and_bandwidth(frequency: flo
         assert len(white) * float(np.sum(rho**2)) < 30.0
 
 
-def test_waves_are_found_beside_the_slow_force_that_follows_their_envelope() -> None:
+def test_waves_are_identified_together_with_the_slow_force_of_their_envelope() -> None:
     effect = EFFECTS["wave-disturbance"]
     rests = [x for k in range(3) for x in wavy(600, 2.0, 0.1, 0.1, 40 + k, drift=0.1)]
     own = effect.learn(begun("wave-disturbance", "yaw", data_summary("psi", "r")), rests)
@@ -428,7 +428,7 @@ def test_waves_are_found_beside_the_slow_force_that_follows_their_envelope() -> 
         assert len(white) * float(np.sum(rho**2)) < 30.0
 
 
-def test_one_sine_of_unknown_phase_is_a_wave_of_no_bandwidth() -> None:
+def test_one_sine_of_unknown_phase_is_a_wave_of_almost_no_bandwidth() -> None:
     t = 0.1 * np.arange(600)
     rng = np.random.default_rng(8)
     rest = left(0.03 * np.sin(3.0 * t + 1.0) + 0.01 * rng.standard_normal(600), "r")
@@ -489,14 +489,14 @@ def colours(seed: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("kind", list(colours(0)))
-def test_colours_that_are_no_narrow_band_of_their_own_are_not_waves(kind: str, seed: int) -> None:
+def test_coloured_residuals_without_a_narrow_band_are_not_waves(kind: str, seed: int) -> None:
     error, motion = colours(seed)[kind]
     own = begun("wave-disturbance", "yaw", data_summary("r"))
     learnt = EFFECTS["wave-disturbance"].learn(own, [left(error, "r", motion)])
     assert learnt["amplitude"] == 0.0
 
 
-def test_what_is_left_of_a_smoothed_record_is_no_wave_though_each_sample_follows_from_the_last() -> None:
+def test_residuals_of_a_smoothed_record_are_not_waves() -> None:
     """The zig-zags of a ship model, filtered by the basin, ended as waves."""
     rng = np.random.default_rng(7)
     swell, push = np.zeros(3000), rng.normal(size=3000)
@@ -512,7 +512,7 @@ def test_what_is_left_of_a_smoothed_record_is_no_wave_though_each_sample_follows
     assert [own["amplitude"] > 0.0 for own in found] == [False, True]
 
 
-def test_only_the_own_motion_tells_ringing_from_waves(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ringing_is_distinguished_from_waves_only_by_the_motion_of_the_craft(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs_autotune.effects.wave_disturbance.OWN", 1.0)
     error, motion = colours(1)["ringing after its own motion"]
     learnt = EFFECTS["wave-disturbance"].learn(
@@ -521,7 +521,7 @@ def test_only_the_own_motion_tells_ringing_from_waves(monkeypatch: pytest.Monkey
     assert learnt["amplitude"] > 0.0
 
 
-def test_without_the_craft_known_a_wave_has_no_force() -> None:
+def test_a_wave_has_no_force_without_a_known_craft() -> None:
     about = data_summary("r", base={})
     own = begun("wave-disturbance", "yaw", about)
     assert "amplitude" not in own.values
@@ -531,7 +531,7 @@ def test_without_the_craft_known_a_wave_has_no_force() -> None:
     assert "amplitude" not in learnt.values
 
 
-def test_curves_are_drawn_of_what_was_learnt() -> None:
+def test_curves_are_plotted_from_the_learnt_values() -> None:
     about = data_summary("psi", "r")
     wave = EFFECTS["wave-disturbance"].learn(begun("wave-disturbance", "yaw", about), wavy(600, 2.0, 0.1, 0.1, 5))
     spectrum = EFFECTS["wave-disturbance"].curve(wave, about)

@@ -1,4 +1,4 @@
-"""Two thrusters of one kind: what both have is one cause, and what nothing distinguishes has one name."""
+"""Two thrusters of one kind: an effect of both is one cause, and what nothing distinguishes has one name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.trial import Channel, Trial
 
 WEAK = 0.75
-"""What a command astern does, in shares of the same ahead."""
+"""Thrust of a command astern as a fraction of that ahead."""
 
 
 def steps(seed: int, *, opposite: float = 0.0) -> Trial:
@@ -39,13 +39,13 @@ def summary(*runs: Trial) -> DataSummary:
     return data_summary_of(form, prepare_as_recorded(runs, form, None)[0])
 
 
-def test_of_two_thrusters_commanded_alike_only_both_are_looked_at() -> None:
+def test_two_thrusters_with_equal_commands_are_only_analysed_together() -> None:
     alike, apart = summary(steps(1)), summary(steps(1, opposite=10.0))
     assert EFFECTS["asymmetric-thrust"].places(alike) == ("force_left+force_right",)
     assert set(EFFECTS["asymmetric-thrust"].places(apart)) == {"force_left", "force_right", "force_left+force_right"}
 
 
-def test_a_thruster_has_no_rudder_to_stall() -> None:
+def test_a_thruster_is_not_a_candidate_for_rudder_stall() -> None:
     run = steps(1, opposite=10.0)
     turning = Trial("turns", {**run.channels, "r": Channel("r", "rad/s", run["u"].t, 0.1 * run["u"].values)})
     form = plain_form([turning], "yaw")
@@ -54,7 +54,7 @@ def test_a_thruster_has_no_rudder_to_stall() -> None:
     assert EFFECTS["saturation"].places(data) == ("force_left", "force_right", "force_left+force_right")
 
 
-def test_a_curve_of_both_bends_the_command_of_each() -> None:
+def test_a_curve_of_both_thrusters_is_applied_to_each_command() -> None:
     t = np.array([0.0, 1.0])
     drive = Drive(t, {"force_left": np.array([-2.0, 1.0]), "force_right": np.array([3.0, -4.0])}, 0.0)
     effect = EffectInstance("asymmetric-thrust", "force_left+force_right", {"ratio": 0.5})
@@ -63,9 +63,9 @@ def test_a_curve_of_both_bends_the_command_of_each() -> None:
     np.testing.assert_array_equal(bent["force_right"], [3.0, -2.0])
 
 
-def test_both_weak_astern_are_named_together_with_the_weakness_that_each_has() -> None:
-    told = diagnose([steps(1), steps(2)], dof="surge", effects=["asymmetric-thrust", "dead-zone", "quadratic-drag"])
-    (cause,) = told.causes
+def test_two_thrusters_weak_astern_are_identified_together_with_their_ratio() -> None:
+    result = diagnose([steps(1), steps(2)], dof="surge", effects=["asymmetric-thrust", "dead-zone", "quadratic-drag"])
+    (cause,) = result.causes
     assert (cause.effect.slug, cause.effect.place) == ("asymmetric-thrust", "force_left+force_right")
     assert abs(cause.effect["ratio"] - WEAK) < 0.03
 
@@ -89,13 +89,13 @@ def late(slug: str, f: np.ndarray, t: np.ndarray) -> np.ndarray:
     if slug == "gain-drift":
         return f * (1.0 - value * t)
     acting, now = np.empty_like(f), f[0]
-    for k, wanted in enumerate(f):
+    for k, command in enumerate(f):
         if slug == "actuator-lag":
-            now = wanted + (now - wanted) * np.exp(-dt / value)
+            now = command + (now - command) * np.exp(-dt / value)
         elif slug == "rate-limit":
-            now += np.clip(wanted - now, -value * dt, value * dt)
+            now += np.clip(command - now, -value * dt, value * dt)
         else:
-            now = min(max(now, wanted - 0.5 * value), wanted + 0.5 * value)
+            now = min(max(now, command - 0.5 * value), command + 0.5 * value)
         acting[k] = now
     return acting
 
@@ -121,15 +121,15 @@ def slow_steps(slug: str, seed: int, opposite: float) -> Trial:
 
 @pytest.mark.parametrize("opposite", [0.0, 10.0], ids=["commanded alike", "commanded apart"])
 @pytest.mark.parametrize("slug", SLOW)
-def test_what_both_thrusters_have_is_one_cause_of_both(slug: str, opposite: float) -> None:
-    told = diagnose([slow_steps(slug, seed, opposite) for seed in (1, 2)], dof="surge", effects=list(SLOW))
-    (cause,) = told.causes
+def test_an_effect_of_both_thrusters_is_one_cause(slug: str, opposite: float) -> None:
+    result = diagnose([slow_steps(slug, seed, opposite) for seed in (1, 2)], dof="surge", effects=list(SLOW))
+    (cause,) = result.causes
     assert (cause.effect.slug, cause.effect.place) == (slug, "force_left+force_right")
     assert dict(cause.effect.values) == pytest.approx(SLOW[slug], rel=0.1)
 
 
 def turns(seed: int, *, astern: float, lag: float = 0.0) -> Trial:
-    """A boat with way on that two thrusters turn, at 10 Hz: both sizes of turn, the larger beyond the way ahead."""
+    """A moving boat that two thrusters turn, at 10 Hz: two sizes of turn, the larger above the throttle."""
     rng, dt, throttle = np.random.default_rng(seed), 0.01, 0.4
     t = np.arange(0.0, 60.0, dt)
     N = np.repeat(rng.permutation(np.tile([0.3, -0.3, 0.45, -0.45], 5)), 300)
@@ -144,21 +144,21 @@ def turns(seed: int, *, astern: float, lag: float = 0.0) -> Trial:
     return Trial(f"run{seed}", {n: Channel(n, unit, t[::10], values) for n, (unit, values) in columns.items()})
 
 
-def test_where_the_hardest_turns_take_one_thruster_astern_its_weakness_comes_before_a_limit() -> None:
+def test_weak_thrust_astern_is_preferred_to_a_limit_in_hard_turns() -> None:
     runs = [turns(seed, astern=0.5) for seed in (1, 2)]
-    told = diagnose(
+    result = diagnose(
         runs, dof="yaw", effects=["saturation", "quadratic-actuator", "asymmetric-thrust", "quadratic-drag"]
     )
-    (cause,) = told.causes
+    (cause,) = result.causes
     assert (cause.effect.slug, cause.effect.place) == ("asymmetric-thrust", "N+X")
     assert cause.effect["ratio"] == pytest.approx(0.5, abs=0.05)
-    assert any({"saturation", "asymmetric-thrust"} <= set(group) for group in told.indistinguishable)
+    assert any({"saturation", "asymmetric-thrust"} <= set(group) for group in result.indistinguishable)
 
 
-def test_a_time_below_half_a_sample_is_no_cause() -> None:
+def test_a_lag_below_half_a_sample_is_not_a_cause() -> None:
     runs = [turns(seed, astern=1.0, lag=0.03) for seed in (1, 2)]
-    told = diagnose(runs, dof="yaw", effects=["actuator-lag", "input-delay", "measurement-delay", "time-offset"])
-    assert told.causes == ()
+    result = diagnose(runs, dof="yaw", effects=["actuator-lag", "input-delay", "measurement-delay", "time-offset"])
+    assert result.causes == ()
     slower = [turns(seed, astern=1.0, lag=0.12) for seed in (1, 2)]
     (cause,) = diagnose(slower, dof="yaw", effects=["actuator-lag", "input-delay", "time-offset"]).causes
     assert cause.effect.slug == "actuator-lag"

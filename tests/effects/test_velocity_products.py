@@ -59,19 +59,19 @@ def places(data: DataSummary) -> dict[str, tuple[str, ...]]:
     return {e.slug: e.places(data) for e in EFFECTS.values() if e.family == "hydrodynamics" and e.is_structural}
 
 
-def test_rows_hold_every_product_of_one_and_two_velocities_that_symmetry_allows() -> None:
+def test_rows_contain_every_product_of_one_or_two_velocities_allowed_by_symmetry() -> None:
     terms = list(product_terms("uvr"))
     assert {row: sum(t.row == row for t in terms) for row in PLANE} == PLANE
     assert len({t.code for t in terms}) == len(terms)
 
 
-def test_third_powers_are_made_on_request() -> None:
+def test_products_of_third_order_are_made_on_request() -> None:
     more = {t.derivative for t in product_terms("uvr", order=3)} - {t.derivative for t in product_terms("uvr")}
     assert {"N_vvv", "N_|v||v|r", "N_|r||r|v", "N_rrr", "X_uvr", "Y_|u||u|v"} <= more
     assert all(len(term_named(name).factors) == 3 for name in more)
 
 
-def test_every_term_has_words_and_a_source() -> None:
+def test_every_term_has_a_description_and_a_source() -> None:
     bibliography = (Path(__file__).parents[2] / "docs" / "references.bib").read_text(encoding="utf-8")
     keys = set(re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE))
     terms = list(product_terms(order=3))
@@ -80,7 +80,7 @@ def test_every_term_has_words_and_a_source() -> None:
         assert term.words and term.source in keys
 
 
-def test_products_of_the_forms_and_of_the_causes_are_one_list() -> None:
+def test_products_of_forms_and_of_causes_are_one_list() -> None:
     for form in FORMS.values():
         products = [n for n in form.free if re.fullmatch(r"[XYZKMN]_[uvwpqr|]+", n) and inertia_of(n) is None]
         for name in products:
@@ -91,7 +91,7 @@ def test_products_of_the_forms_and_of_the_causes_are_one_list() -> None:
 
 
 @pytest.mark.parametrize("dofs", [("yaw",), ("surge",), ("surge", "yaw"), ("sway", "yaw"), ("surge", "sway", "yaw")])
-def test_each_term_of_a_model_is_looked_for_under_one_name(dofs: tuple[str, ...]) -> None:
+def test_each_term_of_a_model_is_searched_under_one_name(dofs: tuple[str, ...]) -> None:
     """Drags, couplings, named terms and products together: every term once, none that the model has."""
     data = summary(dofs, astern=-2.0)
     borne: list[str] = []
@@ -115,7 +115,7 @@ def test_each_term_of_a_model_is_looked_for_under_one_name(dofs: tuple[str, ...]
     assert set(codes) == wanted - base
 
 
-def test_a_craft_that_was_never_seen_astern_has_one_name_for_what_is_one_thing() -> None:
+def test_equivalent_terms_have_one_name_for_a_craft_never_recorded_astern() -> None:
     ahead, both = summary(("yaw",)), summary(("yaw",), astern=-2.0)
     assert "N_ur" not in places(ahead)["velocity-product"]
     assert "N_ur" in places(both)["velocity-product"]
@@ -124,14 +124,14 @@ def test_a_craft_that_was_never_seen_astern_has_one_name_for_what_is_one_thing()
     assert twins_of(damping, both) == ()
 
 
-def test_what_damps_may_only_damp_whatever_the_sign_of_the_inertia() -> None:
+def test_damping_terms_only_damp_for_either_sign_of_the_inertia() -> None:
     entry = EFFECTS["speed-damping"]
     assert entry.bounds("yaw", summary(("yaw",)))["N_|u|r"][1] == 0.0
     assert entry.bounds("yaw", summary(("yaw",), inertia=-1.0))["N_|u|r"][0] == 0.0
     assert EFFECTS["velocity-product"].bounds("N_|v|v", summary(("yaw",)))["coefficient"] == (-np.inf, np.inf)
 
 
-def test_a_velocity_pushes_alike_whether_it_is_simulated_or_was_measured() -> None:
+def test_a_simulated_and_a_measured_velocity_give_the_same_force() -> None:
     t = np.arange(0.0, 20.0, 0.05)
     values = {"X_udot": -4.0, "X_u": -2.0, "N_rdot": -1.0, "N_r": -0.5}
     inputs = {"X": (("X", 1.0),), "N": (("N", 1.0),)}
@@ -153,7 +153,7 @@ def test_a_velocity_pushes_alike_whether_it_is_simulated_or_was_measured() -> No
 
 @pytest.mark.parametrize("inertia", [1.0, -1.0])
 @pytest.mark.parametrize("slug", ["speed-damping", "munk-moment"])
-def test_the_sentence_on_a_moment_of_a_product_is_true_of_either_sign(slug: str, inertia: float) -> None:
+def test_the_description_of_a_product_moment_is_true_for_either_sign(slug: str, inertia: float) -> None:
     """A turn to starboard at 2 m/s, in which the craft slides to port."""
     t = np.arange(0.0, 20.0, 0.05)
     values = {"N_rdot": -inertia, "N_r": -0.5 * inertia}
@@ -181,12 +181,12 @@ def test_the_sentence_on_a_moment_of_a_product_is_true_of_either_sign(slug: str,
         assert "harder" in entry.meaning and "grows with speed" in entry.plain
 
 
-def test_causes_are_called_by_slug_or_by_the_derivative_that_has_no_other_name() -> None:
+def test_causes_are_called_by_slug_or_else_by_their_derivative() -> None:
     assert name_of(EffectInstance("sway-moment", "yaw", {})) == "sway-moment"
     assert name_of(EffectInstance("velocity-product", "N_|v|r", {})) == "N_|v|r"
 
 
-def test_a_model_file_with_the_signed_speed_damping_of_old_is_read_as_what_it_meant() -> None:
+def test_a_model_file_with_the_old_signed_speed_damping_is_converted() -> None:
     values = {"N_rdot": -1.0, "N_r": -0.5}
     base = CoupledModel(Form("yaw", "yaw", ("yaw",), tuple(values), {}, {"N": (("N", 1.0),)}, coriolis=False), values)
     document = ExtendedModel(base, (EffectInstance("speed-damping", "yaw", {"N_|u|r": -0.3}),)).to_dict()

@@ -150,7 +150,7 @@ def applied(case: Case, data_summary: DataSummary) -> EffectInstance:
     return EffectInstance(case.slug, case.place, dict(case.values), {**found, **(case.constants or {})})
 
 
-def test_the_law_is_that_of_equations_written_out(case: Case) -> None:
+def test_each_effect_matches_equations_written_out(case: Case) -> None:
     truth = sailed(case)
     own = applied(case, case.craft.data_summary(truth))
     found = ExtendedModel(case.craft.model(), (own,)).predict(case.craft.passage(truth), case.craft.start)
@@ -162,7 +162,7 @@ def test_the_law_is_that_of_equations_written_out(case: Case) -> None:
     assert max(np.abs(plain[n] - truth[n]).max() / np.std(truth[n]) for n in case.craft.measured) > 0.05
 
 
-def test_it_has_a_place_with_starts_within_bounds_and_no_size_does_nothing(case: Case) -> None:
+def test_each_effect_has_starts_within_bounds_and_zero_size_has_no_effect(case: Case) -> None:
     truth, entry = sailed(case), EFFECTS[case.slug]
     data_summary, passage = case.craft.data_summary(truth), case.craft.passage(truth)
     assert case.place in entry.places(data_summary)
@@ -183,7 +183,7 @@ def test_it_has_a_place_with_starts_within_bounds_and_no_size_does_nothing(case:
         assert found[name] == pytest.approx(values, abs=1e-5)
 
 
-def test_sensitivities_are_difference_quotients(case: Case) -> None:
+def test_sensitivities_match_difference_quotients(case: Case) -> None:
     truth = sailed(case)
     own, passage = applied(case, case.craft.data_summary(truth)), case.craft.passage(truth)
     model = case.craft.model()
@@ -203,7 +203,7 @@ def test_sensitivities_are_difference_quotients(case: Case) -> None:
 
 
 @pytest.mark.slow
-def test_the_size_is_found_again_from_the_most_promising_starts(case: Case) -> None:
+def test_the_size_is_identified_from_the_most_promising_starts(case: Case) -> None:
     """Base parameters, initial states and the effect fitted together to a run with a little noise."""
     truth, entry, craft = sailed(case), EFFECTS[case.slug], case.craft
     data_summary, rng = craft.data_summary(truth), np.random.default_rng(1)

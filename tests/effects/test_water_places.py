@@ -1,4 +1,4 @@
-"""Where effects of water and surroundings may sit, in which units they are told, and how they are drawn."""
+"""Places, units and plots of effects of water and surroundings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def without(data_summary: DataSummary, *signals: str) -> DataSummary:
     return replace(data_summary, signals={n: u for n, u in data_summary.signals.items() if n not in signals})
 
 
-def test_the_book_holds_them_in_the_order_they_are_told() -> None:
+def test_the_catalogue_lists_the_effects_in_order() -> None:
     assert [s for s in EFFECTS if s in SLUGS] == list(SLUGS)
 
 
@@ -64,17 +64,17 @@ def test_the_book_holds_them_in_the_order_they_are_told() -> None:
         ("bank-suction", "diver", ()),
     ],
 )
-def test_places(slug: str, name: str, places: tuple[str, ...]) -> None:
+def test_each_effect_has_its_places(slug: str, name: str, places: tuple[str, ...]) -> None:
     assert EFFECTS[slug].places(SCENES[name]) == places
 
 
-def test_what_goes_with_the_heading_needs_a_measured_heading() -> None:
+def test_effects_of_the_heading_need_a_measured_heading() -> None:
     assert EFFECTS["wind-moment"].places(without(SCENES["spinner"], "psi")) == ()
     assert EFFECTS["tether-pull"].places(without(SCENES["spinner"], "psi")) == ()
     assert EFFECTS["steady-current"].places(without(SCENES["boat"], "psi")) == ()
 
 
-def test_positions_without_speeds_leave_one_reading_of_a_current() -> None:
+def test_positions_or_speeds_alone_allow_one_interpretation_of_a_current() -> None:
     assert EFFECTS["steady-current"].places(without(SCENES["boat"], "u", "v")) == ("over ground",)
     assert EFFECTS["steady-current"].places(without(SCENES["boat"], "x", "y")) == ("over ground",)
 
@@ -90,7 +90,7 @@ def test_depth_has_to_change_by_more_than_its_noise() -> None:
      ("wind-load", "boat", "X_cospsi"), ("tether-pull", "spinner", "N_psi"),
      ("sway-yaw-coupling", "boat", "N_v"), ("steady-current", "boat", "V_y"), ("coriolis-coupling", "boat", "N_uv")],
 )  # fmt: skip
-def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: str, there: str) -> None:
+def test_terms_of_the_base_model_are_not_candidates(slug: str, name: str, there: str) -> None:
     data_summary = SCENES[name]
     before = EFFECTS[slug].places(data_summary)
     after = EFFECTS[slug].places(replace(data_summary, form=data_summary.form.freeing(there)))
@@ -119,11 +119,11 @@ def test_what_the_base_model_has_already_is_not_offered_again(slug: str, name: s
         ("bank-suction", "boat", "sway+yaw", {"Y": "N s^2/m", "N": "N m s^2/m", "distance": "m"}),
     ],
 )
-def test_units(slug: str, name: str, place: str, units: dict[str, str]) -> None:
+def test_each_parameter_has_its_unit(slug: str, name: str, place: str, units: dict[str, str]) -> None:
     assert {n: EFFECTS[slug].unit_of(n, place, SCENES[name]) for n in units} == units
 
 
-def test_units_where_thrust_is_a_share_of_full_output() -> None:
+def test_units_with_normalised_thrust() -> None:
     data_summary = SCENES["spinner"]
     shares = replace(data_summary, form=replace(data_summary.form, normalised=True), inputs={"N": "1"})
     assert EFFECTS["wind-moment"].unit_of("strength", "yaw", shares) == "1"
@@ -145,7 +145,7 @@ def reversed_rudder() -> DataSummary:
         ("input-bias", {"bias": 0.1}, {"N_0": 0.1}),
     ],
 )
-def test_behind_a_reversed_rudder_drag_still_damps_and_a_tether_still_pulls_back(
+def test_drag_damps_and_a_tether_pulls_back_with_a_reversed_rudder(
     slug: str, values: dict[str, float], forces: dict[str, float]
 ) -> None:
     data_summary, entry = reversed_rudder(), EFFECTS[slug]
@@ -155,7 +155,7 @@ def test_behind_a_reversed_rudder_drag_still_damps_and_a_tether_still_pulls_back
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_every_picture_has_as_many_heights_as_places_and_words_at_its_axes(name: str) -> None:
+def test_every_plot_has_matching_coordinates_and_axis_labels(name: str) -> None:
     data_summary, pictures = SCENES[name], 0
     for slug in SLUGS:
         entry = EFFECTS[slug]
@@ -174,7 +174,7 @@ def test_every_picture_has_as_many_heights_as_places_and_words_at_its_axes(name:
     assert pictures
 
 
-def test_every_entry_tells_what_it_is_and_points_to_others() -> None:
+def test_every_entry_has_a_description_and_refers_to_similar_effects() -> None:
     for slug in SLUGS:
         entry = EFFECTS[slug]
         assert slug not in entry.mistaken_for and entry.mistaken_for
@@ -182,7 +182,7 @@ def test_every_entry_tells_what_it_is_and_points_to_others() -> None:
         assert len(entry.meaning) > 30 and len(entry.shown_by) > 30 and len(entry.separated_by) > 30
 
 
-def test_a_change_of_mass_leaves_commands_as_they_are() -> None:
+def test_a_change_of_mass_does_not_change_commands() -> None:
 
     entry = EFFECTS["mass-change"]
     truth = SPINNER.sail(Water())

@@ -1,4 +1,4 @@
-"""Runs of craft in troubled water, by SciPy from equations written here, and what the book is told of them."""
+"""Runs of craft under disturbances, by SciPy from equations written here, and the data that the effects receive."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Forces = Callable[[float, State, Mapping[str, float]], Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Water:
-    """What is there besides the plain craft."""
+    """What acts in addition to the plain craft."""
 
     forces: Forces = lambda t, s, held: {}
     V: tuple[float, float] = (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Two models beside each other by what they do: steady state and time constant, Miskovic2010, (7.4)-(7.11)."""
+"""Two models compared by their behaviour: steady state and time constant, Miskovic2010, (7.4)-(7.11)."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ def yaw(alpha: float, beta: float, quadratic: float = 0.0) -> SingleDof:
     return SingleDof("yaw", "N m", alpha, beta, quadratic, delta=0.3, delay=0.2)
 
 
-def test_of_linear_drag_the_differences_are_those_of_the_thesis() -> None:
+def test_differences_with_linear_drag_match_the_thesis() -> None:
     one, other, most = yaw(2.0, 4.0), yaw(3.0, 5.0), 10.0
-    told = compare_dof((one, other), most, 1.0, quantum=0.6, interval=0.05)
-    assert told.steady_apart == pytest.approx(abs(most * (1.0 / 4.0 - 1.0 / 5.0)))
-    assert told.rise == pytest.approx((2.0 / 4.0, 3.0 / 5.0))
-    assert told.samples == pytest.approx(2.0)
-    assert told.same_steady and told.share == pytest.approx(0.632, abs=1e-3)
+    result = compare_dof((one, other), most, 1.0, quantum=0.6, interval=0.05)
+    assert result.steady_apart == pytest.approx(abs(most * (1.0 / 4.0 - 1.0 / 5.0)))
+    assert result.rise == pytest.approx((2.0 / 4.0, 3.0 / 5.0))
+    assert result.samples == pytest.approx(2.0)
+    assert result.same_steady and result.share == pytest.approx(0.632, abs=1e-3)
     assert not compare_dof((one, other), most, 1.0, quantum=0.4).same_steady
 
 
-def test_of_quadratic_drag_they_are_too_with_the_printed_factor_mended() -> None:
-    told = compare_dof((yaw(2.0, 0.0, 4.0), yaw(3.0, 0.0, 5.0)), 9.0, 0.25, interval=0.1)
-    assert told.steady_apart == pytest.approx(math.sqrt(9.0) * abs(1.0 / math.sqrt(4.0) - 1.0 / math.sqrt(5.0)))
+def test_differences_with_quadratic_drag_match_the_thesis_with_its_factor_corrected() -> None:
+    result = compare_dof((yaw(2.0, 0.0, 4.0), yaw(3.0, 0.0, 5.0)), 9.0, 0.25, interval=0.1)
+    assert result.steady_apart == pytest.approx(math.sqrt(9.0) * abs(1.0 / math.sqrt(4.0) - 1.0 / math.sqrt(5.0)))
     mended = abs(2.0 / math.sqrt(4.0) - 3.0 / math.sqrt(5.0)) / math.sqrt(0.25)
-    assert told.rise_apart == pytest.approx(mended)
-    assert told.share == pytest.approx(0.762, abs=1e-3)
+    assert result.rise_apart == pytest.approx(mended)
+    assert result.share == pytest.approx(0.762, abs=1e-3)
 
 
 @pytest.mark.parametrize(("beta", "quadratic"), [(1.5, 0.0), (0.0, 2.0), (0.7, 1.3), (-0.2, 1.0)])
-def test_a_time_constant_is_when_the_simulated_step_gets_there(beta: float, quadratic: float) -> None:
+def test_the_rise_time_matches_a_simulated_step(beta: float, quadratic: float) -> None:
     model, tau = SingleDof("yaw", "N m", 2.0, beta, quadratic), 3.0
     t = np.linspace(0.0, 20.0, 4001)
     nu = simulate_explicit((*explicit_parameters(model), 0.0, 0.0), np.zeros(1), np.full(1, tau), t).nu
@@ -47,42 +47,42 @@ def test_a_time_constant_is_when_the_simulated_step_gets_there(beta: float, quad
         )
 
 
-def test_of_two_kinds_of_drag_both_are_timed_to_the_same_share() -> None:
-    told = compare_dof((yaw(2.0, 4.0), yaw(2.0, 0.0, 4.0)), 4.0, 4.0)
-    assert told.rise[0] == pytest.approx(0.5)
-    assert told.rise[1] == pytest.approx(math.atanh(1.0 - math.exp(-1.0)) * 0.5)
+def test_rise_times_with_different_drag_use_the_same_fraction() -> None:
+    result = compare_dof((yaw(2.0, 4.0), yaw(2.0, 0.0, 4.0)), 4.0, 4.0)
+    assert result.rise[0] == pytest.approx(0.5)
+    assert result.rise[1] == pytest.approx(math.atanh(1.0 - math.exp(-1.0)) * 0.5)
 
 
-def test_models_of_other_units_or_axes_are_refused() -> None:
+def test_models_of_different_units_are_rejected() -> None:
     with pytest.raises(UsageError, match="no common unit"):
         compare_dof((yaw(1.0, 1.0), SingleDof("yaw", "1", 1.0, 1.0)), 1.0, 1.0)
     with pytest.raises(UsageError, match="above 0"):
         compare_dof((yaw(1.0, 1.0), yaw(1.0, 1.0)), 1.0, 0.0)
 
 
-def swung(step: float) -> Trial:
-    """Swing a craft whose compass comes in steps [rad], recorded at 10 Hz; its truth: 2 r_dot + 1.5 r = N."""
+def oscillation(step: float) -> Trial:
+    """Return an oscillation with a compass in steps [rad], recorded at 10 Hz; the truth: 2 r_dot + 1.5 r = N."""
     t = 0.1 * np.arange(400)
     N = np.where(t % 16.0 < 8.0, 1.0, -1.0) * np.where(t < 20.0, 1.0, 0.4)
     truth = SingleDof("yaw", "N m", 2.0, 1.5)
     psi = simulate_explicit((*explicit_parameters(truth), 0.0, 0.0), t, N, t).eta
     columns = {"N": ("N m", N), "psi": ("rad", np.round(psi / step) * step)}
-    return Trial("swung", {n: Channel(n, unit, t, v) for n, (unit, v) in columns.items()})
+    return Trial("oscillation", {n: Channel(n, unit, t, v) for n, (unit, v) in columns.items()})
 
 
-def test_models_of_two_methods_are_compared_under_the_inputs_of_the_runs() -> None:
-    run = swung(math.radians(2.0))
+def test_models_of_two_methods_are_compared_with_the_inputs_of_the_runs() -> None:
+    run = oscillation(math.radians(2.0))
     files = [model_file_of(fit(run, "linear", method, dof="yaw")) for method in ("output-error", "least-squares")]
-    (told,) = compare_models(files[0].model, files[1].model, (files[0].inputs, files[1].inputs), [run])
-    assert (told.dof, told.largest, told.smallest) == ("yaw", 1.0, 0.4)
-    assert told.interval == pytest.approx(0.1)
-    assert told.quantum == pytest.approx(math.radians(20.0))  # a step of 2 degrees in a tenth of a second
-    assert told.steady[0] == pytest.approx(1.0 / 1.5, rel=0.02)
-    assert told.same_steady
+    (result,) = compare_models(files[0].model, files[1].model, (files[0].inputs, files[1].inputs), [run])
+    assert (result.dof, result.largest, result.smallest) == ("yaw", 1.0, 0.4)
+    assert result.interval == pytest.approx(0.1)
+    assert result.quantum == pytest.approx(math.radians(20.0))  # a step of 2 degrees in a tenth of a second
+    assert result.steady[0] == pytest.approx(1.0 / 1.5, rel=0.02)
+    assert result.same_steady
 
 
-def test_models_without_an_axis_in_common_are_refused() -> None:
-    run = swung(0.01)
+def test_models_without_a_common_axis_are_rejected() -> None:
+    run = oscillation(0.01)
     file = model_file_of(fit(run, "linear", dof="yaw"))
     other = Trial("none", {n: c for n, c in run.channels.items() if n != "N"})
     with pytest.raises(UsageError, match="is in both"):

@@ -1,4 +1,4 @@
-"""The bound is the bound: analytic, reached by estimates, and there whatever the method."""
+"""The Cramer-Rao bound: analytic, reached by estimates, and available for every method."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def pushed(seed: int, noise: float = 0.05) -> Trial:
     return Trial("push", {"u": Channel("u", "m/s", t, u), "X": Channel("X", "N", t, X)})
 
 
-def test_the_bound_of_a_pushed_mass_is_the_one_on_paper() -> None:
+def test_the_bound_of_a_pushed_mass_matches_the_analytic_one() -> None:
     run = pushed(1)
     subject = replace(fitted_model_of(fit(run, DRIFT, delay=0.0), run), theta=np.array([-2.0]), noise={"u": 0.05})
     # u = u_0 + min(t, 5)/m: du/dm = -min(t, 5)/m^2, the free u_0 takes its mean away.
@@ -38,13 +38,13 @@ def test_the_bound_of_a_pushed_mass_is_the_one_on_paper() -> None:
     assert information_on(subject).bounds["X_udot"] == pytest.approx(expected, rel=1e-9)
 
 
-def test_estimates_scatter_as_the_bound_says() -> None:
+def test_estimates_scatter_as_the_bound_predicts() -> None:
     found = [fit(pushed(seed), DRIFT, delay=0.0).parameters["X_udot"] for seed in range(60)]
     scatter = float(np.std([p.value for p in found]))
     assert scatter == pytest.approx(float(np.mean([p.bound for p in found])), rel=0.25)
 
 
-def test_the_bound_agrees_with_the_fit_of_greatest_likelihood() -> None:
+def test_the_bound_agrees_with_the_maximum_likelihood_fit() -> None:
     runs = [recorded(Steps(1), 30.0, 1), recorded(Zigzag(), 30.0, 2)]
     made = fit(runs, FORM, delay=0.0)
     bounds = information_on(fitted_model_of(made, runs)).bounds
@@ -61,7 +61,7 @@ def test_information_of_two_runs_is_the_sum_of_both() -> None:
     assert one.plus(other).matrix == pytest.approx(both.matrix, rel=1e-9)
 
 
-def test_a_fit_without_bounds_gets_them() -> None:
+def test_bounds_are_added_to_a_fit_without_them() -> None:
     run = pushed(3)
     made = fit(run, DRIFT, delay=0.0)
     bare = replace(made, parameters={n: replace(p, bound=math.nan, std=0.5) for n, p in made.parameters.items()})
@@ -70,7 +70,7 @@ def test_a_fit_without_bounds_gets_them() -> None:
     assert given.std == 0.5
 
 
-def test_a_relay_fit_by_its_first_harmonic_is_told_the_bound_too() -> None:
+def test_bounds_are_added_to_a_relay_fit_by_first_harmonic() -> None:
     t = np.arange(0.0, 40.0, 0.1)
     psi, r, sign, taus, psis = 0.0, 0.0, 1.0, [], []
     for _ in t:
@@ -84,12 +84,12 @@ def test_a_relay_fit_by_its_first_harmonic_is_told_the_bound_too() -> None:
     run = Trial("relay", {"psi": Channel("psi", "rad", t, noisy), "N": Channel("N", "N m", t, np.array(taus))})
     bare = fit(run, dof="yaw", structure="linear", method="iso")
     full = fit(run, dof="yaw", structure="linear", delay=0.0)
-    told = with_bounds(bare, run).parameters
+    result = with_bounds(bare, run).parameters
     for name in ("alpha_r", "beta_r"):
-        assert 0.3 * full.parameters[name].std < told[name].bound < 3.0 * full.parameters[name].std
+        assert 0.3 * full.parameters[name].std < result[name].bound < 3.0 * full.parameters[name].std
 
 
-def test_a_model_that_cannot_be_simulated_is_refused() -> None:
+def test_a_model_that_cannot_be_simulated_is_rejected() -> None:
     class Table:
         def to_dict(self) -> dict[str, object]:
             return {}

@@ -1,4 +1,4 @@
-"""What runs cannot tell is said; what they can tell is not doubted."""
+"""What runs do not identify is reported; what they identify raises no doubt."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def round_and_round() -> tuple[list[Trial], Fit]:
     return runs, fit(runs, FORM, delay=0.0)
 
 
-def test_a_circle_names_the_pairs_that_move_together_and_sends_to_a_zigzag(
+def test_a_circle_reports_correlated_pairs_and_suggests_a_zigzag(
     round_and_round: tuple[list[Trial], Fit],
 ) -> None:
     runs, made = round_and_round
@@ -42,7 +42,7 @@ def test_a_circle_names_the_pairs_that_move_together_and_sends_to_a_zigzag(
     assert "in this circle" in sway.cause and "zig-zag" in sway.cure
 
 
-def test_the_change_said_to_be_open_is_open(round_and_round: tuple[list[Trial], Fit]) -> None:
+def test_the_reported_ambiguous_change_is_within_the_noise(round_and_round: tuple[list[Trial], Fit]) -> None:
     runs, made = round_and_round
     found = identifiability(made, runs)
     assert found.directions
@@ -69,7 +69,7 @@ def test_random_steps_leave_no_doubt() -> None:
     assert np.all(found.relative < 0.1)
 
 
-def test_a_zigzag_resolves_what_the_circle_did_not(round_and_round: tuple[list[Trial], Fit]) -> None:
+def test_a_zigzag_resolves_the_ambiguity_of_a_circle(round_and_round: tuple[list[Trial], Fit]) -> None:
     runs, made = round_and_round
     before = identifiability(made, runs).information.bounds
     more = [*runs, recorded(Zigzag(), 60.0, 2)]
@@ -79,7 +79,7 @@ def test_a_zigzag_resolves_what_the_circle_did_not(round_and_round: tuple[list[T
     assert not any({"Y_v", "Y_r"} <= set(d.members) for d in after.directions)
 
 
-def test_an_unknown_thrust_scale_is_found_to_be_exact() -> None:
+def test_an_unknown_thrust_scale_is_an_exact_ambiguity() -> None:
     run = recorded(Steps(1), 40.0, 1)
     found = identifiability(fit(run, SURGE, delay=0.0), run)
     (scale,) = (d for d in found.directions if d.exact)
@@ -89,14 +89,14 @@ def test_an_unknown_thrust_scale_is_found_to_be_exact() -> None:
     assert "bollard pull" in found.doubts[0].cure
 
 
-def test_with_the_mass_known_the_scale_is_no_longer_open() -> None:
+def test_a_known_mass_resolves_the_thrust_scale() -> None:
     run = recorded(Steps(1), 40.0, 1)
     found = identifiability(fit(run, SURGE.fixing({"X_udot": -25.0}), delay=0.0), run)
     assert not found.directions
     assert np.all(found.relative < 0.2)
 
 
-def test_sway_drag_is_called_hardly_seen_when_sway_is_small() -> None:
+def test_sway_drag_is_reported_as_poorly_identifiable_with_little_sway() -> None:
     runs = [recorded(Zigzag(N=1.0, angle=3.0), 40.0, 3)]
     form = replace(FORM.freeing("Y_vv"), start={**FORM.start, "Y_vv": -5.0})
     found = identifiability(fit(runs, form, delay=0.0), runs)
@@ -104,7 +104,7 @@ def test_sway_drag_is_called_hardly_seen_when_sway_is_small() -> None:
     assert "sway stays below 0." in own.cause
 
 
-def test_a_term_nothing_excites_is_named_with_an_infinite_bound() -> None:
+def test_an_unexcited_term_is_reported_with_an_infinite_bound() -> None:
     t = np.arange(0.0, 40.0, 0.1)
     u = np.interp(t, t, np.sin(0.3 * t)) + np.random.default_rng(0).normal(0.0, 0.01, len(t))
     X = 25.0 * 0.3 * np.cos(0.3 * t) + 6.0 * np.sin(0.3 * t)
@@ -118,7 +118,7 @@ def test_a_term_nothing_excites_is_named_with_an_infinite_bound() -> None:
     assert any("k_L is not identifiable" in d.cause for d in found.doubts)
 
 
-def test_a_profile_is_closed_and_covers_the_truth_where_the_run_tells() -> None:
+def test_the_profile_of_an_identifiable_parameter_is_closed_and_covers_the_truth() -> None:
     runs = [recorded(Steps(1), 30.0, 5)]
     made = fit(runs, FORM, delay=0.0)
     for name in ("N_v", "X_udot"):

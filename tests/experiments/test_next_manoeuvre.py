@@ -1,4 +1,4 @@
-"""The manoeuvre proposed is better, flyable with what was used, and brings what it promises."""
+"""The proposed manoeuvre is better, uses only the inputs of the runs, and has the predicted effect."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def circled() -> tuple[list[Trial], Fit, RankedManoeuvre]:
     return runs, made, plan_next(made, runs, seconds=40.0)
 
 
-def test_after_a_circle_something_better_than_another_circle_comes_first(
+def test_a_better_manoeuvre_than_another_circle_is_proposed_after_a_circle(
     circled: tuple[list[Trial], Fit, RankedManoeuvre],
 ) -> None:
     _, _, proposal = circled
@@ -56,7 +56,7 @@ def test_every_standard_error_falls_and_the_ranking_is_by_the_worst(
     assert f"from {100 * proposal.now.relative.max():.0f} %" in proposal.words[0]
 
 
-def test_inputs_stay_within_those_the_runs_have_used(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
+def test_inputs_stay_within_the_range_of_the_runs(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
     runs, _, proposal = circled
     X, N = (float(np.abs(runs[0][n].values).max()) for n in "XN")
     assert len(proposal.plans) > 1
@@ -78,7 +78,7 @@ def test_a_zigzag_turns_at_its_angle(circled: tuple[list[Trial], Fit, RankedMano
     assert np.all((at > 19.5) & (at < 26.0))
 
 
-def test_faster_motion_than_ever_seen_is_flagged(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
+def test_motion_faster_than_in_the_runs_is_flagged(circled: tuple[list[Trial], Fit, RankedManoeuvre]) -> None:
     _, _, proposal = circled
     straight = next(p for p in proposal.plans if p.candidate.title == "acceleration and coast-down")
     assert any("room" in f for f in straight.flags)
@@ -89,8 +89,8 @@ def test_faster_motion_than_ever_seen_is_flagged(circled: tuple[list[Trial], Fit
     assert "beyond the runs so far" in proposal.say(straight)
 
 
-def test_the_promised_standard_errors_come_true() -> None:
-    """Fly the proposal on our own water: the estimates miss the truth by as much as foretold, no more, no less."""
+def test_the_predicted_standard_errors_are_achieved() -> None:
+    """Fly the proposal in a simulation: the errors of the estimates match the prediction."""
     seen = recorded(circle(wobble=0.02), 60.0, 1, after=10.0)
     form = FORM.fixing({n: BOAT[n] for n in ("X_udot", "Y_vdot", "X_u", "X_uu")})
     model = CoupledModel(form, BOAT)
@@ -119,7 +119,7 @@ def test_the_promised_standard_errors_come_true() -> None:
     assert proposal.best.std[sway] < 0.3 * proposal.now.information.std[sway]
 
 
-def test_a_single_axis_is_planned_too() -> None:
+def test_a_manoeuvre_is_proposed_for_a_single_axis() -> None:
     run = recorded(Steps(3), 40.0, 1, signals=("psi",))
     made = fit(run, dof="yaw", structure="linear", delay=0.0)
     proposal = plan_next(made, run, seconds=30.0)
@@ -141,7 +141,7 @@ def test_differential_thrust_steers_and_drives() -> None:
     assert np.all(np.abs(allocation.inputs({"thrust": 1.0, "steer": 1.0})) <= 8.0)
 
 
-def test_unknown_manoeuvres_and_senseless_lengths_are_refused(
+def test_unknown_manoeuvres_and_invalid_durations_are_rejected(
     circled: tuple[list[Trial], Fit, RankedManoeuvre],
 ) -> None:
     runs, made, _ = circled
@@ -160,7 +160,7 @@ def test_bars_show_before_and_after(circled: tuple[list[Trial], Fit, RankedManoe
 
 
 @pytest.mark.slow
-def test_weighed_roughly_first_the_best_are_the_same_and_weighed_as_they_are_flown(
+def test_a_coarse_first_ranking_gives_the_same_best_manoeuvres(
     circled: tuple[list[Trial], Fit, RankedManoeuvre], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     runs, made, _ = circled
@@ -171,14 +171,14 @@ def test_weighed_roughly_first_the_best_are_the_same_and_weighed_as_they_are_flo
         return fly(*args, step=step, **named)
 
     monkeypatch.setattr(next_manoeuvre, "fly", counted)
-    wanted = {"N_r": 1e-3, "N_rdot": 1e-3, "Y_v": 1e-3}
+    required = {"N_r": 1e-3, "N_rdot": 1e-3, "Y_v": 1e-3}
     drawn = [replace(p, make=partial(_for_seconds, p, seconds)) for p in PRESETS.values() for seconds in (20.0, 35.0)]
     found = []
     for finalists in (6, len(drawn)):
         monkeypatch.setattr(next_manoeuvre, "FINALISTS", finalists)
         flown.clear()
         most = {"X": 5.0, "N": 5.0}
-        found.append(rank_by_precision(made, runs, wanted, drawn, longest=60.0, overhead=5.0, most=most))
+        found.append(rank_by_precision(made, runs, required, drawn, longest=60.0, overhead=5.0, most=most))
         assert flown.count(CONTROL_STEP) == (6 if finalists == 6 else len(flown))
     assert len(found[0]) == len(found[1]) > 12
     assert [w.candidate for w in found[0][:6]] == [w.candidate for w in found[1][:6]]

@@ -1,4 +1,4 @@
-"""The structure is decided by what is left out and by the criterion, and the reason is told."""
+"""The structure is decided by held-out data and the criterion, and the reason is reported."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def pushed(seed: int, X_u: float, X_uu: float, X_0: float = 0.0, seconds: float 
     return Trial(f"run {seed}", {"u": Channel("u", "m/s", t, noisy), "X": Channel("X", "N", t, X)})
 
 
-def test_terms_that_are_not_there_are_dropped_with_their_numbers() -> None:
+def test_absent_terms_are_dropped_with_the_evidence() -> None:
     runs = [pushed(seed, -6.0, 0.0) for seed in (1, 2, 3)]
     choice = eliminate(runs, SURGE)
     assert set(choice.chosen.form.free) == {"X_udot", "X_u"}
@@ -46,14 +46,14 @@ def test_terms_that_are_not_there_are_dropped_with_their_numbers() -> None:
     assert choice.chosen.left_out <= choice.table[0].left_out * 1.02
 
 
-def test_terms_that_are_there_stay() -> None:
+def test_present_terms_are_kept() -> None:
     runs = [pushed(seed, -3.0, -5.0, 2.0) for seed in (1, 2, 3)]
     choice = eliminate(runs, SURGE)
     assert choice.chosen.form.free == SURGE.free
     assert all("needed" in r and "not" not in r for r in choice.reasons)
 
 
-def test_forms_side_by_side_from_one_run_cut_in_time() -> None:
+def test_forms_are_compared_on_one_run_cut_in_time() -> None:
     run = pushed(4, -3.0, -5.0)
     rivals = [
         replace(SURGE.without("X_uu", "X_0"), name="linear"),
@@ -71,7 +71,7 @@ def test_forms_side_by_side_from_one_run_cut_in_time() -> None:
     assert choice.to_dict()["chosen"] == "both"
 
 
-def test_drag_that_drives_is_complained_about_and_not_chosen() -> None:
+def test_a_form_with_driving_drag_is_reported_and_not_chosen() -> None:
     runs = [pushed(seed, -6.0, 0.0) for seed in (1, 2)]
     backwards = replace(
         SURGE.without("X_0"), name="driving", inputs={"X": (("X", -1.0),)}, start={"X_udot": 20.0, "X_u": 4.0}
@@ -82,7 +82,7 @@ def test_drag_that_drives_is_complained_about_and_not_chosen() -> None:
     assert choice.chosen.form.name == "surge"
 
 
-def test_coupled_terms_of_no_use_go_and_those_of_use_stay() -> None:
+def test_useless_coupled_terms_are_dropped_and_useful_ones_kept() -> None:
     runs = [recorded(Steps(seed), 20.0, seed, name=f"run {seed}", scale=2.0) for seed in (1, 2)]
     form = FORMS["horizontal"].without("Y_rdot", "X_0", "Y_0", "Y_vv")
     form = form.fixing(
@@ -100,7 +100,7 @@ def test_inertia_and_input_gains_are_never_dropped() -> None:
     assert droppable(form) == ("X_u", "N_r", "N_0")
 
 
-def test_forms_with_different_inputs_are_refused() -> None:
+def test_forms_with_different_inputs_are_rejected() -> None:
     other = replace(SURGE, inputs={"n": (("X", 1.0),)})
     with pytest.raises(UsageError, match="different inputs"):
         choose_form(pushed(1, -6.0, 0.0), [SURGE, other])
@@ -108,7 +108,7 @@ def test_forms_with_different_inputs_are_refused() -> None:
         choose_form(pushed(1, -6.0, 0.0), [SURGE], method="iso")
 
 
-def test_a_block_of_a_run_begins_with_the_input_then_in_force() -> None:
+def test_a_block_of_a_run_begins_with_the_active_input() -> None:
     t = np.arange(0.0, 40.0, 0.1)
     run = Trial(
         "r", {"u": Channel("u", "m/s", t, t), "X": Channel("X", "N", np.array([0.0, 12.0]), np.array([1.0, 2.0]))}
@@ -121,7 +121,7 @@ def test_a_block_of_a_run_begins_with_the_input_then_in_force() -> None:
     assert all(len(fold.train) == 3 for fold in folds)
 
 
-def test_one_axis_shows_three_witnesses_for_its_drag() -> None:
+def test_the_drag_of_one_axis_is_chosen_with_its_evidence() -> None:
     runs = [pushed(seed, 0.0, -6.0) for seed in (1, 2)]
     made = fit_axis(runs, dof="surge", delay=0.0)
     choice = weigh_drags(made, runs)
@@ -133,7 +133,7 @@ def test_one_axis_shows_three_witnesses_for_its_drag() -> None:
     assert choice.to_dict()["table"][0]["structure"] == "linear"
 
 
-def test_no_structure_predicts_best_where_none_predicts() -> None:
+def test_no_structure_is_reported_as_best_if_none_can_predict() -> None:
     runs = [pushed(1, -6.0, 0.0, seconds=9.0)]
     choice = weigh_drags(fit_axis(runs, dof="surge", delay=0.0), runs)
     assert not any(math.isfinite(row.left_out) for row in choice.table)

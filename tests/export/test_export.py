@@ -1,4 +1,4 @@
-"""A model written for others is the same model: each file read back, or run, and held against ours."""
+"""An exported model is the same model: each file is read back or run, and compared with ours."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def ours(file: ModelFile, inputs: dict[str, float], t: np.ndarray) -> dict[str, 
 
 
 @pytest.mark.parametrize("name", sorted(FORMS))
-def test_the_equations_are_those_of_the_kernel(name):
+def test_the_exported_equations_match_the_kernel(name):
     """Against the rows that identification by regression uses, for every form of the table."""
     from gcs_autotune.models import balance_of, program_of
 
@@ -68,7 +68,7 @@ def test_the_equations_are_those_of_the_kernel(name):
     rng = np.random.default_rng(3)
     values = {n: float(rng.uniform(0.5, 1.5)) * (-1.0 if "_" in n else 1.0) for n in form.free}
     if any(n in values for n in ("reach", "bottom", "lag")) or any("near" in n or "wall" in n for n in form.parameters):
-        pytest.skip("grows towards the bottom: told as left out")
+        pytest.skip("grows towards the bottom: reported as left out")
     base = CoupledModel(form, {**form.known, **values})
     equations = equations_of(ModelFile(name, ExtendedModel(base)), {})
     if equations.left:
@@ -99,7 +99,7 @@ def run_fossen(text: str, inputs: list[float], t: np.ndarray, h: float) -> np.nd
     return np.array(kept)
 
 
-def test_fossens_class_moves_as_our_model_does():
+def test_the_fossen_class_moves_as_the_model():
     file = a_boat(
         EffectInstance("input-delay", "N", {"delay": 0.4}),
         EffectInstance("actuator-lag", "N", {"time_constant": 0.5}),
@@ -108,13 +108,13 @@ def test_fossens_class_moves_as_our_model_does():
     written = export_model(file, "fossen")
     assert written.left == ()
     t = np.arange(0.0, 12.1, 0.5)
-    wanted = ours(file, {"X": 40.0, "N": 8.0}, t)
+    expected = ours(file, {"X": 40.0, "N": 8.0}, t)
     found = run_fossen(written.text, [40.0, 8.0], t, 0.002)
     for column, name in ((0, "u"), (1, "v"), (5, "r")):
-        assert found[:, column] == pytest.approx(wanted[name], abs=4e-3 * np.ptp(wanted[name]))
+        assert found[:, column] == pytest.approx(expected[name], abs=4e-3 * np.ptp(expected[name]))
 
 
-def test_matlabs_file_has_the_same_equations():
+def test_the_matlab_file_has_the_same_equations():
     file = a_boat()
     text = export_model(file, "matlab").text
     assert text.startswith("function dx = my_boat(~, state, input)\n% MY BOAT  Equations of motion identified by")
@@ -135,16 +135,16 @@ def test_matlabs_file_has_the_same_equations():
     assert found == pytest.approx(equations_of(file, {}).acceleration(nu, np.zeros(6), inputs)[rows])
 
 
-def test_gazebos_element_has_the_same_forces_seen_from_ahead_left_up():
+def test_the_gazebo_element_has_the_same_forces_in_its_axes():
     written = export_model(a_boat(EffectInstance("dead-zone", "N", {"width": 2.0})), "gazebo")
     plugin = ET.fromstring(written.text)
     assert plugin.attrib["name"] == "gz::sim::systems::Hydrodynamics"
-    told = {e.tag: float(e.text) for e in plugin if e.tag != "link_name"}
-    assert (told["xDotU"], told["yDotV"], told["nDotR"]) == (-6.0, -15.0, -3.0)
+    result = {e.tag: float(e.text) for e in plugin if e.tag != "link_name"}
+    assert (result["xDotU"], result["yDotV"], result["nDotR"]) == (-6.0, -15.0, -3.0)
     turned = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
     nu = np.array([1.2, -0.3, 0.0, 0.0, 0.0, 0.4])
     theirs, force = turned * nu, np.zeros(6)
-    for name, value in told.items():
+    for name, value in result.items():
         row, rest = "xyzkmn".index(name[0]), name[1:]
         if rest.startswith("Dot"):
             continue
@@ -152,18 +152,18 @@ def test_gazebos_element_has_the_same_forces_seen_from_ahead_left_up():
         product = np.prod([theirs["UVWPQR".index(c)] for c in first])
         force[row] += value * product * (abs(theirs["UVWPQR".index(size)]) if size else 1.0)
     equations = equations_of(a_boat(), {})
-    wanted = np.zeros(6)
+    expected = np.zeros(6)
     for term in equations.terms:
         if not {"X", "N"} & set(term.factors) and term.factors:
             known = dict(zip(STATES, nu, strict=True))
-            wanted[term.row] += eval(term.text, {"abs": abs, **known})
-    assert turned * force == pytest.approx(wanted)
+            expected[term.row] += eval(term.text, {"abs": abs, **known})
+    assert turned * force == pytest.approx(expected)
     assert any("dead-zone@N" in what for what in written.left + tuple(written.text.splitlines()))
     assert any("N = (0.4)" in what for what in written.left)
 
 
 @pytest.mark.parametrize(("file", "shares"), [(a_boat(), {"X": 0.5, "N": 0.3}), (an_rov(), {"X": 0.5, "N": 0.3})])
-def test_the_vehicle_file_moves_under_our_physics_as_the_model_does(tmp_path, file, shares):
+def test_the_vehicle_file_moves_in_the_simulator_as_the_model(tmp_path, file, shares):
     written = export_model(file, "ardupilot-json")
     (tmp_path / "craft.toml").write_text(written.text)
     physics = Physics(load_vehicle(str(tmp_path / "craft.toml")))
@@ -171,7 +171,7 @@ def test_the_vehicle_file_moves_under_our_physics_as_the_model_does(tmp_path, fi
     pwm = actuators.write([1500] * 16, {"X": 0.0, "N": 0.0, "Z": 0.0, **shares})
     t = np.arange(0.0, 6.01, 0.5)
     full = file.model.amplitude
-    wanted = ours(file, {c: s * full[c] for c, s in shares.items()}, t)
+    expected = ours(file, {c: s * full[c] for c, s in shares.items()}, t)
     found = {"u": [state.u], "r": [state.r]}
     for _ in t[1:]:
         for _ in range(25):
@@ -179,10 +179,10 @@ def test_the_vehicle_file_moves_under_our_physics_as_the_model_does(tmp_path, fi
         found["u"].append(state.u)
         found["r"].append(state.r)
     for name, series in found.items():
-        assert series == pytest.approx(wanted[name], abs=0.01 * np.ptp(wanted[name])), name
+        assert series == pytest.approx(expected[name], abs=0.01 * np.ptp(expected[name])), name
 
 
-def test_a_rudder_and_an_unknown_full_scale_are_refused_with_the_way_on():
+def test_a_rudder_and_an_unknown_full_scale_are_rejected_with_the_option_to_use():
     plain = a_boat()
     without = ModelFile("boat", ExtendedModel(plain.model.base), None, plain.inputs)
     with pytest.raises(UsageError, match=r"--full-scale X=\.\.\.,N="):
@@ -196,7 +196,7 @@ def test_a_rudder_and_an_unknown_full_scale_are_refused_with_the_way_on():
         export_model(ship, "ardupilot-json")
 
 
-def test_the_table_is_read_back_with_units_and_errors():
+def test_the_csv_table_contains_units_and_standard_errors():
     rows = list(csv.DictReader(io.StringIO(export_model(a_boat(), "csv").text)))
     assert {r["name"]: float(r["value"]) for r in rows} == NUMBERS
     by_name = {r["name"]: r for r in rows}
@@ -206,14 +206,14 @@ def test_the_table_is_read_back_with_units_and_errors():
 
 
 @pytest.mark.parametrize("target", ["matlab", "gazebo"])
-def test_a_delay_that_a_target_leaves_to_its_caller_is_listed_as_not_in_the_file(target):
+def test_a_delay_left_to_the_caller_is_listed_as_not_exported(target):
     late = export_model(a_boat(EffectInstance("input-delay", "N", {"delay": 0.4})), target)
     assert "the delay of N, 0.4 s" in late.text.partition("Not exported:")[2].splitlines()[0]
     assert "Not exported: nothing" in export_model(a_boat(), "matlab").text
 
 
-def test_a_files_words_never_become_a_programs():
-    """A model file is foreign: its names stand in comments, and an input that is no name is refused."""
+def test_text_of_a_model_file_never_becomes_code():
+    """A model file is foreign: its names are in comments, and an invalid input name is rejected."""
     file = a_boat()
     evil = '"""\nimport os\nos.abort()\n"""'
     named = ModelFile(evil, file.model, None, {"X": evil, "N": "N m"})
@@ -227,7 +227,7 @@ def test_a_files_words_never_become_a_programs():
         export_model(ModelFile("x", ExtendedModel(CoupledModel(form, {"N_rdot": -1.0}))), "fossen")
 
 
-def test_the_command_knows_every_target_and_says_what_is_left_out(tmp_path, capsys):
+def test_the_command_exports_every_target_and_reports_what_is_left_out(tmp_path, capsys):
     assert set(TOLD) == set(TARGETS)
     file = a_boat(EffectInstance("dead-zone", "N", {"width": 2.0}))
     path = tmp_path / "boat.json"
@@ -235,6 +235,6 @@ def test_the_command_knows_every_target_and_says_what_is_left_out(tmp_path, caps
     assert load_model(path).model.effects
     for target, row in TARGETS.items():
         assert main(["export", str(path), "--to", target]) == 0
-        told = capsys.readouterr()
-        assert Path(told.out.strip()).suffix == row.suffix
-        assert "dead-zone@N (width 2)" in told.err
+        result = capsys.readouterr()
+        assert Path(result.out.strip()).suffix == row.suffix
+        assert "dead-zone@N (width 2)" in result.err

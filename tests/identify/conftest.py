@@ -1,4 +1,4 @@
-"""Fixture: recorded runs of plants of the tests' own."""
+"""Fixture: recorded runs of test plants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hull that slides, identified in yaw alone: what the model misses is blamed on no sensor, and on no other craft."""
+"""A hull that slides, identified in yaw alone: the missing sway is blamed neither on a sensor nor on another craft."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def zig_zag(seed, rudder, late=0.0):
     return Trial(f"z{seed}", {n: Channel(n, unit, t, values) for n, (unit, values) in columns.items()})
 
 
-def test_a_rate_that_agrees_with_the_heading_is_not_left_out_for_what_the_model_misses():
+def test_a_rate_that_agrees_with_the_heading_is_kept_although_the_model_is_incomplete():
     found = fit([zig_zag(1, 0.35)], dof="yaw")
     assert found.extra["signals_left_out"] == {}
     assert found.extra["signals"] == ["psi", "r"]
@@ -48,12 +48,12 @@ def test_a_rate_that_lags_behind_the_heading_is_still_left_out():
     assert list(found.extra["signals_left_out"]) == ["r"]
 
 
-def test_runs_that_a_model_without_sway_cannot_reconcile_are_no_other_craft():
+def test_runs_that_differ_for_lack_of_sway_are_not_reported_as_another_craft():
     found = fit([zig_zag(1, 0.09), zig_zag(2, 0.18), zig_zag(3, 0.35)], dof="yaw")
-    told = {d.slug: d.cause for d in found.doubts}
-    assert "run-apart" not in told
-    assert "does not show that the craft changed" in told["runs-disagree"]
-    assert "also moved in sway" in told["runs-disagree"]
+    result = {d.slug: d.cause for d in found.doubts}
+    assert "run-apart" not in result
+    assert "does not show that the craft changed" in result["runs-disagree"]
+    assert "also moved in sway" in result["runs-disagree"]
 
 
 def pushed_about(seed, drift):
@@ -71,7 +71,7 @@ def pushed_about(seed, drift):
 
 
 @pytest.mark.slow
-def test_where_a_drifting_force_hides_the_input_over_whole_runs_pieces_are_fitted():
+def test_pieces_are_fitted_if_a_drifting_force_hides_the_input_over_whole_runs():
     """A ferry's manoeuvre was refused, although its moment went with its turning acceleration by 0.89."""
     found = fit([pushed_about(1, 0.008)], dof="yaw")
     assert found.doubts[0].slug == "only-in-pieces"
@@ -79,7 +79,7 @@ def test_where_a_drifting_force_hides_the_input_over_whole_runs_pieces_are_fitte
     assert found.model.alpha == pytest.approx(100.0, rel=0.25)
 
 
-def test_pieces_of_an_input_that_moved_nothing_are_refused_too():
+def test_pieces_of_an_input_without_effect_are_rejected():
     run = pushed_about(1, 0.008)
     other = Channel("N", "N m", run["N"].t, np.roll(run["N"].values[::-1], 700))
     with pytest.raises(NotInformative, match="no better than a straight line"):

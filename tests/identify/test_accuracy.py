@@ -1,4 +1,4 @@
-"""Statistics over noise seeds: unbiased, efficient, honest intervals. The long version is in benchmarks/."""
+"""Statistics over noise seeds: unbiased, efficient, correct intervals. The long version is in benchmarks/."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def noisy(trial: Trial, rng: np.random.Generator) -> Trial:
     return Trial(trial.name, {"psi": Channel("psi", "rad", psi.t, values), "N": trial["N"]})
 
 
-def test_the_exact_fit_is_unbiased_efficient_and_its_intervals_cover(clean: list[Trial]) -> None:
+def test_the_fit_is_unbiased_and_efficient_and_its_intervals_cover(clean: list[Trial]) -> None:
     model = SingleDof("yaw", "N m", *QUADRATIC)
     bound = cramer_rao(model, clean, NOISE, free=("alpha", "beta_quadratic", "delta"))
     errors, inside, iso = [], [], []
@@ -78,7 +78,7 @@ def test_white_noise_passes_the_whiteness_test_and_filtered_noise_does_not() -> 
 
 
 def test_standard_errors_grow_when_the_noise_is_coloured(clean: list[Trial]) -> None:
-    """Drifting noise of the same size carries less information, and the error bars say so."""
+    """Drifting noise of the same size carries less information, and the error bars are larger."""
     within, inflated = [], []
     for seed in range(12):
         rng = np.random.default_rng(100 + seed)

@@ -1,4 +1,4 @@
-"""A current or head wind is told by flying out and back at the same throttle."""
+"""A current or head wind is identified by flying out and back at the same throttle."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run(heading: float, water: float, noise: float = 0.01, seed: int = 1) -> Tri
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("water", [0.2, -0.3])
-def test_a_current_is_found_with_its_speed_and_where_it_comes_from(water: float, seed: int) -> None:
+def test_a_current_is_identified_with_its_speed_and_direction(water: float, seed: int) -> None:
     trials = [run(NORTH, water, seed=seed), run(SOUTH, water, seed=seed + 10)]
     found = along_track(trials)
     assert found is not None
@@ -47,6 +47,6 @@ def test_slack_water_raises_no_doubt(seed: int) -> None:
     assert not found.matters
 
 
-def test_runs_the_same_way_tell_nothing() -> None:
+def test_runs_in_one_direction_do_not_show_a_current() -> None:
     assert along_track([run(NORTH, 0.3), run(NORTH + 0.5, 0.3)]) is None
     assert along_track([run(NORTH, 0.3)]) is None

@@ -49,7 +49,7 @@ def is_right(found: Fit, truth: tuple[float, ...] = TRUTH) -> bool:
     return all(abs(p.value - true) <= 4.0 * p.std + 1e-9 for p, true in pairs)
 
 
-def test_holes_in_the_record_cost_samples_and_not_truth(good: Trial) -> None:
+def test_gaps_in_the_record_do_not_bias_the_fit(good: Trial) -> None:
     def holed(c: Channel) -> Channel:
         keep = ~(((c.t > 15.0) & (c.t < 18.0)) | ((c.t > 40.0) & (c.t < 47.0)))
         return dataclasses.replace(c, t=c.t[keep], values=c.values[keep])
@@ -61,7 +61,7 @@ def test_holes_in_the_record_cost_samples_and_not_truth(good: Trial) -> None:
     assert is_right(found)
 
 
-def test_repeated_stamps_are_dropped_and_said(good: Trial) -> None:
+def test_repeated_stamps_are_dropped_and_reported(good: Trial) -> None:
     doubled = on_every_channel(
         good, lambda c: dataclasses.replace(c, t=np.repeat(c.t, 2), values=np.repeat(c.values, 2))
     )
@@ -70,7 +70,7 @@ def test_repeated_stamps_are_dropped_and_said(good: Trial) -> None:
     assert found.parameters["alpha_r"] == dataclasses.replace(fit(good, structure="linear").parameters["alpha_r"])
 
 
-def test_a_clock_that_restarts_makes_two_runs_of_one(good: Trial) -> None:
+def test_a_clock_that_restarts_splits_the_run(good: Trial) -> None:
     def restarted(c: Channel) -> Channel:
         return dataclasses.replace(c, t=np.where(c.t >= 30.0, c.t - 25.0, c.t))
 
@@ -80,7 +80,7 @@ def test_a_clock_that_restarts_makes_two_runs_of_one(good: Trial) -> None:
     assert is_right(found)
 
 
-def test_a_few_late_samples_are_left_out_and_said(good: Trial) -> None:
+def test_a_few_late_samples_are_sorted_and_reported(good: Trial) -> None:
     def shuffled(c: Channel) -> Channel:
         t, values = c.t.copy(), c.values.copy()
         for i in (50, 200, 380):
@@ -92,14 +92,14 @@ def test_a_few_late_samples_are_left_out_and_said(good: Trial) -> None:
     assert is_right(found)
 
 
-def test_a_clock_that_jumps_on_one_channel_only_is_refused_with_the_place(good: Trial) -> None:
+def test_a_clock_that_jumps_on_one_channel_only_is_rejected_with_the_time(good: Trial) -> None:
     t = good["psi"].t.copy()
     t[200:] -= 5.0
     with pytest.raises(BadFile, match=r"jumps back after t = 19\.9"):
         fit(with_channel(good, "psi", t=t))
 
 
-def test_samples_and_stamps_that_are_no_numbers_are_left_out(good: Trial) -> None:
+def test_samples_and_stamps_that_are_not_numbers_are_left_out(good: Trial) -> None:
     values, t = good["psi"].values.copy(), good["psi"].t.copy()
     values[[5, 80, 81]], t[150], values[300] = np.nan, np.nan, np.inf
     found = fit(with_channel(good, "psi", t=t, values=values), structure="linear")
@@ -107,12 +107,12 @@ def test_samples_and_stamps_that_are_no_numbers_are_left_out(good: Trial) -> Non
     assert is_right(found)
 
 
-def test_a_constant_input_identifies_nothing_and_says_so(good: Trial) -> None:
+def test_a_constant_input_is_not_informative(good: Trial) -> None:
     with pytest.raises(NotInformative, match="never changes"):
         fit(with_channel(good, "N", values=np.full(len(good["N"]), 0.4)), dof="yaw")
 
 
-def test_one_run_without_information_among_good_ones_is_left_out_by_name(good: Trial, record: Record) -> None:
+def test_a_run_without_information_is_left_out_and_reported(good: Trial, record: Record) -> None:
     still = dataclasses.replace(
         with_channel(record(TRUTH, Relay(0.4, 8 * DEG)), "N", values=np.full(400, 0.3)), name="still"
     )
@@ -126,7 +126,7 @@ def test_one_run_without_information_among_good_ones_is_left_out_by_name(good: T
     ("channel", "factor"),
     [("psi", 180.0 / np.pi), ("psi", np.pi / 180.0), ("r", 180.0 / np.pi), ("r", np.pi / 180.0)],
 )
-def test_degrees_headed_as_radians_contradict_the_other_column_and_are_refused(
+def test_degrees_labelled_radians_contradict_the_other_column_and_are_rejected(
     good: Trial, channel: str, factor: float
 ) -> None:
     wrong = with_channel(good, channel, values=good[channel].values * factor)
@@ -135,21 +135,21 @@ def test_degrees_headed_as_radians_contradict_the_other_column_and_are_refused(
 
 
 @pytest.mark.parametrize(("factor", "words"), [(180.0 / np.pi, "degrees"), (np.pi / 180.0, "radians")])
-def test_a_heading_alone_gives_its_unit_away_where_it_wraps_round(record: Record, factor: float, words: str) -> None:
+def test_the_wrap_of_a_heading_reveals_its_unit(record: Record, factor: float, words: str) -> None:
     spin = record(TRUTH, lambda t, _: 0.15 + 0.1 * np.sign(np.sin(0.5 * t)), 60.0, noise=0.003, name="spin")
     assert np.ptp(np.unwrap(spin["psi"].values)) > 4.0 * np.pi
     with pytest.raises(BadFile, match=f"wraps round at .* the numbers are {words}"):
         fit(with_channel(spin, "psi", values=spin["psi"].values * factor))
 
 
-def test_a_heading_in_degrees_that_never_wraps_is_doubted_for_its_speed(record: Record) -> None:
+def test_a_heading_in_degrees_that_never_wraps_is_doubted_for_its_rate(record: Record) -> None:
     relay = record((*TRUTH[:3], 0.0), Relay(0.04, 6 * DEG), 120.0, noise=0.002, name="fast")
     degrees = with_channel(relay, "psi", values=relay["psi"].values * 180.0 / np.pi)
     assert any(d.slug == "unit" and "turns faster" in d.cause for d in fit(degrees, structure="linear").doubts)
     assert "unit" not in slugs(fit(relay, structure="linear"))
 
 
-def test_a_hole_in_the_input_alone_is_a_hole_in_what_is_known(good: Trial) -> None:
+def test_a_gap_in_the_input_is_a_gap_in_the_record(good: Trial) -> None:
     drive = good["N"]
     known = (drive.t < 20.0) | (drive.t > 26.0)
     assert len(set(drive.between(20.0, 26.0).values)) > 1
@@ -158,19 +158,19 @@ def test_a_hole_in_the_input_alone_is_a_hole_in_what_is_known(good: Trial) -> No
     assert is_right(found)
 
 
-def test_depth_in_centimetres_beside_a_climb_rate_in_metres_is_refused(record: Record) -> None:
+def test_depth_in_centimetres_with_a_climb_rate_in_metres_is_rejected(record: Record) -> None:
     dive = record((12.0, 4.0, 15.0, 0.0), Relay(10.0, 0.3), 80.0, noise=0.01, rate_noise=0.01, dof="heave", name="dive")
     with pytest.raises(BadFile, match=r"z changes 100 times as much as w integrates to .*is in cm"):
         fit(with_channel(dive, "z", values=dive["z"].values * 100.0))
 
 
-def test_a_depth_that_counts_up_beside_a_speed_that_counts_down_is_doubted(record: Record) -> None:
+def test_a_depth_and_a_vertical_speed_of_opposite_sign_are_doubted(record: Record) -> None:
     dive = record((12.0, 4.0, 15.0, 0.0), Relay(10.0, 0.3), 80.0, noise=0.01, rate_noise=0.01, dof="heave", name="dive")
     found = fit(with_channel(dive, "z", values=-dive["z"].values))
     assert {"contradiction", "reversed-input"} <= slugs(found)
 
 
-def test_knots_headed_as_metres_per_second_are_doubted(record: Record) -> None:
+def test_knots_labelled_metres_per_second_are_doubted(record: Record) -> None:
     rng = np.random.default_rng(5)
     run = record((60.0, 25.0, 40.0, 0.0), Levels(rng, 60.0, 6.0), 120.0, noise=0.05, rate_noise=0.01, dof="surge")
     knots = with_channel(run, "u", values=run["u"].values * 3600.0 / 1852.0)
@@ -180,11 +180,11 @@ def test_knots_headed_as_metres_per_second_are_doubted(record: Record) -> None:
     assert any(d.slug == "contradiction" and "knots" in d.cause for d in found.doubts)
 
 
-def test_a_right_record_raises_no_doubt_about_its_units(good: Trial) -> None:
+def test_a_correct_record_raises_no_doubt_about_its_units(good: Trial) -> None:
     assert not slugs(fit(good)) & {"unit", "sign", "clipped", "clock-jump", "late-samples", "run-apart"}
 
 
-def test_a_clipped_gyro_is_noticed_and_its_rails_left_out(record: Record) -> None:
+def test_a_clipped_gyro_is_reported_and_its_clipped_samples_left_out(record: Record) -> None:
     run = record(TRUTH, Relay(0.4, 20 * DEG), 80.0, rate_noise=0.004, seed=4, name="fast")
     rate_only = Trial("fast", {"N": run["N"], "r": run["r"]})
     limit = 0.75 * float(np.max(np.abs(run["r"].values)))
@@ -203,7 +203,7 @@ def test_a_craft_that_levels_off_at_its_steady_speed_is_not_clipped() -> None:
     assert not clipped(Channel("w", "m/s", 0.1 * np.arange(len(w)), w)).any()
 
 
-def test_a_heading_that_turns_back_quickly_is_not_at_the_end_of_any_range() -> None:
+def test_a_heading_that_turns_back_quickly_is_not_clipped() -> None:
     t = 0.1 * np.arange(400)
     turned = Channel("psi", "rad", t, np.round(np.clip(3.0 * np.sin(0.7 * t), -2.5, 2.5), 3))
     notes: list[Any] = []
@@ -212,7 +212,7 @@ def test_a_heading_that_turns_back_quickly_is_not_at_the_end_of_any_range() -> N
     assert within_range(turned, "run", notes) is turned
 
 
-def test_rest_and_a_coarse_scale_are_no_clipping(record: Record) -> None:
+def test_rest_and_a_coarse_scale_are_not_clipping(record: Record) -> None:
     def pulses(t: float, _: float) -> float:
         return 0.3 if t % 40.0 < 3.0 else -0.3 if 20.0 < t % 40.0 < 23.0 else 0.0
 
@@ -226,7 +226,7 @@ def test_rest_and_a_coarse_scale_are_no_clipping(record: Record) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_of_another_craft_is_named_with_its_distance(record: Record) -> None:
+def test_a_run_of_another_craft_is_reported_with_its_distance(record: Record) -> None:
     mine = [
         record(TRUTH, Relay(C, 8 * DEG), 60.0, noise=0.003, rate_noise=0.004, seed=k, name=f"mine {k}")
         for k, C in enumerate((0.3, 0.4, 0.6))
@@ -238,7 +238,7 @@ def test_a_run_of_another_craft_is_named_with_its_distance(record: Record) -> No
     assert not slugs(fit(mine, structure="linear")) & {"run-apart", "runs-disagree"}
 
 
-def test_of_two_crafts_neither_is_called_the_odd_one(record: Record) -> None:
+def test_two_runs_that_differ_are_both_reported(record: Record) -> None:
     runs = [
         record(p, Relay(0.4, 8 * DEG), 60.0, noise=0.003, seed=k, name=f"run {k}") for k, p in enumerate((TRUTH, OTHER))
     ]
@@ -246,7 +246,7 @@ def test_of_two_crafts_neither_is_called_the_odd_one(record: Record) -> None:
     assert "'run 0' and 'run 1'" in doubt.cause
 
 
-def test_runs_of_one_craft_are_called_apart_once_in_a_thousand_times_at_three_sigmas_or_less() -> None:
+def test_runs_of_one_craft_are_rarely_reported_as_different() -> None:
     """The chi-squared law itself, on estimates drawn with their covariance."""
     rng = np.random.default_rng(0)
     C = np.array([[0.09, 0.05], [0.05, 0.04]])
@@ -261,7 +261,7 @@ def test_runs_of_one_craft_are_called_apart_once_in_a_thousand_times_at_three_si
     assert false <= 10  # four comparisons of 0.27 % each: about 4 in 400
 
 
-def test_positions_at_one_hertz_beside_inputs_at_ten_identify_surge(record: Record) -> None:
+def test_positions_at_1_hz_with_inputs_at_10_hz_identify_surge(record: Record) -> None:
     rng = np.random.default_rng(5)
     truth = (60.0, 25.0, 0.0, 1.0)
     run = record(truth, Levels(rng, 60.0, 6.0), 200.0, noise=0.3, dof="surge", seed=2)
@@ -269,7 +269,7 @@ def test_positions_at_one_hertz_beside_inputs_at_ten_identify_surge(record: Reco
     assert is_right(fit(gps, structure="linear"), truth)
 
 
-def test_surge_is_read_along_the_track_and_not_towards_north(record: Record) -> None:
+def test_surge_is_taken_along_the_track_and_not_towards_north(record: Record) -> None:
     rng = np.random.default_rng(5)
     truth = (60.0, 25.0, 0.0, 1.0)
     run = record(truth, Levels(rng, 60.0, 6.0), 200.0, noise=0.1, dof="surge", seed=2)
@@ -285,7 +285,7 @@ def test_surge_is_read_along_the_track_and_not_towards_north(record: Record) -> 
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_file_spoilt_at_random_gives_an_answer_or_one_clear_line(
+def test_a_randomly_damaged_file_gives_a_result_or_one_clear_message(
     good: Trial, seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -332,7 +332,7 @@ def driven_by_two_thrusters(good: Trial) -> Trial:
 SIDES = {"force_left": 0.5, "force_right": -0.5}
 
 
-def test_runs_of_two_thrusters_are_identified_by_the_form_these_drive(good: Trial) -> None:
+def test_runs_of_two_thrusters_use_the_twin_thruster_form(good: Trial) -> None:
     twin = driven_by_two_thrusters(good)
     form = form_of(None, None, [twin, twin])
     assert form is not None and form.name == "twin-thruster"
@@ -343,7 +343,7 @@ def test_runs_of_two_thrusters_are_identified_by_the_form_these_drive(good: Tria
     assert form_of(None, None, []) is None
 
 
-def test_yaw_of_two_thrusters_is_fitted_as_a_diagnosis_would(good: Trial) -> None:
+def test_yaw_of_two_thrusters_is_fitted_with_the_form_of_a_diagnosis(good: Trial) -> None:
     twin = driven_by_two_thrusters(good)
     found = fit(twin, dof="yaw")
     assert found.model.form == plain_form([twin], "yaw")

@@ -36,7 +36,7 @@ def triangle(most: float, count: int = 200, step: float = 0.37) -> Array:
 
 
 @pytest.mark.parametrize("name", ["r", "psi"])
-def test_samples_at_the_end_of_the_range_are_left_out_and_told_but_of_a_heading_which_has_none(name: str) -> None:
+def test_clipped_samples_are_left_out_and_reported_except_of_a_heading(name: str) -> None:
     x, notes = triangle(1.0), list[Doubt]()
     whole = channel(x, name)
     found = within_range(whole, "run 7", notes)
@@ -61,12 +61,12 @@ def test_a_range_may_end_on_one_side_only(side: float) -> None:
     assert clipped(channel(x)).tolist() == (side * x == 1.0).tolist()
 
 
-def test_a_sensor_slower_than_the_log_is_not_at_the_end_of_its_range() -> None:
+def test_a_sensor_slower_than_the_log_is_not_clipped() -> None:
     assert clipped(channel(triangle(1.0))).any()
     assert not clipped(channel(np.repeat(triangle(1.0), 2))).any()
 
 
-def test_on_a_coarse_scale_a_step_or_two_is_no_speed() -> None:
+def test_one_step_of_a_coarse_scale_is_not_a_speed() -> None:
     slow, quick = (np.round(triangle(1.0, step=s) / 0.125) * 0.125 for s in (0.13, 0.6))
     assert quantum(slow) == 0.125
     assert not clipped(channel(slow)).any(), "it comes and goes by one step of the scale"
@@ -82,7 +82,7 @@ def test_on_a_coarse_scale_a_step_or_two_is_no_speed() -> None:
         ([3.0, 3.0, 3.0, 2.0, 0.0], False),
     ],
 )
-def test_a_dwell_is_broken_off_when_both_flanks_are_steeper_than_the_least(x: list[float], broken: bool) -> None:
+def test_a_plateau_is_clipped_if_both_flanks_are_steep_enough(x: list[float], broken: bool) -> None:
     assert _breaks_off(np.array(x), x.index(3.0), 3, 1.0) is broken
 
 
@@ -101,16 +101,14 @@ def test_a_dwell_is_broken_off_when_both_flanks_are_steeper_than_the_least(x: li
         ([0.0, 1.0, 2.0, 2.0 + 3e-6] * 3, 0.0),
     ],
 )
-def test_the_step_of_a_scale_is_the_least_of_which_all_others_are_multiples(values: list[float], step: float) -> None:
+def test_the_quantum_is_the_smallest_step_that_divides_all_others(values: list[float], step: float) -> None:
     assert quantum(np.array(values)) == pytest.approx(step)
 
 
 @pytest.mark.parametrize(
     ("usual", "gap", "is_hole"), [(0.02, 0.24, False), (0.02, 0.26, True), (0.2, 1.9, False), (0.2, 2.1, True)]
 )
-def test_a_silence_of_a_quarter_second_and_of_ten_usual_steps_is_a_hole(
-    usual: float, gap: float, is_hole: bool
-) -> None:
+def test_a_gap_lasts_a_quarter_second_and_ten_usual_steps(usual: float, gap: float, is_hole: bool) -> None:
     t = np.concatenate([usual * np.arange(20), usual * 19 + gap + usual * np.arange(20)])
     notes: list[Doubt] = []
     drive = Channel("N", "1", t, np.ones(40))
@@ -124,14 +122,14 @@ def test_a_silence_of_a_quarter_second_and_of_ten_usual_steps_is_a_hole(
         assert len(left) == 40, "its own samples are at the edges of its holes"
 
 
-def test_an_input_that_is_recorded_when_it_changes_has_no_holes() -> None:
+def test_an_input_recorded_only_when_it_changes_has_no_gaps() -> None:
     t = np.cumsum(np.random.default_rng(1).uniform(0.05, 3.0, 60))
     assert holes_of(Channel("N", "1", t, np.ones(60)), "run", []) == []
     few = np.concatenate([0.1 * np.arange(10), 9.0 + 0.1 * np.arange(10)])
     assert holes_of(Channel("N", "1", few, np.ones(20)), "run", []) == [], "nineteen steps tell no usual one"
 
 
-def test_what_lies_in_any_of_the_holes_is_left_out_but_not_its_edges() -> None:
+def test_samples_inside_a_gap_are_left_out_and_its_edges_kept() -> None:
     whole = channel(np.arange(10.0), dt=1.0)
     assert outside(whole, []) is whole
     left = outside(whole, [(2.0, 4.0), (6.5, 8.5)])
@@ -140,14 +138,14 @@ def test_what_lies_in_any_of_the_holes_is_left_out_but_not_its_edges() -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_heading_goes_on_over_south_several_times(side: float) -> None:
+def test_a_heading_is_unwrapped_over_several_turns(side: float) -> None:
     t = 0.1 * np.arange(100)
     true = side * 2.5 * t
     wrapped = np.array([math.remainder(x, math.tau) for x in true])
     assert unwrap(t, wrapped, None) == pytest.approx(true)
 
 
-def test_over_a_hole_a_heading_turns_as_its_rate_was_measured_there() -> None:
+def test_a_heading_is_continued_over_a_gap_by_its_measured_rate() -> None:
     t = np.concatenate([0.1 * np.arange(20), 5.0 + 0.1 * np.arange(20)])
     true = np.where(t < 2.0, 0.0, 7.0 + 0.1 * t)
     rate = Channel("r", "rad/s", np.array([1.9, 2.0, 4.9, 5.0]), np.array([0.0, 2.4, 2.4, 0.1]))
@@ -158,7 +156,7 @@ def test_over_a_hole_a_heading_turns_as_its_rate_was_measured_there() -> None:
     assert _turn_expected(t, 0.5 * t, one, 19) == pytest.approx(0.5 * 3.1), "the last rate goes on"
 
 
-def test_a_sample_is_put_back_where_it_belongs_when_it_is_late_by_five_steps_at_most() -> None:
+def test_a_sample_late_by_at_most_five_steps_is_sorted_in() -> None:
     t = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 0.5, 6.0, 0.75, 7.0])
     late = np.concatenate([[False], t[1:] < np.maximum.accumulate(t)[:-1]])
     found, values = _in_order(t, 10.0 * t, late)
@@ -166,7 +164,7 @@ def test_a_sample_is_put_back_where_it_belongs_when_it_is_late_by_five_steps_at_
     assert values.tolist() == (10.0 * found).tolist()
 
 
-def test_notes_of_whoever_read_the_run_become_doubts() -> None:
+def test_notes_of_the_reader_of_a_run_become_doubts() -> None:
     run = Trial("run", {}, meta={"notes": [["slug", "cause", 3], ["short", "one"]]})
     assert noted(run) == [Doubt("slug", "cause", "3")]
     assert noted(Trial("run", {})) == []

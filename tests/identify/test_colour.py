@@ -28,7 +28,7 @@ def test_the_autocorrelation_is_that_of_the_definition() -> None:
 
 
 @pytest.mark.parametrize("n", [20, 400])
-def test_whiteness_is_the_ljung_and_box_test_of_ten_lags_or_a_quarter_of_the_samples(n: int) -> None:
+def test_whiteness_is_the_ljung_box_test_of_ten_lags_or_a_quarter_of_the_samples(n: int) -> None:
     errors, lags = white(3, n), min(10, n // 4)
     free = errors - errors.mean()
     rho = [float(free[k:] @ free[: n - k]) / float(free @ free) for k in range(1, lags + 1)]
@@ -36,7 +36,7 @@ def test_whiteness_is_the_ljung_and_box_test_of_ten_lags_or_a_quarter_of_the_sam
     assert whiteness(errors) == pytest.approx(float(stats.chi2.sf(statistic, lags)))
 
 
-def test_the_more_series_are_looked_at_the_more_it_takes_to_call_one_coloured() -> None:
+def test_more_series_require_more_evidence_to_call_one_coloured() -> None:
     """A series that alone would be called coloured, at 0.2 to 0.8 of the level, is luck among five."""
     chosen = next(w for w in map(white, range(2000)) if 0.2 < whiteness(w) / SIGNIFICANCE < 0.8)
     others = [w for w in map(white, range(2000, 2010)) if whiteness(w) > 0.5][:4]
@@ -47,17 +47,17 @@ def test_the_more_series_are_looked_at_the_more_it_takes_to_call_one_coloured() 
 
 
 @pytest.mark.parametrize("rho", [0.5, 0.8])
-def test_of_coloured_residuals_so_many_samples_make_one(rho: float) -> None:
+def test_the_correlation_time_is_the_samples_per_independent_one(rho: float) -> None:
     series = [first_order(seed, rho, 5000) for seed in range(3)]
     assert correlation_time(series) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
 
 
-def test_white_and_alternating_residuals_are_worth_no_less_than_what_they_are() -> None:
+def test_white_and_alternating_residuals_have_correlation_time_one() -> None:
     assert correlation_time([white(5), white(6)]) == 1.0
     assert correlation_time([first_order(1, -0.8, 2000)]) == 1.0
 
 
-def test_a_residual_that_never_returns_leaves_twenty_samples() -> None:
+def test_the_correlation_time_is_limited_to_a_twentieth_of_the_samples() -> None:
     assert correlation_time([np.cumsum(np.ones(400))]) == pytest.approx(20.0)
 
 
@@ -73,7 +73,7 @@ def test_the_covariance_of_scores_is_that_of_newey_and_west() -> None:
 
 
 @pytest.mark.parametrize("rho", [0.7, -0.5])
-def test_the_sum_of_coloured_scores_scatters_as_promised(rho: float) -> None:
+def test_the_sum_of_coloured_scores_has_the_predicted_variance(rho: float) -> None:
     """Its variance per sample is ``(1 - rho)**-2``: more than that of white ones or less, as the colour has it."""
     n = 20_000
     found = scores_covariance([first_order(2, rho, n)[:, None]])[0, 0] / n
@@ -81,9 +81,7 @@ def test_the_sum_of_coloured_scores_scatters_as_promised(rho: float) -> None:
 
 
 @pytest.mark.parametrize(("n", "reach"), [(100, 20), (101, 21), (4, 3), (2, 1)])
-def test_the_covariance_of_scores_reaches_over_two_roots_of_the_samples_with_bartletts_weights(
-    n: int, reach: int
-) -> None:
+def test_the_covariance_of_scores_uses_two_root_n_lags_with_bartlett_weights(n: int, reach: int) -> None:
     scores = np.random.default_rng(n).normal(size=(n, 2))
     expected = scores.T @ scores
     for k in range(1, reach + 1):

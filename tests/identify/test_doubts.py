@@ -1,4 +1,4 @@
-"""Reasons not to trust a fit stand in one table."""
+"""Reasons not to trust a fit are in one table."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _low(known: Voltages) -> Iterator[dict[str, object]]:
 LOW_BATTERY = DoubtRow("low-battery", Voltages, _low, "the battery had {volts:.1f} V", "charge it")
 
 
-def test_to_add_a_doubt_is_to_add_a_row() -> None:
+def test_adding_a_doubt_means_adding_a_row() -> None:
     run = MisfittingRun("second", 4.0, 2.0)
     found = doubts_about(Voltages((9.0, 12.0, 8.0)), run, None, rows=(*DOUBTS, LOW_BATTERY))
     assert [d.slug for d in found] == ["run-apart", "low-battery", "low-battery"]
@@ -38,13 +38,13 @@ def test_to_add_a_doubt_is_to_add_a_row() -> None:
 
 
 @pytest.mark.parametrize("row", DOUBTS, ids=lambda row: row.slug)
-def test_each_row_has_a_sentence_and_a_cure_of_named_facts(row: DoubtRow[Any]) -> None:
+def test_each_row_has_a_cause_and_a_cure_with_named_fields(row: DoubtRow[Any]) -> None:
     fields = [field for text in (row.cause, row.cure) for _, field, _, _ in string.Formatter().parse(text)]
     assert all(field is None or field.isidentifier() for field in fields)
     assert row.cause and row.cure
 
 
-def test_of_runs_that_differ_either_the_craft_or_the_model_is_doubted() -> None:
+def test_runs_that_differ_raise_a_doubt_about_the_craft_or_the_model() -> None:
     odd = (OutlierRun("second", 9.0, 0.5),)
     (apart,) = doubts_about(RunComparison(odd))
     assert "run 'second' differs from the others by 9 standard errors" in apart.cause
@@ -55,7 +55,7 @@ def test_of_runs_that_differ_either_the_craft_or_the_model_is_doubted() -> None:
     assert term.cure == "find the missing term with `diagnose`" and "also moved" not in term.cause
 
 
-def test_of_two_runs_neither_is_called_the_outlier() -> None:
+def test_neither_of_two_runs_is_called_the_outlier() -> None:
     (pair,) = doubts_about(RunComparison((OutlierRun("a", 9.0, 0.5, ("a", "b")),)))
     assert pair.slug == "run-apart" and "'a' and 'b'" in pair.cause
     (different,) = doubts_about(DifferentPair(("a", "b"), 2.04))

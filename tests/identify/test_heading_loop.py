@@ -45,7 +45,7 @@ rests on describing functions. For the I-PD loop they even make a_3 negative: an
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_two_experiments_give_the_loop_roughly_by_first_harmonics_and_exactly_by_three(name: str) -> None:
+def test_two_experiments_identify_the_loop_roughly_by_first_harmonics_and_exactly_by_three(name: str) -> None:
     truth, relays, rough = CASES[name]
     runs = flown(truth, relays)
     cycles = loop_cycles(runs)
@@ -89,7 +89,7 @@ def test_the_simplification_is_algorithm_8_7() -> None:
     assert simple.denominator == pytest.approx((1.0, a_1, a_2))
 
 
-def test_of_three_real_poles_the_fastest_is_taken_out() -> None:
+def test_the_fastest_of_three_real_poles_is_removed() -> None:
     times = (2.0, 0.7, 0.1)
     a = np.poly([-1.0 / v for v in times])
     loop = TransferFunction((1.0, 0.3), tuple((a / a[-1])[::-1]))
@@ -104,7 +104,7 @@ def test_an_unstable_pole_is_not_simplified_away() -> None:
         simplify(TransferFunction((1.0, 0.0), (1.0, -1.0, 1.0, -0.5)))
 
 
-def test_a_known_gain_saves_an_experiment_and_a_run_without_the_command_is_refused() -> None:
+def test_a_known_gain_saves_an_experiment_and_a_run_without_the_command_is_rejected() -> None:
     assert experiments_needed(3, 1) == 3
     assert experiments_needed(3, 1, gain_known=True) == 2
     with pytest.raises(MissingChannel, match="psi_ref"):

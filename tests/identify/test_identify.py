@@ -1,4 +1,4 @@
-"""The door: what comes out for good, odd and hopeless records."""
+"""The interface: results for good, odd and unusable records."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def relays(record: Record) -> list[Trial]:
     [(AFFINE, "affine", 0.3), (LINEAR, "linear", 0.3), (QUADRATIC, "nonlinear", 0.08)],
 )
 @pytest.mark.parametrize("kind", ["relay", "levels"])
-def test_inertia_and_drag_are_recovered_within_their_errors_whatever_the_excitation(
+def test_inertia_and_drag_are_identified_within_their_errors_for_any_excitation(
     plant: tuple[float, ...], structure: str, amplitude: float, kind: str, record: Record
 ) -> None:
     def command(C: float) -> object:
@@ -74,11 +74,11 @@ def test_the_result_is_plain_json_with_all_four_parameters_and_the_delay(relays:
     assert data["dof"] == "yaw"
 
 
-def test_the_same_record_gives_the_same_answer_to_the_last_bit(relays: list[Trial]) -> None:
+def test_the_same_record_gives_the_same_result_to_the_last_bit(relays: list[Trial]) -> None:
     assert fit_axis(relays).parameters == fit_axis(relays).parameters
 
 
-def test_a_delay_is_found_with_its_error_and_reported(record: Record) -> None:
+def test_a_delay_is_identified_with_its_error_and_reported(record: Record) -> None:
     trials = [record(QUADRATIC, Relay(C, 15 * DEG), delay=0.2, noise=0.01, seed=3) for C in (0.08, 0.16)]
     fit = fit_axis(trials)
     delay = fit.parameters["delay"]
@@ -88,7 +88,7 @@ def test_a_delay_is_found_with_its_error_and_reported(record: Record) -> None:
     assert fit.parameters["alpha_r"].value == pytest.approx(0.031, rel=0.03)
 
 
-def test_a_known_delay_is_kept_and_costs_no_doubt(record: Record) -> None:
+def test_a_known_delay_is_kept_without_a_doubt(record: Record) -> None:
     trial = record(QUADRATIC, Relay(0.08, 15 * DEG), delay=0.2, noise=0.005)
     fit = fit_axis(trial, delay=0.2)
     assert fit.parameters["delay"].status == "fixed"
@@ -96,7 +96,7 @@ def test_a_known_delay_is_kept_and_costs_no_doubt(record: Record) -> None:
     assert "delay-fitted" not in slugs(fit)
 
 
-def test_a_rudder_that_turns_to_port_gives_negative_parameters_and_says_so(record: Record) -> None:
+def test_a_reversed_rudder_gives_negative_parameters_and_a_doubt(record: Record) -> None:
     trial = record((-0.5, -0.25, 0.0, 0.01), Relay(0.3, 8 * DEG, reverse=True), noise=0.003)
     drive = trial["N"]
     rudder = dataclasses.replace(drive, name="delta", unit="rad")
@@ -134,7 +134,7 @@ def test_other_degrees_of_freedom_work_from_what_was_measured(dof: str, drop: st
     assert abs(alpha.value - 12.0) < 4.0 * alpha.std < 2.0
 
 
-def test_a_hole_in_the_telemetry_does_not_bend_the_answer(relays: list[Trial]) -> None:
+def test_a_gap_in_the_telemetry_does_not_bias_the_fit(relays: list[Trial]) -> None:
     trial = relays[0]
     holed = trial
     for name in trial.channels:
@@ -147,9 +147,7 @@ def test_a_hole_in_the_telemetry_does_not_bend_the_answer(relays: list[Trial]) -
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_gaps_of_half_a_second_that_hide_pulses_of_a_small_craft_do_not_bend_the_answer(
-    seed: int, record: Record
-) -> None:
+def test_gaps_of_half_a_second_do_not_bias_the_fit_of_a_small_craft(seed: int, record: Record) -> None:
     plant = (0.2, 0.75, 0.025, 0.0)
     trial = record(plant, Relay(0.3, 10 * DEG), 16.0, dt=0.025, h=0.005, noise=0.003, rate_noise=0.004, seed=seed)
     gaps = np.random.default_rng(seed).uniform(2.0, 15.0, 4)
@@ -165,7 +163,7 @@ def test_gaps_of_half_a_second_that_hide_pulses_of_a_small_craft_do_not_bend_the
     assert beta + 0.5 * beta_rr == pytest.approx(plant[1] + 0.5 * plant[2], rel=0.03)
 
 
-def test_a_coarse_compass_is_noticed_and_the_answer_stays_within_a_few_percent(record: Record) -> None:
+def test_a_coarse_compass_is_reported_and_the_fit_stays_within_a_few_percent(record: Record) -> None:
     trials = []
     for C in (0.08, 0.16):
         trial = record(QUADRATIC, Relay(C, 15 * DEG), 60.0)
@@ -184,7 +182,7 @@ def test_samples_that_are_no_numbers_are_left_out_and_counted(relays: list[Trial
     assert any(d.slug == "missing-samples" and d.cause.startswith("3 samples") for d in fit.doubts)
 
 
-def test_outliers_are_pointed_out_and_borne_by_the_robust_loss(relays: list[Trial]) -> None:
+def test_outliers_are_reported_and_the_robust_loss_tolerates_them(relays: list[Trial]) -> None:
     values = relays[0]["psi"].values.copy()
     values[30::60] += 0.6
     spoilt = changed(relays[0], "psi", values=values)
@@ -194,7 +192,7 @@ def test_outliers_are_pointed_out_and_borne_by_the_robust_loss(relays: list[Tria
     assert robust.parameters["alpha_r"].value == pytest.approx(0.36, rel=0.02)
 
 
-def test_structure_asked_for_is_structure_given(relays: list[Trial]) -> None:
+def test_the_requested_structure_is_fitted(relays: list[Trial]) -> None:
     fit = fit_axis(relays, structure="linear")
     assert (fit.structure, fit.parameters["beta_rr"].status, fit.parameters["beta_rr"].value) == (
         "linear",
@@ -204,7 +202,7 @@ def test_structure_asked_for_is_structure_given(relays: list[Trial]) -> None:
 
 
 @pytest.mark.parametrize("method", [m for m in METHODS if m != "step"])  # a relay's steps never settle
-def test_every_method_recovers_a_known_model_and_brings_curves(method: str, record: Record) -> None:
+def test_every_method_identifies_a_known_model_and_returns_curves(method: str, record: Record) -> None:
     trials = [record(LINEAR, Relay(C, 8 * DEG), noise=0.001, dt=0.05, name=str(C)) for C in (0.2, 0.4)]
     fit = fit_axis(trials, method=method, structure="linear")
     assert fit.method == method
@@ -228,7 +226,7 @@ def test_a_wrong_model_shows_in_the_free_run(relays: list[Trial]) -> None:
     assert statistics.lag_one > 0.5
 
 
-def hopeless(record: Record) -> dict[str, tuple[Trial, type[DataError]]]:
+def unusable(record: Record) -> dict[str, tuple[Trial, type[DataError]]]:
     good = record(LINEAR, Relay(0.3, 8 * DEG), noise=0.003)
     n = len(good["N"])
     noise = np.random.default_rng(0).normal(0.0, 0.01, n)
@@ -247,8 +245,8 @@ def hopeless(record: Record) -> dict[str, tuple[Trial, type[DataError]]]:
     }
 
 
-def test_a_run_that_tells_nothing_is_not_said_to_hardly_move() -> None:
-    """A zig-zag of ArduPilot's stock boat, 48 degrees there and back within 0.6 s, heard 25 times a second."""
+def test_an_uninformative_run_is_not_reported_as_hardly_moving() -> None:
+    """A zig-zag of ArduPilot's stock boat, 48 degrees there and back within 0.6 s, received 25 times a second."""
     unknown = {name: SimpleNamespace(name=name, value=0.1, std=0.09, status="fitted") for name in ("alpha_r", "beta_r")}
     dof = SimpleNamespace(parameter_names=lambda: [*unknown])
     with pytest.raises(NotInformative, match=r"determines no parameter of the craft .*\. It is too short, sampled too"):
@@ -261,20 +259,20 @@ CASES = ("too short", "constant input", "all zeros", "no motion", "only noise", 
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("dof", [None, "yaw"])
-def test_a_hopeless_record_gives_an_error_that_says_what_to_try(case: str, dof: str | None, record: Record) -> None:
-    trial, error = hopeless(record)[case]
+def test_an_unusable_record_gives_an_error_of_the_right_kind(case: str, dof: str | None, record: Record) -> None:
+    trial, error = unusable(record)[case]
     with pytest.raises(error) as raised:
         fit_axis(trial, dof=dof)
     assert len(str(raised.value)) > 40
 
 
-def test_iso_without_a_relay_says_which_method_to_use(record: Record) -> None:
+def test_iso_without_a_relay_is_rejected_with_another_method(record: Record) -> None:
     trial = record(LINEAR, Levels(np.random.default_rng(3), 0.3, 2.5), noise=0.003)
     with pytest.raises(NotInformative, match="output-error"):
         fit_axis(trial, method="iso")
 
 
-def test_a_run_that_moves_in_two_axes_asks_which_one(record: Record) -> None:
+def test_a_run_that_moves_in_two_axes_requires_a_choice(record: Record) -> None:
     yaw = record(LINEAR, Relay(0.3, 8 * DEG))
     heave = record((12.0, 4.0, 15.0, 0.0), Relay(10.0, 0.3), dof="heave")
     both = Trial("both", {**yaw.channels, **heave.channels})
@@ -292,7 +290,7 @@ def test_wrong_arguments_are_usage_errors(wrong: dict[str, object], relays: list
         fit_axis(relays, **wrong)  # type: ignore[arg-type]  # wrong on purpose
 
 
-def test_a_misspelt_method_brings_the_nearest_name(relays: list[Trial]) -> None:
+def test_a_misspelt_method_is_rejected_with_the_nearest_name(relays: list[Trial]) -> None:
     with pytest.raises(UnknownName, match="output-error"):
         fit_axis(relays, method="output_error")
 
@@ -328,7 +326,7 @@ def test_a_channel_of_another_length_and_rate_is_used_at_its_own_stamps(record: 
     assert few.parameters["alpha_r"].value == pytest.approx(full.parameters["alpha_r"].value, rel=1e-9)
 
 
-def test_a_delay_that_can_be_neither_proved_nor_excluded_is_a_doubt(record: Record) -> None:
+def test_a_delay_that_is_neither_proved_nor_excluded_is_a_doubt(record: Record) -> None:
     trial = record((0.36, 0.2, 0.0, 0.0), Relay(0.1, 0.02), 30.0, delay=0.1, noise=0.02, seed=1)
     fit = fit_axis(trial, structure="linear")
     known = fit_axis(trial, structure="linear", delay=0.1)
@@ -338,22 +336,22 @@ def test_a_delay_that_can_be_neither_proved_nor_excluded_is_a_doubt(record: Reco
     assert abs(right.value - 0.36) <= 4.0 * right.std
 
 
-def test_no_relay_is_doubted_or_wished_for_where_none_flew(record: Record) -> None:
-    """A zig-zag switches at two headings as a relay does; who steered it by hand ran no relay."""
+def test_doubts_do_not_mention_a_relay_that_was_not_flown(record: Record) -> None:
+    """A zig-zag switches at two headings as a relay does; a run steered by hand has no relay."""
     trial = record((0.36, 0.2, 0.0, 0.0), Relay(0.1, 0.02), 6.0, delay=0.1, noise=0.004, seed=1)
     flown = dataclasses.replace(trial, meta={"manoeuvre": "relay"})
-    told, doubted = (fit_axis(run, structure="affine").doubts for run in (trial, flown))
+    result, doubted = (fit_axis(run, structure="affine").doubts for run in (trial, flown))
     assert "few-periods" in {d.slug for d in doubted}
     assert "relay" in " ".join(d.cure for d in doubted)
-    assert told
-    assert "few-periods" not in {d.slug for d in told}
+    assert result
+    assert "few-periods" not in {d.slug for d in result}
     enough = dataclasses.replace(trial, meta={"manoeuvre": "relay", "enough": True})
     slugs_of_enough = {d.slug for d in fit_axis(enough, structure="affine").doubts}
     assert not slugs_of_enough & {"few-periods", "unsettled"}, "it was ended on purpose"
-    assert not any("relay" in d.cause + d.cure or "oscillation" in d.cause for d in told)
+    assert not any("relay" in d.cause + d.cure or "oscillation" in d.cause for d in result)
 
 
-def test_a_craft_faster_than_its_sampling_is_called_unresolved_and_not_given_a_firm_inertia(
+def test_the_inertia_of_a_craft_faster_than_its_sampling_is_unresolved(
     record: Record,
 ) -> None:
     trial = record((0.0005, 0.25, 0.0, 0.0), Levels(np.random.default_rng(6), 0.3, 2.0), h=0.0005, noise=0.003)

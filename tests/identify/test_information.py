@@ -1,4 +1,4 @@
-"""The information in a record about its parameters, with the noise levels unknown beside them."""
+"""The information in a record about its parameters, with the noise levels also unknown."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def segment(dating: float) -> Segment:
 LAWS = cast(dict[str, NoiseModel], {"psi": Rounded(0.3, 1.0, 5.0), "r": Rounded(0.5, 1.0, 5.0)})
 
 
-def test_noise_levels_that_are_unknown_take_away_what_they_share_with_the_parameters() -> None:
+def test_unknown_noise_levels_reduce_the_information_of_the_parameters() -> None:
     residuals = [residual("psi", 1), residual("r", 2), residual("psi", 3)]
     columns = [r.jacobian[:, :P] for r in residuals]
     found = information_of(residuals, columns, LAWS)
@@ -62,13 +62,13 @@ def test_noise_levels_that_are_unknown_take_away_what_they_share_with_the_parame
     assert lost.min() > -1e-9
 
 
-def test_a_noise_level_of_gaussian_noise_takes_nothing() -> None:
+def test_an_unknown_gaussian_noise_level_does_not_reduce_the_information() -> None:
     own = residual("r", 4)
     J = own.jacobian[:, :P]
     assert information_of([own], [J], {"r": Gaussian(0.5)}) == pytest.approx(J.T @ J / 0.25)
 
 
-def test_a_signal_that_no_residual_has_says_nothing() -> None:
+def test_a_signal_without_residuals_adds_no_information() -> None:
     own = residual("r", 4)
     J = own.jacobian[:, :P]
     laws: dict[str, NoiseModel] = {"r": Gaussian(0.5), "psi": Gaussian(0.1)}
@@ -76,13 +76,13 @@ def test_a_signal_that_no_residual_has_says_nothing() -> None:
 
 
 @pytest.mark.parametrize(("stamps", "std"), [(WEAK, 0.04), (DIAGNOSTIC, 0.02)])
-def test_a_time_shift_may_be_what_the_stamps_of_the_worst_run_allow(stamps: StampPrior, std: float) -> None:
-    """Twice of it where no delay is looked for, which weighs next to nothing; as much in a diagnosis."""
+def test_the_time_shift_is_limited_by_the_stamps_of_the_worst_run(stamps: StampPrior, std: float) -> None:
+    """Twice as much if no delay is searched for, with almost no weight; once in a diagnosis."""
     runs = [segment(dating) for dating in (0.02, 0.004)]
     assert Problem(FORM, runs, None, LIMITS, ("b", "a"), stamps=stamps).shift_std == pytest.approx(std)
 
 
-def test_exact_stamps_leave_no_time_shift_nor_does_a_delay_that_is_fitted() -> None:
+def test_exact_stamps_or_a_fitted_delay_leave_no_time_shift() -> None:
     assert Problem(FORM, [segment(0.0)], None, LIMITS, ("b", "a")).shift_std == 0.0
     assert Problem(FORM, [segment(0.01)], None, LIMITS, ("b", "a")).shift_std > 0.0
     assert Problem(FORM, [segment(0.01)], None, LIMITS, ("b", "a", "delay")).shift_std == 0.0

@@ -1,4 +1,4 @@
-"""Descending to a minimum: the step, its limits, what ends it, and what an information matrix leaves open."""
+"""Descending to a minimum: the step, its limits, what ends it, and the inverse of an information matrix."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def bowl(x: np.ndarray) -> Local:
     return Local(float(off @ A @ off) + 5.0, A @ off, A)
 
 
-def test_a_quadratic_is_descended_in_a_few_steps_and_says_that_it_has_converged() -> None:
+def test_a_quadratic_converges_in_a_few_steps() -> None:
     found = descend(bowl, np.array([30.0, 30.0, -30.0]), -FREE, FREE)
     assert found is not None
     assert found.x == pytest.approx(BEST, abs=1e-6)
@@ -28,7 +28,7 @@ def test_a_quadratic_is_descended_in_a_few_steps_and_says_that_it_has_converged(
     assert found.iterations <= 4
 
 
-def test_a_step_is_that_of_the_damped_normal_equations_and_promises_what_it_brings() -> None:
+def test_a_step_solves_the_damped_normal_equations_and_predicts_its_gain() -> None:
     x = np.array([2.0, 1.0, 1.0])
     here = bowl(x)
     step, expected = step_of(here, x, -FREE, FREE, 0.3)
@@ -52,7 +52,7 @@ def test_a_parameter_on_its_bound_is_held_only_while_the_gradient_points_outward
 
 
 @pytest.mark.parametrize(("low", "high", "best"), [(1.5, 9.0, 1.5), (-9.0, 0.5, 0.5)])
-def test_the_best_within_limits_is_found_and_the_others_move_on(low: float, high: float, best: float) -> None:
+def test_the_minimum_within_limits_is_found_for_the_other_parameters(low: float, high: float, best: float) -> None:
     found = descend(bowl, np.zeros(3), np.array([low, -9.0, -9.0]), np.array([high, 9.0, 9.0]))
     assert found is not None
     assert found.converged
@@ -61,7 +61,7 @@ def test_the_best_within_limits_is_found_and_the_others_move_on(low: float, high
     assert found.x[1:] == pytest.approx(rest, abs=1e-6)
 
 
-def test_a_start_without_a_value_has_no_minimum_and_a_start_outside_is_brought_in() -> None:
+def test_a_start_without_a_value_fails_and_a_start_outside_is_clipped() -> None:
     assert descend(lambda x: None, np.zeros(3), -FREE, FREE) is None
     seen: list[np.ndarray] = []
 
@@ -74,7 +74,7 @@ def test_a_start_without_a_value_has_no_minimum_and_a_start_outside_is_brought_i
     assert np.abs(seen).max() <= 1.0
 
 
-def test_steps_into_where_there_is_no_value_are_shortened_until_there_is_one() -> None:
+def test_steps_into_a_region_without_a_value_are_shortened() -> None:
     def walled(x: np.ndarray) -> Local | None:
         return bowl(x) if x[0] > 1.0 - 1e-9 and abs(x[1]) < 50.0 else None
 
@@ -84,7 +84,7 @@ def test_steps_into_where_there_is_no_value_are_shortened_until_there_is_one() -
     assert found.cost < 5.5
 
 
-def test_a_curvature_that_is_too_small_overshoots_and_is_damped_until_it_descends() -> None:
+def test_a_curvature_that_is_too_small_is_damped_until_the_cost_falls() -> None:
     calls = 0
 
     def flat(x: np.ndarray) -> Local:
@@ -100,7 +100,7 @@ def test_a_curvature_that_is_too_small_overshoots_and_is_damped_until_it_descend
 
 
 @pytest.mark.parametrize("trials", [1, 2, 7])
-def test_it_gives_up_after_the_trials_allowed(trials: int) -> None:
+def test_the_search_stops_after_the_allowed_trials(trials: int) -> None:
     def valley(x: np.ndarray) -> Local:
         e = np.array([1.0 - x[0], 10.0 * (x[1] - x[0] ** 2)])
         J = np.array([[-1.0, 0.0], [-20.0 * x[0], 10.0]])
@@ -116,7 +116,7 @@ def test_it_gives_up_after_the_trials_allowed(trials: int) -> None:
     assert whole.converged
 
 
-def test_a_coarse_tolerance_ends_sooner() -> None:
+def test_a_coarse_tolerance_converges_sooner() -> None:
     def quartic(x: np.ndarray) -> Local:
         return Local(float(x[0] ** 4) + 1.0, 2.0 * x**3, np.array([[6.0 * x[0] ** 2]]))
 
@@ -130,7 +130,7 @@ def test_a_coarse_tolerance_ends_sooner() -> None:
     assert abs(fine.x[0]) < abs(coarse.x[0])
 
 
-def test_the_inverse_of_an_information_is_exact_in_any_units_and_large_where_there_is_none() -> None:
+def test_the_inverse_of_an_information_is_exact_and_large_without_information() -> None:
     scale = np.diag([1e6, 1.0, 1e-7])
     assert inverse_of(scale @ A @ scale) == pytest.approx(np.linalg.inv(scale @ A @ scale), rel=1e-9)
     blind = inverse_of(np.array([[4.0, 4.0], [4.0, 4.0]]))

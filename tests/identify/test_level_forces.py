@@ -23,9 +23,9 @@ def run(seed: int = 0, astern: float = 0.6, lag: float = 0.3, noise: float = 0.0
     t = np.arange(0.0, EACH * len(LEVELS), dt)
     output, speed = np.zeros(len(t)), np.zeros(len(t))
     for k, now in enumerate(t):
-        wanted = LEVELS[min(int(now / EACH), len(LEVELS) - 1)]
+        target = LEVELS[min(int(now / EACH), len(LEVELS) - 1)]
         last = output[k - 1] if k else 0.0
-        output[k] = last + np.clip(wanted - last, -dt, dt)  # 100 % per second
+        output[k] = last + np.clip(target - last, -dt, dt)  # 100 % per second
         late = output[max(k - round(lag / dt), 0)]
         u += dt * (thrust(float(late), astern) - 0.3 * u - 0.2 * u * abs(u))
         speed[k] = u + current
@@ -37,7 +37,7 @@ def run(seed: int = 0, astern: float = 0.6, lag: float = 0.3, noise: float = 0.0
 
 
 @pytest.mark.parametrize(("current", "most"), [(0.0, 0.05), (0.3, 0.2), (-0.3, 0.2)])
-def test_thrust_is_found_at_each_level_with_its_uncertainty(current: float, most: float) -> None:
+def test_thrust_is_identified_at_each_level_with_its_uncertainty(current: float, most: float) -> None:
     apart = []
     for seed in range(10):
         found = level_forces(run(seed, current=current))
@@ -48,7 +48,7 @@ def test_thrust_is_found_at_each_level_with_its_uncertainty(current: float, most
     assert 0.3 < float(np.sqrt(np.mean(np.square(apart)))) < 3.0
 
 
-def test_a_run_with_too_few_levels_is_refused() -> None:
+def test_a_run_with_too_few_levels_is_rejected() -> None:
     whole = run()
     short = Trial("levels", whole.channels, whole.marks[:3], "completed")
     with pytest.raises(NotInformative, match="do not show the thrust curve"):

@@ -58,7 +58,7 @@ def objective(dating: float = DATING, fixed_states: bool = False) -> Objective:
     return Objective(problem, TRUE * 1.1, initial, shift=0.002, fixed_states=fixed_states)
 
 
-def test_packing_is_undone_and_what_is_not_free_stays() -> None:
+def test_unpacking_reverses_packing_and_keeps_fixed_parameters() -> None:
     own = objective()
     x = own.pack()
     assert x == pytest.approx([2.2, 0.88, 0.55, 0.11, 0.12, -0.25, 0.08, -0.15, 0.002])
@@ -70,7 +70,7 @@ def test_packing_is_undone_and_what_is_not_free_stays() -> None:
     assert own.theta == pytest.approx(TRUE * 1.1), "nothing is changed in place"
 
 
-def test_limits_are_those_of_the_parameters_and_of_the_stamps_and_states_are_free() -> None:
+def test_limits_apply_to_parameters_and_stamps_and_states_are_free() -> None:
     low, high = objective().limits()
     inf = np.inf
     reach = WEAK.reach * DATING
@@ -79,13 +79,13 @@ def test_limits_are_those_of_the_parameters_and_of_the_stamps_and_states_are_fre
     assert objective(0.0).limits()[1][-1] == inf
 
 
-def test_without_misdated_stamps_there_is_no_shift_and_fixed_states_are_not_fitted() -> None:
+def test_exact_stamps_have_no_shift_and_fixed_states_are_not_fitted() -> None:
     assert (objective(0.0).size, objective(0.0, fixed_states=True).size, objective().size) == (8, 4, 9)
     assert objective(0.0).unpack(objective(0.0).pack())[3] == 0.0
     assert objective(0.0).known()[1].tolist() == [0.0] * 8
 
 
-def test_what_is_known_beforehand_is_that_stamps_are_about_right() -> None:
+def test_the_prior_states_that_stamps_are_nearly_right() -> None:
     prior, weight = objective().known()
     assert prior.tolist() == [0.0] * 9
     assert weight == pytest.approx([0.0] * 8 + [(WEAK.std * DATING) ** -2])
@@ -125,7 +125,7 @@ def test_cost_and_curvature_are_the_sums_over_all_samples() -> None:
     assert here.curvature == pytest.approx(whole)
 
 
-def test_the_concentrated_cost_has_every_level_at_its_best_above_its_floor() -> None:
+def test_the_concentrated_cost_uses_the_best_noise_levels_above_their_floors() -> None:
     own = objective()
     x = own.pack()
     here, found = own.concentrated(x, FLOORS), own.residuals(x)
@@ -141,7 +141,7 @@ def test_the_concentrated_cost_has_every_level_at_its_best_above_its_floor() -> 
     assert here.cost == pytest.approx(cost)
 
 
-def test_samples_that_are_accounted_for_wholly_do_not_count() -> None:
+def test_fully_explained_samples_do_not_count() -> None:
     own = objective()
     x = own.pack()
     whole = own.residuals(x)
@@ -157,13 +157,13 @@ def test_samples_that_are_accounted_for_wholly_do_not_count() -> None:
     assert sums_of([spoilt])[1] == {"psi": 50}
 
 
-def test_places_are_remembered_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_few_recent_evaluations_are_cached(monkeypatch: pytest.MonkeyPatch) -> None:
     own = objective()
-    asked: list[bool] = []
+    requested: list[bool] = []
     known = Objective.predicted
 
     def counting(self: Objective, x: np.ndarray, *, sensitivities: bool):
-        asked.append(sensitivities)
+        requested.append(sensitivities)
         return known(self, x, sensitivities=sensitivities)
 
     monkeypatch.setattr(Objective, "predicted", counting)
@@ -171,12 +171,12 @@ def test_places_are_remembered_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) 
     places = [x + 1e-3 * k for k in range(REMEMBERED + 1)]
     for place in (*places, places[-1], places[1]):
         own.residuals(place)
-    assert asked == [True] * (REMEMBERED + 1)
+    assert requested == [True] * (REMEMBERED + 1)
     own.residuals(places[0])
-    assert len(asked) == REMEMBERED + 2, "the first has been forgotten for the last"
+    assert len(requested) == REMEMBERED + 2, "the first has been forgotten for the last"
 
 
-def test_a_simulation_that_runs_away_has_no_cost() -> None:
+def test_a_diverging_simulation_has_no_cost() -> None:
     own = objective()
     x = own.pack()
     x[2] = -1e6
@@ -184,7 +184,7 @@ def test_a_simulation_that_runs_away_has_no_cost() -> None:
     assert own.concentrated(x, FLOORS) is None
 
 
-def test_limits_within_others_are_the_narrower_and_the_first_where_they_contradict() -> None:
+def test_combined_limits_are_the_narrower_and_the_first_if_they_contradict() -> None:
     mine, other = Limits({"a": 0.0, "b": 1.0}, {"a": 5.0}), Limits({"a": 1.0, "b": 7.0}, {"a": 9.0, "b": 8.0, "c": 2.0})
     both = mine.within(other)
     assert both.low == {"a": 1.0, "b": 7.0, "c": -np.inf}
@@ -196,7 +196,7 @@ def test_limits_within_others_are_the_narrower_and_the_first_where_they_contradi
     assert high.tolist() == [2.0, 5.0, np.inf]
 
 
-def test_the_first_input_is_the_one_in_force_when_the_segment_begins() -> None:
+def test_the_first_input_is_the_active_one_when_the_segment_begins() -> None:
     own = segment(1)
     late = replace(own, signals={"psi": own.signals["psi"].since(1.0)})
     assert first_input(own).tolist() == [0.5]
@@ -205,7 +205,7 @@ def test_the_first_input_is_the_one_in_force_when_the_segment_begins() -> None:
     assert first_input(early).tolist() == [0.5]
 
 
-def test_the_level_told_to_disturbances_is_the_learnt_then_the_known_then_one() -> None:
+def test_the_level_for_disturbances_is_the_learnt_then_the_known_then_one() -> None:
     data_summary = DataSummary(
         FORM, {"N": "N m"}, {"psi": "rad", "r": "rad/s"}, {"N": 0.5}, {"psi": 1.0, "r": 0.5}, {"psi": 0.03},
         frozenset({"psi", "r", "N"}), 0.1, 1.0, 8.0,
@@ -216,7 +216,7 @@ def test_the_level_told_to_disturbances_is_the_learnt_then_the_known_then_one() 
     assert objective()._level("psi") == 1.0
 
 
-def test_only_disturbances_judge_a_residual() -> None:
+def test_only_disturbances_change_a_residual() -> None:
     error = np.array([0.1, -0.2, 0.3])
     left = EffectResidual("run", "psi", np.arange(3.0), error, error, 0.1)
     columns = np.eye(3)
@@ -226,13 +226,13 @@ def test_only_disturbances_judge_a_residual() -> None:
     assert fee == 0.0
 
 
-def test_what_is_known_of_a_residual_is_what_is_finite() -> None:
+def test_the_known_samples_of_a_residual_are_the_finite_ones() -> None:
     values = np.array([0.0, np.nan, 1.0])
     own = Residual(0, "psi", np.arange(3.0), values, values, values)
     assert own.known.tolist() == [True, False, True]
 
 
-def test_every_lagged_input_begins_near_the_input_in_force_and_other_states_anywhere() -> None:
+def test_every_lagged_input_starts_near_the_active_input_and_other_states_anywhere() -> None:
     own = objective()
     own.simulators = [  # type: ignore[assignment]
         SimpleNamespace(free_states=names) for names in (("psi", "lagged N"), ("lagged N", "r"))

@@ -43,7 +43,7 @@ def test_the_describing_function_is_the_first_harmonic_of_the_relay() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_monitor_stops_after_five_alike_periods_and_agrees_with_the_reading_afterwards(
+def test_the_monitor_stops_after_five_equal_periods_and_agrees_with_the_later_analysis(
     sign: float, record: Record
 ) -> None:
     trial = record(PLANT, Relay(0.3, 8 * DEG), 60.0, dt=0.02)
@@ -76,7 +76,7 @@ def test_a_period_that_breaks_the_amplitude_condition_clears_the_count() -> None
     assert states[-1].settled
 
 
-def test_a_period_that_only_noise_puts_below_the_condition_is_counted() -> None:
+def test_a_period_below_the_condition_only_by_noise_is_counted() -> None:
     def counted(noise: float, swing: float) -> list[int]:
         monitor, rng, counts = LimitCycleMonitor(1.0, 0.1, noise=noise), np.random.default_rng(1), []
         for k in range(40):
@@ -90,7 +90,7 @@ def test_a_period_that_only_noise_puts_below_the_condition_is_counted() -> None:
     assert max(counted(0.01, 0.1)) < 5  # the mean still must
 
 
-def test_samples_that_are_no_numbers_do_not_disturb_the_monitor(record: Record) -> None:
+def test_samples_that_are_not_numbers_do_not_disturb_the_monitor(record: Record) -> None:
     trial = record(PLANT, Relay(0.3, 8 * DEG), 60.0, dt=0.05)
     values = trial["psi"].values.copy()
     values[100:103] = math.nan
@@ -117,7 +117,7 @@ def test_a_constant_force_shows_as_bias_and_is_identified_with_its_sign(record: 
         assert cycle.valid
 
 
-def test_every_relay_setting_of_a_run_gives_a_cycle_of_its_own(record: Record) -> None:
+def test_every_relay_setting_of_a_run_has_its_own_cycle(record: Record) -> None:
     def growing(t: float, eta: float, relays: tuple[Relay, Relay] = (Relay(0.2, 0.14), Relay(0.4, 0.14))) -> float:
         outputs = [r(t, eta) for r in relays]
         return outputs[0] if t < 30.0 else outputs[1]
@@ -127,7 +127,7 @@ def test_every_relay_setting_of_a_run_gives_a_cycle_of_its_own(record: Record) -
     assert decide(estimate(cycles[0]), estimate(cycles[1])).verdict == "linear"
 
 
-def test_an_input_that_is_no_relay_has_no_limit_cycle(record: Record) -> None:
+def test_an_input_that_is_not_a_relay_has_no_limit_cycle(record: Record) -> None:
     rng = np.random.default_rng(2)
     levels = Levels(rng, 0.3, 2.0)
     flips = rng.choice([-0.3, 0.3], 200)
@@ -135,7 +135,7 @@ def test_an_input_that_is_no_relay_has_no_limit_cycle(record: Record) -> None:
     assert find_cycles(record(PLANT, lambda t, eta: float(flips[int(t / 1.5)]), 60.0), "yaw") == ()
 
 
-def test_marked_switchings_serve_when_the_input_channel_shows_none(record: Record) -> None:
+def test_marked_switchings_are_used_if_the_input_channel_shows_none(record: Record) -> None:
     trial = record(PLANT, Relay(0.3, 8 * DEG), 40.0, dt=0.05)
     (plain,) = find_cycles(trial, "yaw")
     N = trial["N"]
@@ -161,8 +161,8 @@ def test_wrapped_heading_across_south_does_not_break_the_reading(record: Record)
 
 
 @pytest.mark.parametrize("cruise", [0.0, 0.5])
-def test_the_return_to_neutral_at_the_end_is_no_switching(cruise: float) -> None:
-    """A relay on a velocity swings about the mean of whole periods: a half one would shift it."""
+def test_the_return_to_neutral_at_the_end_is_not_a_switching(cruise: float) -> None:
+    """A relay on a velocity oscillates about the mean of whole periods: a half period would shift it."""
     end = 62.0
 
     def record_until(end: float) -> Trial:
@@ -179,7 +179,7 @@ def test_the_return_to_neutral_at_the_end_is_no_switching(cruise: float) -> None
     assert (whole.periods, whole.C) == (without.periods, pytest.approx(without.C))
 
 
-def test_a_relay_that_stops_at_a_switching_has_that_half_period_too(record: Record) -> None:
+def test_a_relay_that_stops_at_a_switching_includes_its_last_half_period(record: Record) -> None:
     """The stop rule ends a relay just where it switches: the last period is whole, though neutral follows at once."""
     relay = Relay(0.3, 8 * DEG)
     whole = record(PLANT, relay, 60.0, dt=0.05)
@@ -201,7 +201,7 @@ def test_a_relay_that_stops_at_a_switching_has_that_half_period_too(record: Reco
 
 
 @pytest.mark.parametrize("first", [1.0, -1.0])
-def test_the_start_of_a_short_relay_is_no_switching(first: float) -> None:
+def test_the_start_of_a_short_relay_is_not_a_switching(first: float) -> None:
     """The way from the start to the first switching is shorter than a half period, and is left out of the period."""
     dt, output, x_a = 0.02, 0.3, 0.1
     psi, r, N, rows, switches = 0.0, 0.0, 0.0, [], []

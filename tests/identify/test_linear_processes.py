@@ -53,7 +53,7 @@ PROCESSES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PROCESSES)
-def test_the_first_harmonic_costs_what_it_costs_and_three_harmonics_are_exact(name: str) -> None:
+def test_the_first_harmonic_has_a_known_error_and_three_harmonics_are_exact(name: str) -> None:
     process = PROCESSES[name]
     runs = process.runs()
     cycles = [cycle for run in runs for cycle in find_cycles(run, "yaw")]
@@ -74,7 +74,7 @@ def test_harmonics_of_noisy_cycles_still_beat_the_describing_function() -> None:
     assert process.errors(found).max() < 4.0
 
 
-def test_a_biased_input_shifts_the_cycle_and_the_relays_mean_follows() -> None:
+def test_a_biased_input_shifts_the_mean_of_the_relay() -> None:
     run = relay_run((3.0,), (1.0, 0.9), 1.0, 0.6, 60.0, bias=0.2, integrators=1)
     (cycle,) = find_cycles(run, "yaw")
     mean = cycle.C * (cycle.T_H - cycle.T_L) / (cycle.T_H + cycle.T_L)

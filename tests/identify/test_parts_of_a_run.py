@@ -1,4 +1,4 @@
-"""A run whose clock jumps back is several; effects that learn from what is left over learn before and between fits."""
+"""A run whose clock jumps back is split; effects that learn from residuals learn before and between fits."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def channel(name: str, *t: float) -> Channel:
 THRICE = (0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.5, 0.0, 1.0, 2.0, 3.0)
 
 
-def test_each_part_has_what_lies_between_two_jumps_and_the_input_that_was_in_force() -> None:
+def test_each_part_contains_the_samples_between_two_jumps_and_the_active_input() -> None:
     run = Trial(
         "run",
         {
@@ -51,7 +51,7 @@ def test_each_part_has_what_lies_between_two_jumps_and_the_input_that_was_in_for
         assert "the clock of run 'run' jumps back 2 times" in cause
 
 
-def test_a_run_without_a_jump_is_itself_and_one_that_jumps_on_one_channel_only_is_refused() -> None:
+def test_a_run_without_a_jump_is_unchanged_and_a_jump_on_one_channel_is_rejected() -> None:
     whole = Trial("run", {"psi": channel("psi", *range(9)), "few": channel("few", 1.0, 0.0)})
     assert parts_of(whole) == [whole]
     empty = Trial("run", {})

@@ -41,7 +41,7 @@ def problem(dating: float = 0.0, data_summary: DataSummary | None = SUMMARY) -> 
     return Problem(FORM, segments, data_summary, Limits({}, {}), FREE)
 
 
-def test_floors_are_shares_of_the_spread_that_counts() -> None:
+def test_noise_floors_are_fractions_of_the_relevant_spread() -> None:
     floors = problem().floors
     assert floors["r"] == pytest.approx(FLOOR * 0.4)
     assert floors["psi"] == pytest.approx(FLOOR * TURN), "a heading that goes round counts up to two radians"
@@ -50,7 +50,7 @@ def test_floors_are_shares_of_the_spread_that_counts() -> None:
     assert problem(data_summary=None).floors == {}
 
 
-def test_stamps_are_as_doubtful_as_those_of_the_worst_run_and_weigh_by_what_is_looked_for() -> None:
+def test_the_stamp_uncertainty_is_that_of_the_worst_run_and_depends_on_the_purpose() -> None:
     assert problem(0.02).shift_std == pytest.approx(DIAGNOSTIC.std * 0.02)
     assert problem(0.02, None).shift_std == pytest.approx(WEAK.std * 0.02)
     own = problem(0.02)
@@ -61,7 +61,7 @@ def test_stamps_are_as_doubtful_as_those_of_the_worst_run_and_weigh_by_what_is_l
     assert (held.free, held.held, held.stamps) == (("b",), {("gyro-bias", "r", "bias")}, own.stamps)
 
 
-def test_edges_are_those_of_the_parameters_then_of_the_effects_in_their_order() -> None:
+def test_bounds_list_the_parameters_and_then_the_effects_in_order() -> None:
     own = Problem(FORM, [segment(1)], SUMMARY, Limits({"a": 0.0}, {"b": 9.0}), FREE)
     limit = EffectInstance("saturation", "N", {"limit": 0.3})
     low, high = own.edges([limit], [(0, "limit")])
@@ -71,7 +71,7 @@ def test_edges_are_those_of_the_parameters_then_of_the_effects_in_their_order() 
     assert len(own.edges([limit], [])[0]) == 3
 
 
-def test_a_motion_is_fitted_with_its_levels_and_what_is_left_is_noise() -> None:
+def test_a_motion_is_fitted_with_its_noise_levels() -> None:
     own = problem()
     fitted = own.fit(TRUE * 1.2, [], [np.zeros(2), np.zeros(2)])
     assert fitted is not None
@@ -91,7 +91,7 @@ def test_a_motion_is_fitted_with_its_levels_and_what_is_left_is_noise() -> None:
     assert own.fit(np.array([2.0, 0.8, -1e9, 0.1, 0.0]), [], [np.array([0.0, 5.0])] * 2) is None
 
 
-def test_a_given_model_is_judged_by_its_initial_states_alone() -> None:
+def test_a_supplied_model_is_judged_with_only_its_initial_states_fitted() -> None:
     own = problem(0.01)
     judged = own.states(TRUE * 1.3, [], [np.zeros(2), np.zeros(2)])
     assert judged is not None
@@ -114,11 +114,11 @@ def test_a_fit_is_moved_in_the_order_of_its_jacobian_and_stays_within_limits() -
     assert initial[0] == pytest.approx(fitted.initial[0] + [0.3, 0.4])
 
 
-def test_a_parameter_of_an_effect_is_called_by_where_it_sits() -> None:
+def test_a_parameter_of_an_effect_is_labelled_with_its_place() -> None:
     assert EffectInstance("dead-zone", "N", {"width": 0.1}).label_of("width") == "dead-zone@N.width"
 
 
-def test_what_a_fit_knows_of_itself_is_its_information_with_what_was_known_of_the_stamps() -> None:
+def test_the_information_of_a_fit_includes_the_prior_of_the_stamps() -> None:
     own = problem(0.01)
     fitted = own.fit(TRUE, [], [np.zeros(2), np.zeros(2)])
     assert fitted is not None
@@ -126,7 +126,7 @@ def test_what_a_fit_knows_of_itself_is_its_information_with_what_was_known_of_th
     assert fitted.shared == pytest.approx(fitted.theta[[0, 1, 3]])
     assert len(fitted.residual) == 400
     shares = [1.0 - (own.floors[n] / fitted.levels[n]) ** 2 for n in ("psi", "r")]
-    assert float(np.mean(fitted.residual**2)) == pytest.approx(np.mean(shares)), "the floor's part is nobody's residual"
+    assert float(np.mean(fitted.residual**2)) == pytest.approx(np.mean(shares)), "the floor's part is not a residual"
     plain = fitted.jacobian.T @ fitted.jacobian
     plain[-1, -1] += 4.0 / fitted.shift_std**2
     assert fitted.information(4.0) == pytest.approx(plain)

@@ -1,4 +1,4 @@
-"""Numbers printed in Miskovic2010, recomputed or simulated anew."""
+"""Numbers printed in Miskovic2010, recomputed or simulated again."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_the_decision_counts_of_videoray_are_those_of_figure_7_3(published: dict
     assert [counts(rows, m) for m in MARGINS] == [(74, 9, 0), (63, 4, 16), (49, 0, 34), (30, 0, 53)]
 
 
-def test_about_63_percent_of_the_automarine_pairs_decide_rightly_without_margin(published: dict[str, Any]) -> None:
+def test_about_63_percent_of_the_automarine_pairs_decide_correctly_without_margin(published: dict[str, Any]) -> None:
     right, wrong, open_ = counts(as_printed(automarine(published)), "none")
     assert right + wrong + open_ == 347
     assert open_ == 0
@@ -82,12 +82,12 @@ def gain_and_lag(cycle: LimitCycle, delay: float = 0.0) -> tuple[float, float]:
     return found.numerator[0], found.denominator[1]
 
 
-def test_example_6_2_the_delay_correction_brings_the_time_constant_from_101_to_15_percent_of_error(
+def test_example_6_2_delay_correction_reduces_the_time_constant_error_from_101_to_15_percent(
     record: Record,
 ) -> None:
     run = record(PROCESS, Relay(1.0, 10.0), 40.0, dt=0.002, h=0.002, delay=0.1, dof="heave")
     (cycle,) = find_cycles(run, "heave")
-    # The text repeats Example 6.3's X_m and period here; the printed rotation matrix tells the real frequency.
+    # The text repeats Example 6.3's X_m and period here; the printed rotation matrix shows the real frequency.
     # Of Table 6.1 the values are right, but K = 76.98 is +54 % and not the printed +156.6 %.
     rotation = (np.cos(0.1 * cycle.omega), np.sin(0.1 * cycle.omega))
     assert rotation == pytest.approx((0.964, 0.266), abs=0.002)
@@ -95,7 +95,7 @@ def test_example_6_2_the_delay_correction_brings_the_time_constant_from_101_to_1
     assert gain_and_lag(cycle, 0.1) == pytest.approx((55.14, 0.346), rel=0.01)
 
 
-def test_example_6_3_the_switching_correction_brings_the_errors_from_35_and_75_to_6_and_4_percent(
+def test_example_6_3_switching_correction_reduces_the_errors_from_35_and_75_to_6_and_4_percent(
     record: Record,
 ) -> None:
     run = record(PROCESS, Relay(1.0, 16.0), 40.0, dt=0.1, h=0.01, dof="heave", meta={"x_a": 16.0})
@@ -125,7 +125,7 @@ def cycles_of_table(record: Record, plant: tuple[float, ...], rows: list[list[fl
     ],
     ids=["example 7.1", "example 7.2", "example 7.3"],
 )
-def test_examples_7_1_to_7_3_simulated_identified_and_decided(
+def test_examples_7_1_to_7_3_are_simulated_identified_and_decided(
     plant: tuple[float, ...], key: str, dof: str, verdict: str, record: Record, published: dict[str, Any]
 ) -> None:
     rows = (published["falcon_seed_002"] | published["nonlinear_yaw_tables_7_5_7_6"])[key]

@@ -45,15 +45,17 @@ def surge(plant: Plant, command: Callable[[float, float], float], duration: floa
         ((120.0, 0.0, 60.0, 0.0), 0.0, 0.0, "nonlinear"),
     ],
 )
-def test_surge_by_integrated_speed_around_any_speed(plant: Plant, u_ref: float, offset: float, structure: str) -> None:
-    """x here is a north position at 53 deg of heading: it must not be taken for the way ahead."""
+def test_surge_is_identified_by_integrated_speed_around_any_speed(
+    plant: Plant, u_ref: float, offset: float, structure: str
+) -> None:
+    """x here is a north position at 53 deg of heading: it must not be taken for the distance ahead."""
     run = surge(plant, SpeedRelay(25.0, 0.3, u_ref, offset))
     (cycle,) = find_cycles(run, "surge")
     assert cycle.nu_0 == pytest.approx(u_ref, abs=0.01)
     model = fit(run, structure, "iso", dof="surge").model
     assert model.alpha == pytest.approx(plant[0], rel=0.06)
     drag = model.beta if structure == "linear" else model.beta_quadratic
-    # Quadratic drag alone flattens the velocity: its first harmonic then tells 9 to 19 % too much drag.
+    # Quadratic drag alone flattens the velocity: its first harmonic then gives 9 to 19 % too much drag.
     assert drag == pytest.approx(plant[1] + plant[2], rel=0.08 if structure == "linear" or u_ref else 0.20)
     assert model.delta == pytest.approx(plant[3], abs=1.5)
 
@@ -65,7 +67,7 @@ def by_distance(plant: Plant, C: float, x_a: float, dt: float, h: float = 0.01, 
     return Trial("wall", channels, meta={"manoeuvre": "relay"})
 
 
-def test_surge_by_distance_to_a_wall_by_every_method() -> None:
+def test_surge_is_identified_by_distance_to_a_wall_with_every_method() -> None:
     plant = (30.0, 20.0, 0.0, 0.4)
     run = by_distance(plant, 3.0, 0.1, 0.1)
     first = fit_axis(run, method="iso", structure="linear")
@@ -84,7 +86,7 @@ def test_surge_by_distance_to_a_wall_by_every_method() -> None:
 def test_the_videoray_surge_experiment_of_section_7_6_oscillates_as_printed(published: dict[str, Any]) -> None:
     """Miskovic2010 prints x_a*, X_m and omega but neither C nor the parameters: per unit of C these follow.
 
-    A craft with the parameters found, under the relay set to 10 cm and sampled once a second as Miskovic2010 says,
+    A craft with the parameters found, under the relay set to 10 cm and sampled once a second as in Miskovic2010,
     must come back to the printed oscillation, and to a switching value near the printed one.
     """
     table = published["surge_iso_videoray_7_6"]
@@ -103,7 +105,7 @@ def test_the_videoray_surge_experiment_of_section_7_6_oscillates_as_printed(publ
 
 
 @pytest.mark.parametrize("C", [200.0, 100.0])
-def test_asymmetric_heave_cycles_give_the_net_buoyancy_of_falcon(C: float, record: Record) -> None:
+def test_asymmetric_heave_cycles_identify_the_net_buoyancy_of_falcon(C: float, record: Record) -> None:
     """Miskovic2010, Table 7.3: alpha 130, beta 200, quadratic 20, tau_ZE 10."""
     run = record((130.0, 200.0, 20.0, 10.0), Relay(C, 0.5), 60.0, dt=0.01, h=0.01, dof="heave")
     (cycle,) = find_cycles(run, "heave")

@@ -1,4 +1,4 @@
-"""What a model leaves, and how much of it is noise; Gaussian noise by its definition, with and without outliers."""
+"""Residuals of a model, and how much of them is noise; Gaussian noise by its definition, with and without outliers."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from gcs_autotune.identify.signals.whiteness import all_white, remainder_of
     ("rms", "noise", "unexplained"),
     [(2.0, 0.0, 2.0), (1.0, 0.6, 0.8), (1.0, 0.89, math.sqrt(1.0 - 0.89**2)), (1.0, 0.9, 0.0), (1.0, 1.0, 0.0)],
 )
-def test_what_is_correlated_is_unexplained_unless_nine_tenths_are_noise(
+def test_correlated_residuals_are_unexplained_unless_nine_tenths_are_noise(
     rms: float, noise: float, unexplained: float
 ) -> None:
     assert Remainder(rms, noise).unexplained == pytest.approx(unexplained)
 
 
-def test_noise_is_what_changes_from_sample_to_sample_in_each_run_for_itself() -> None:
+def test_noise_is_estimated_from_sample_to_sample_changes_within_each_run() -> None:
     slow = 0.5 * np.sin(0.01 * np.arange(3000))
     found = remainder_of([slow, 3.0 + slow])
     assert found.rms == pytest.approx(math.sqrt(np.mean(np.concatenate([slow, 3.0 + slow]) ** 2)))
@@ -37,7 +37,7 @@ def test_noise_is_what_changes_from_sample_to_sample_in_each_run_for_itself() ->
     assert by_hand.noise == pytest.approx(math.sqrt((0.3**2 + 0.3**2 + 0.3**2) / 3.0 / 6.0))
 
 
-def test_noise_is_no_more_than_all_and_no_less_than_what_rounding_makes() -> None:
+def test_noise_is_at_most_the_residual_and_at_least_the_rounding_error() -> None:
     turns = np.array([1.0, -1.0] * 9)
     assert remainder_of([turns]) == Remainder(1.0, 1.0)
     line = np.linspace(-1.0, 1.0, 50)
@@ -47,14 +47,14 @@ def test_noise_is_no_more_than_all_and_no_less_than_what_rounding_makes() -> Non
     assert short.noise == short.rms == pytest.approx(math.sqrt(2.5))
 
 
-def test_what_is_no_number_is_left_out_and_of_nothing_nothing_is_told() -> None:
+def test_samples_that_are_not_numbers_are_left_out_and_empty_residuals_give_nan() -> None:
     assert remainder_of([np.array([1.0, np.nan, -1.0, 1.0, np.inf, -1.0])]) == Remainder(1.0, 1.0)
     for errors in ([], [np.zeros(0)], [np.full(3, np.nan)]):
         found = remainder_of(errors)
         assert math.isnan(found.rms) and math.isnan(found.noise)
 
 
-def test_residuals_that_stand_are_not_correlated_and_small_ones_are_as_large_ones() -> None:
+def test_constant_residuals_are_not_correlated_and_size_does_not_matter() -> None:
     assert autocorrelation(np.full(9, 3.0), 2).tolist() == [0.0, 0.0]
     e = 1e-4 * np.array([1.0, 2.0, 0.0, -1.0, -2.0])
     assert autocorrelation(e, 2) == pytest.approx([0.4, -0.2])
@@ -83,7 +83,7 @@ def test_the_likelihood_of_gaussian_noise_is_that_of_the_distribution() -> None:
     assert gaussian_noise({"r": 0.1}) == {"r": Gaussian(0.1)}
 
 
-def test_outliers_weigh_less_by_how_many_double_standard_deviations_they_are_off() -> None:
+def test_the_weight_of_an_outlier_falls_with_its_distance_in_double_standard_deviations() -> None:
     plain, robust = Gaussian(0.5).terms(ERROR), Gaussian(0.5, robust=True).terms(ERROR)
     assert plain.curvature.tolist() == [4.0] * 5
     assert plain.slope == pytest.approx(4.0 * ERROR)
@@ -94,7 +94,7 @@ def test_outliers_weigh_less_by_how_many_double_standard_deviations_they_are_off
     assert robust.deviance == pytest.approx(weight * ERROR**2)
 
 
-def test_noise_that_is_rounded_is_the_probability_of_its_cell_with_a_share_for_strays() -> None:
+def test_the_likelihood_of_rounded_noise_is_the_cell_probability_plus_outliers() -> None:
     noise = Rounded(0.3, 0.5, 9.5)
     assert noise.stray == pytest.approx(1e-3 * 0.5 / 10.0)
     assert noise.std == pytest.approx(math.sqrt(0.09 + 0.25 / 12.0))

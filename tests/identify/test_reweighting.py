@@ -17,14 +17,14 @@ def residual(name: str, errors: np.ndarray, step: float = 0.0, measured: np.ndar
     return Residual(0, name, t, errors if measured is None else measured, np.zeros(len(errors)), errors, step=step)
 
 
-def test_the_coarsest_of_all_runs_rounds_and_a_signal_nobody_has_does_not() -> None:
+def test_the_rounding_error_is_that_of_the_coarsest_run() -> None:
     runs = [residual("psi", np.zeros(3), step) for step in (0.1, 0.5, 0.2)] + [residual("r", np.zeros(3), 9.0)]
     assert rounding_error(runs, "psi") == pytest.approx(0.5 / math.sqrt(12.0))
     assert rounding_error(runs[:1], "psi") == pytest.approx(0.1 / math.sqrt(12.0))
     assert rounding_error(runs, "u") == 0.0
 
 
-def test_errors_are_those_of_one_signal_that_count() -> None:
+def test_errors_are_the_finite_residuals_of_one_signal() -> None:
     runs = [
         residual("psi", np.array([1.0, np.nan, 2.0])),
         residual("r", np.array([7.0])),
@@ -33,7 +33,7 @@ def test_errors_are_those_of_one_signal_that_count() -> None:
     assert errors_of(runs, "psi").tolist() == [1.0, 2.0, 3.0]
 
 
-def test_levels_are_what_is_left_over_the_degrees_of_freedom_left_shared_out_by_samples() -> None:
+def test_noise_levels_divide_the_residuals_by_the_remaining_degrees_of_freedom() -> None:
     rng = np.random.default_rng(1)
     psi, r = rng.normal(0.0, 2.0, 90), rng.normal(0.0, 0.3, 30)
     laws: dict[str, NoiseModel] = {"psi": Gaussian(1.0), "r": Gaussian(1.0)}
@@ -42,14 +42,14 @@ def test_levels_are_what_is_left_over_the_degrees_of_freedom_left_shared_out_by_
     assert found["r"].sigma == pytest.approx(math.sqrt(r @ r / (30 * 0.9)))
 
 
-def test_a_robust_level_is_read_off_the_middle_and_outliers_do_not_move_it() -> None:
+def test_a_robust_noise_level_uses_the_median_and_ignores_outliers() -> None:
     errors = np.append(np.linspace(-1.0, 1.0, 101), [500.0, -900.0])
     found = likeliest([residual("psi", errors)], {"psi": Gaussian(1.0, robust=True)})
     assert found["psi"].sigma == pytest.approx(MAD * float(np.median(np.abs(errors))))
     assert found["psi"].robust
 
 
-def test_no_level_is_below_the_rounding_or_next_to_nothing_of_the_swing() -> None:
+def test_noise_levels_are_at_least_the_rounding_error_or_a_tiny_fraction_of_the_range() -> None:
     laws: dict[str, NoiseModel] = {"psi": Gaussian(1.0)}
     assert likeliest([residual("psi", np.full(50, 1e-9), 0.3)], laws)["psi"].sigma == pytest.approx(
         0.3 / math.sqrt(12.0)
@@ -67,10 +67,10 @@ class Lines:
         rng = np.random.default_rng(4)
         self.t = np.linspace(0.0, 1.0, 60)
         self.y = {"psi": 2.0 * self.t + rng.normal(0.0, 0.05, 60), "r": 2.2 * self.t + rng.normal(0.0, 0.5, 60)}
-        self.asked = 0
+        self.calls = 0
 
     def at(self, x: np.ndarray, noise) -> Local:
-        self.asked += 1
+        self.calls += 1
         cost, gradient, curvature = 0.0, np.zeros(1), np.zeros((1, 1))
         for name, y in self.y.items():
             e, w = y - x[0] * self.t, noise[name].sigma ** -2
@@ -84,7 +84,7 @@ class Lines:
 
 
 @pytest.mark.parametrize("effort", [None, Effort(3), Effort(3, exact=False)])
-def test_parameters_and_noise_settle_on_each_other(effort: Effort | None) -> None:
+def test_parameters_and_noise_levels_converge_together(effort: Effort | None) -> None:
     own = Lines()
     laws: dict[str, NoiseModel] = {"psi": Gaussian(1.0), "r": Gaussian(1.0)}
     found = alternate(own, np.array([9.0]), laws, np.array([-99.0]), np.array([99.0]), 8, effort)
@@ -97,7 +97,7 @@ def test_parameters_and_noise_settle_on_each_other(effort: Effort | None) -> Non
     assert noise["r"].sigma == pytest.approx(0.5, rel=0.25)
 
 
-def test_one_round_weighs_the_signals_as_they_were_given() -> None:
+def test_one_round_uses_the_supplied_weights() -> None:
     own = Lines()
     found = alternate(
         own, np.array([0.0]), {"psi": Gaussian(1.0), "r": Gaussian(1.0)}, -np.ones(1) * 9, np.ones(1) * 9, 1
@@ -107,14 +107,14 @@ def test_one_round_weighs_the_signals_as_they_were_given() -> None:
     assert found[0].x[0] == pytest.approx(alike)
 
 
-def test_a_start_that_goes_astray_is_given_up_after_two_rounds_and_one_without_a_value_at_once() -> None:
+def test_poor_starts_are_abandoned_early_and_starts_without_a_value_at_once() -> None:
     own = Lines()
     laws: dict[str, NoiseModel] = {"psi": Gaussian(1e-3), "r": Gaussian(1e-3)}
     limits = np.array([8.0]), np.array([9.0])
     alternate(own, np.array([8.5]), laws, *limits, 8, Effort(5, exact=False, astray=10.0))
-    early, own.asked = own.asked, 0
+    early, own.calls = own.calls, 0
     alternate(own, np.array([8.5]), laws, *limits, 8, Effort(5, exact=False))
-    assert early <= own.asked
+    assert early <= own.calls
 
     class Nowhere(Lines):
         def at(self, x: np.ndarray, noise) -> None:  # type: ignore[override]

@@ -50,7 +50,7 @@ def test_slope_is_the_derivative_of_the_log_probability(sigma: float) -> None:
     assert law.terms(error).slope == pytest.approx(rise / (2.0 * h), rel=1e-4, abs=1e-6)
 
 
-def test_curvature_is_never_negative_and_outliers_pull_no_more() -> None:
+def test_curvature_is_never_negative_and_far_outliers_have_no_slope() -> None:
     terms = Rounded(0.125, 1.0, 30.0).terms(np.linspace(-40.0, 40.0, 4001))
     assert terms.curvature.min() >= 0.0
     assert np.isfinite(np.concatenate(terms)).all()
@@ -81,14 +81,14 @@ def test_information_is_the_square_of_the_score_over_every_cell() -> None:
         assert law.information(np.array([-truth]))[0, 0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_fine_step_is_as_good_as_none() -> None:
+def test_a_fine_rounding_step_has_no_effect() -> None:
     fine, none = Rounded(1.0, 0.05, 30.0), Gaussian(np.hypot(1.0, 0.05 / np.sqrt(12.0)))
     error = np.linspace(-2.5, 2.5, 11)
     assert fine.information(error)[:, 0] == pytest.approx(none.information(error)[:, 0], rel=0.01)
     assert fine.terms(error).slope == pytest.approx(none.terms(error).slope, abs=0.02)
 
 
-def test_noise_is_found_below_the_step_but_never_below_the_floor() -> None:
+def test_noise_is_estimated_below_the_rounding_step_but_not_below_the_floor() -> None:
     rng = np.random.default_rng(1)
     truth = rng.uniform(-10.0, 10.0, 4000)
     law = Rounded(1.0, 1.0, 20.0)
@@ -109,7 +109,7 @@ def test_a_coarse_compass_is_recognised_and_a_fine_one_is_not(clean: list[Trial]
     assert quanta(0.8 * SIGMA) == {}
 
 
-def test_the_fit_to_a_coarse_compass_is_unbiased_efficient_and_its_intervals_cover(clean: list[Trial]) -> None:
+def test_the_fit_to_a_coarse_compass_is_unbiased_and_efficient_and_its_intervals_cover(clean: list[Trial]) -> None:
     model = SingleDof("yaw", "N m", *VIDEORAY)
     free = ("alpha", "beta_quadratic", "delta")
     truth, errors, inside, bounds = np.array([0.031, 0.069, 0.003]), [], [], []
@@ -129,7 +129,7 @@ def test_the_fit_to_a_coarse_compass_is_unbiased_efficient_and_its_intervals_cov
     assert 0.88 <= np.mean(inside) <= 0.99
 
 
-def test_structure_and_absence_of_delay_are_decided_on_the_coarse_record(clean: list[Trial]) -> None:
+def test_structure_and_no_delay_are_decided_from_the_coarse_record(clean: list[Trial]) -> None:
     fit = fit_axis(coarse_runs(clean, 3))
     assert fit.structure == "nonlinear"
     assert fit.model.delay == 0.0
@@ -140,7 +140,7 @@ def test_structure_and_absence_of_delay_are_decided_on_the_coarse_record(clean: 
     assert all(c.log_likelihood < 0.0 for c in fit.candidates)
 
 
-def test_samples_three_steps_off_do_not_bend_the_fit(clean: list[Trial]) -> None:
+def test_samples_three_steps_off_do_not_bias_the_fit(clean: list[Trial]) -> None:
     runs = coarse_runs(clean, 5)
     spoiled = []
     for trial in runs:
@@ -155,7 +155,7 @@ def test_samples_three_steps_off_do_not_bend_the_fit(clean: list[Trial]) -> None
     assert {d.slug for d in bent.doubts} - {d.slug for d in good.doubts} == {"outliers"}
 
 
-def test_a_heading_through_south_is_the_same_as_through_north(record: Callable[..., Trial]) -> None:
+def test_a_heading_through_south_gives_the_same_fit_as_through_north(record: Callable[..., Trial]) -> None:
     trial = coarse(record(VIDEORAY, Relay(0.08, 15 * DEG), 25.0), 2)
     psi = trial["psi"]
     turned = np.angle(np.exp(1j * (psi.values + np.pi)))
@@ -165,7 +165,7 @@ def test_a_heading_through_south_is_the_same_as_through_north(record: Callable[.
     assert other.model.alpha == pytest.approx(one.model.alpha, rel=1e-4)
 
 
-def test_rounding_worsens_the_bound_but_less_than_noise_of_the_same_variance(clean: list[Trial]) -> None:
+def test_rounding_raises_the_bound_less_than_noise_of_the_same_variance(clean: list[Trial]) -> None:
     model = SingleDof("yaw", "N m", *VIDEORAY)
     runs = coarse_runs(clean, 1)
     free = ("alpha", "beta_quadratic", "delta")

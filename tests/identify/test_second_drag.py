@@ -1,4 +1,4 @@
-"""A little of a second drag: what is said when the record can hardly tell."""
+"""A small second drag: what is reported when the record hardly shows it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def coverage(found: list[AxisFit], std: list[float]) -> float:
 
 
 @pytest.mark.slow
-def test_drag_covers_the_truth_although_a_second_one_is_left_out(hardly_affine: list[AxisFit]) -> None:
+def test_the_drag_interval_covers_the_truth_although_a_second_drag_is_left_out(hardly_affine: list[AxisFit]) -> None:
     kept = [f for f in hardly_affine if f.structure == "linear"]
     assert len(kept) >= SEEDS // 3
     raised = [f.parameters["beta_r"].std for f in kept]
@@ -74,7 +74,7 @@ def test_an_undecided_second_drag_is_a_doubt(hardly_affine: list[AxisFit]) -> No
     assert [f for f in hardly_affine if "second-drag-undecided" in {d.slug for d in f.doubts}] == undecided
 
 
-def test_both_drags_are_taken_when_the_record_speaks_for_them(hardly_affine: list[AxisFit]) -> None:
+def test_both_drags_are_chosen_if_the_record_supports_them(hardly_affine: list[AxisFit]) -> None:
     both = [f for f in hardly_affine if f.structure == "affine"]
     assert len(both) >= SEEDS // 8
     assert min(gain_of_two(f) for f in both) > 2.0
@@ -83,7 +83,7 @@ def test_both_drags_are_taken_when_the_record_speaks_for_them(hardly_affine: lis
 
 
 @pytest.mark.slow
-def test_a_truly_linear_drag_stays_linear_and_mostly_without_doubt(truly_linear: list[AxisFit]) -> None:
+def test_a_linear_drag_stays_linear_and_mostly_without_doubt(truly_linear: list[AxisFit]) -> None:
     assert [f.structure for f in truly_linear].count("linear") == SEEDS
     doubted = [f for f in truly_linear if "second-drag-undecided" in {d.slug for d in f.doubts}]
     assert len(doubted) <= 2

@@ -44,7 +44,7 @@ def two(**servo: float) -> tuple[list[Trial], AxisFit]:
     return runs, fit_axis(runs, dof="yaw")
 
 
-def test_the_limited_rate_of_a_servo_is_identified_said_and_designed_with() -> None:
+def test_the_limited_rate_of_a_servo_is_identified_reported_and_used_in_the_design() -> None:
     runs, plain = two(rate=RATE)
     found = fit_slow_actuator(runs, plain)
     assert found is not None
@@ -55,7 +55,7 @@ def test_the_limited_rate_of_a_servo_is_identified_said_and_designed_with() -> N
     assert actuator.rate == pytest.approx(RATE, rel=0.05)
 
 
-def test_thrust_that_lags_is_not_taken_for_a_limited_rate() -> None:
+def test_lagging_thrust_is_not_mistaken_for_a_limited_rate() -> None:
     runs, plain = two(lag=LAG)
     found = fit_slow_actuator(runs, plain)
     assert found is not None
@@ -63,10 +63,10 @@ def test_thrust_that_lags_is_not_taken_for_a_limited_rate() -> None:
     assert "a time constant of 0.79 s" in describe_slow_actuator(found, plain)
 
 
-def test_a_servo_that_follows_at_once_is_left_as_it_is() -> None:
+def test_a_servo_without_lag_has_no_slow_actuator() -> None:
     assert fit_slow_actuator(*two()) is None
 
 
-def test_a_limited_rate_that_explains_only_a_part_is_not_designed_with() -> None:
+def test_a_limited_rate_that_explains_only_a_part_is_not_used_in_the_design() -> None:
     """The hull also slips sideways: 14 % of the motion is unexplained without the limited rate, and 8 % with it."""
     assert fit_slow_actuator(*two(rate=0.5 * RATE, slip=SLIP)) is None

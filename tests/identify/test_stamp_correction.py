@@ -1,4 +1,4 @@
-"""Input changes dated between two loops of the autopilot: moved where the record tells which, left where it cannot."""
+"""Input changes dated between two loops of the autopilot: moved if the record shows which, otherwise left."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def fitted(segments: list[Segment]) -> Solution:
     return found
 
 
-def test_the_derivative_by_a_later_change_is_that_of_the_motion() -> None:
+def test_the_derivative_by_the_time_of_a_change_is_that_of_the_motion() -> None:
     own, _ = segment(0.0)
     table = switches_of(FORM, own, TRUE, START, shift=0.003)
     assert table.finite
@@ -69,7 +69,7 @@ def test_the_derivative_by_a_later_change_is_that_of_the_motion() -> None:
             assert table.by[name][:, column] == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
 
 
-def test_only_changes_that_are_doubtful_and_in_the_middle_of_the_run_are_tried() -> None:
+def test_only_changes_with_doubtful_stamps_inside_the_run_are_tried() -> None:
     own, _ = segment(0.0)
     late = replace(own, signals={n: s.between(1.0, 10.0) for n, s in own.signals.items()})
     assert switches_of(FORM, late, TRUE, START).which.tolist() == [k for k in range(18) if 1.0 < 0.93 * k < 10.0]
@@ -81,7 +81,7 @@ def test_only_changes_that_are_doubtful_and_in_the_middle_of_the_run_are_tried()
     assert delayed.tolist() == [k for k in range(1, 18) if 0.93 * k + 3.0 < own.stamps[-1]]
 
 
-def test_more_changes_than_any_relay_makes_are_not_tried() -> None:
+def test_more_changes_than_the_limit_are_not_tried() -> None:
     own, _ = segment(0.0)
     t_in = np.linspace(0.0, 15.9, MOST + 3)
     many = replace(own, t_in=t_in, inputs=np.ones((len(t_in), 1)), slack=np.full(len(t_in), 0.01))
@@ -90,12 +90,12 @@ def test_more_changes_than_any_relay_makes_are_not_tried() -> None:
     assert found.by["psi"].shape == (320, 0)
 
 
-def test_a_run_that_runs_away_tells_nothing() -> None:
+def test_a_diverging_run_has_no_finite_derivatives() -> None:
     own, _ = segment(0.0)
     assert not switches_of(FORM, own, np.array([2.0, 0.8, -1e6, 0.1, 0.0]), START).finite
 
 
-def test_a_precise_record_moves_every_change_to_its_own_loop_in_two_runs_at_once() -> None:
+def test_a_precise_record_moves_every_change_of_two_runs_to_its_own_loop() -> None:
     runs = [segment(2e-4, 1, "one"), segment(2e-4, 2, "two")]
     segments = [s for s, _ in runs]
     solution = fitted(segments)
@@ -111,7 +111,7 @@ def test_a_precise_record_moves_every_change_to_its_own_loop_in_two_runs_at_once
     assert segments[0].slack.sum() > 0.0, "the segments themselves stay"
 
 
-def test_the_changes_that_are_clear_are_moved_where_others_are_not() -> None:
+def test_only_the_clear_changes_are_moved() -> None:
     own, off = segment(0.02)
     found = corrected([own], [own], fitted([own]))
     assert found is not None
@@ -125,7 +125,7 @@ def test_a_noisy_record_moves_nothing() -> None:
     assert corrected([own], [own], fitted([own])) is None
 
 
-def test_stamps_without_doubt_and_changes_before_the_run_are_left_alone() -> None:
+def test_exact_stamps_and_changes_before_the_run_are_not_moved() -> None:
     own, _ = segment(2e-4)
     solution = fitted([own])
     sure = replace(own, slack=np.zeros(len(own.t_in)))
@@ -134,7 +134,7 @@ def test_stamps_without_doubt_and_changes_before_the_run_are_left_alone() -> Non
     assert corrected([before], [before], solution) is None
 
 
-def test_a_shift_points_to_a_loop_when_it_is_three_standard_errors_likelier_than_the_next() -> None:
+def test_a_shift_is_assigned_to_a_loop_if_three_standard_errors_clearer_than_the_next() -> None:
     mean, std = np.array([0.009, 0.001, -0.011, 0.012]), np.array([0.001, 0.005, 0.001, 0.02])
     found = _nearest(mean, std, np.full(4, 0.01), np.full(4, 0.02))
     assert found == pytest.approx([0.01, np.nan, -0.01, np.nan], nan_ok=True)
@@ -152,7 +152,7 @@ def test_a_shift_points_to_a_loop_when_it_is_three_standard_errors_likelier_than
 
 @pytest.mark.parametrize("rows", [4, 60])
 @pytest.mark.parametrize("shift_std", [0.0, 1e-3])
-def test_the_shifts_are_found_with_everything_fitted_left_free_and_the_common_shift_as_well_known_as_it_is(
+def test_the_shifts_are_estimated_jointly_with_the_parameters_and_the_prior_of_the_common_shift(
     shift_std: float, rows: int
 ) -> None:
     rng = np.random.default_rng(3)
@@ -174,7 +174,7 @@ class Summing:
     """A simulator whose signals are the sum of all times of change, ten times that, and what it was asked for."""
 
     def __init__(self, lost: tuple[int, ...] = ()) -> None:
-        self.lost, self.asked = lost, 0
+        self.lost, self.calls = lost, 0
 
     def __call__(self, form: Any, *rest: Any, dated: bool, **options: Any) -> Summing:
         assert not dated
@@ -184,8 +184,8 @@ class Summing:
         self, theta: Any, effects: Any, initial: Any, own: Segment, shift: float, *, sensitivities: bool
     ) -> Any:
         assert not sensitivities
-        self.asked += 1
-        if self.asked - 1 in self.lost:
+        self.calls += 1
+        if self.calls - 1 in self.lost:
             return None
         total = float(np.sum(own.t_in))
         return {n: (k * total * np.ones(len(s.t)), None) for k, (n, s) in enumerate(own.signals.items(), start=1)}
@@ -218,7 +218,7 @@ def test_a_change_is_tried_when_it_acts_after_the_first_stamp_and_before_the_las
     assert found.by["r"] == pytest.approx(2.0 * np.ones((5, 3)), abs=1e-9)
 
 
-def test_as_many_changes_as_a_relay_may_make_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_as_many_changes_as_the_limit_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     for count, tried in ((MOST, MOST), (MOST + 1, 0)):
         monkeypatch.setattr(stamp_correction, "simulator_of", Summing())
         own = stamped(*np.linspace(1.1, 2.9, count))
@@ -226,18 +226,18 @@ def test_as_many_changes_as_a_relay_may_make_are_tried(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize(("lost", "asked", "columns"), [((0,), 2, 0), ((2,), 3, 1), ((1, 2), 2, 0)])
-def test_after_a_simulation_that_runs_away_no_other_is_tried(
+def test_no_simulation_is_tried_after_one_that_diverges(
     monkeypatch: pytest.MonkeyPatch, lost: tuple[int, ...], asked: int, columns: int
 ) -> None:
     simulator = Summing(lost)
     monkeypatch.setattr(stamp_correction, "simulator_of", simulator)
     found = switches_of(BARE, stamped(1.5, 2.0, 2.5), np.zeros(2), np.zeros(2))
-    assert simulator.asked == asked
+    assert simulator.calls == asked
     assert np.isfinite(found.by["r"]).all(axis=0).tolist() == [k < columns for k in range(3)]
     assert not found.finite
 
 
-def test_one_number_that_is_none_in_any_signal_is_a_run_away() -> None:
+def test_a_single_nan_in_any_signal_is_not_finite() -> None:
     good = np.ones((2, 2))
     for name in ("psi", "r"):
         spoilt = good.copy()
@@ -255,7 +255,7 @@ def test_one_number_that_is_none_in_any_signal_is_a_run_away() -> None:
         ((0.01, 0.01, 0.01), (False, True), None),
     ],
 )
-def test_each_run_gets_its_own_moves_and_one_that_runs_away_spoils_them_all(
+def test_each_run_has_its_own_moves_and_a_diverging_run_cancels_all(
     monkeypatch: pytest.MonkeyPatch,
     moves: tuple[float, ...],
     finite: tuple[bool, bool],
@@ -281,7 +281,7 @@ def test_each_run_gets_its_own_moves_and_one_that_runs_away_spoils_them_all(
         assert after.dating == (0.5 if 0.0 in by else WITHIN_LOOP * LOOP)
 
 
-def test_one_run_with_doubtful_stamps_among_sure_ones_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_run_with_doubtful_stamps_among_exact_ones_is_analysed(monkeypatch: pytest.MonkeyPatch) -> None:
     sure = replace(stamped(1.5), slack=np.zeros(1))
     solution: Any = SimpleNamespace(form=None, theta=None, shift=0.0, initial=[None, None])
     looked: list[Segment] = []
@@ -297,8 +297,8 @@ def test_one_run_with_doubtful_stamps_among_sure_ones_is_looked_at(monkeypatch: 
         assert len(looked) == count
 
 
-def test_what_has_become_clear_helps_to_clear_the_rest_round_by_round(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three changes in two runs; each round one is clear, and what it did is taken off the scores of the next."""
+def test_changes_that_are_clear_help_to_assign_the_rest_in_later_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three changes in two runs; each round one is clear, and its effect is subtracted from the scores of the next."""
     runs = [stamped(1.5, 2.0), stamped(2.5)]
     runs[1] = replace(runs[1], slack=np.array([0.04]), loop=0.03)
     rng = np.random.default_rng(5)

@@ -35,13 +35,13 @@ def dated_midway(trial: Trial, seed: int) -> Trial:
     return Trial(trial.name, {"psi": heading, "N": early}, meta={"outputs_dated": "midway"})
 
 
-def test_the_record_tells_how_far_a_jump_may_lie_from_its_stamp(clean: list[Trial]) -> None:
+def test_the_record_states_how_far_a_jump_may_be_from_its_stamp(clean: list[Trial]) -> None:
     trial = dated_midway(clean[0], 1)
     assert prepare(trial, "yaw")[0].dating == pytest.approx(0.5 * STEP)
     assert prepare(dataclasses.replace(trial, meta={}), "yaw")[0].dating == 0.0
 
 
-def test_early_stamps_bias_the_inertia_only_when_they_are_taken_as_exact(clean: list[Trial]) -> None:
+def test_early_stamps_bias_the_inertia_only_if_taken_as_exact(clean: list[Trial]) -> None:
     runs = [dated_midway(t, k) for k, t in enumerate(clean)]
     believed = [dataclasses.replace(t, meta={}) for t in runs]
     honest = fit_axis(runs, structure="nonlinear")
@@ -52,7 +52,7 @@ def test_early_stamps_bias_the_inertia_only_when_they_are_taken_as_exact(clean: 
     assert honest.extra["time_shift"] == pytest.approx(0.5 * STEP, abs=0.003)
 
 
-def test_the_shift_is_no_delay_of_the_craft(clean: list[Trial]) -> None:
+def test_the_shift_is_not_a_delay_of_the_craft(clean: list[Trial]) -> None:
     fit = fit_axis([dated_midway(t, 7) for t in clean])
     assert fit.model.delay == 0.0
     assert fit.parameters["delay"].status == "absent"
@@ -60,14 +60,14 @@ def test_the_shift_is_no_delay_of_the_craft(clean: list[Trial]) -> None:
     assert "delay-fitted" not in {d.slug for d in fit.doubts}
 
 
-def test_a_delay_beyond_what_the_stamps_allow_is_still_found(record: Callable[..., Trial]) -> None:
+def test_a_delay_beyond_what_the_stamps_allow_is_identified(record: Callable[..., Trial]) -> None:
     trials = [record(QUICK, Relay(C, 15 * DEG), 30.0, dt=STEP, delay=0.2, name=str(C)) for C in (0.08, 0.16)]
     fit = fit_axis([dated_midway(t, 3) for t in trials], structure="nonlinear")
     assert fit.model.delay == pytest.approx(0.2 + 0.5 * STEP, abs=0.01)
     assert fit.parameters["delay"].status == "fitted"
 
 
-def test_the_bound_knows_that_the_stamps_are_not_exact(clean: list[Trial]) -> None:
+def test_the_bound_includes_the_uncertainty_of_the_stamps(clean: list[Trial]) -> None:
     model, free = SingleDof("yaw", "N m", *QUICK), ("alpha", "beta_quadratic", "delta")
     runs = [dated_midway(t, 2) for t in clean]
     shifted = cramer_rao(model, runs, NOISE, free)
@@ -78,7 +78,7 @@ def test_the_bound_knows_that_the_stamps_are_not_exact(clean: list[Trial]) -> No
 
 
 @pytest.mark.parametrize("rate", [2.0, 3.0, 4.0, 10.0])
-def test_changes_of_an_output_that_a_slow_link_reports_keep_their_uncertainty(rate: float) -> None:
+def test_output_changes_reported_over_a_slow_link_keep_their_uncertainty(rate: float) -> None:
     t = np.arange(0.0, 40.0, 1.0 / rate)
     N = Channel("N", "1", t, np.where(np.arange(len(t)) // 5 % 2, 0.3, -0.3))
     psi = Channel("psi", "rad", t, np.sin(0.5 * t))

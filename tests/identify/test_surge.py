@@ -22,11 +22,11 @@ DWELL = 12.0
 def flown(model: SingleDof, square: float, levels: tuple[float, ...], seed: int, noise: float = 0.02) -> Trial:
     """Throttle steps as ``ThrottleSteps`` flies them: slewed, in steps of one percent, speed at 10 Hz."""
     t_in = np.arange(0.0, DWELL * len(levels), 0.02)
-    wish = np.array([levels[int(t / DWELL)] for t in t_in])
-    X = np.empty_like(wish)
+    required = np.array([levels[int(t / DWELL)] for t in t_in])
+    X = np.empty_like(required)
     now = levels[0]
-    for i, wanted in enumerate(wish):
-        now += np.clip(wanted - now, -0.02, 0.02)
+    for i, target in enumerate(required):
+        now += np.clip(target - now, -0.02, 0.02)
         X[i] = round(100.0 * now) / 100.0
     thrust = (1.0 - square) * X + square * X * np.abs(X)
     t = np.arange(0.0, DWELL * len(levels), 0.1)
@@ -45,7 +45,7 @@ def flown(model: SingleDof, square: float, levels: tuple[float, ...], seed: int,
     ],
     ids=["plain propeller", "half bent", "straight"],
 )
-def test_inertia_drag_and_thrust_curve_are_found_within_their_errors(model: SingleDof, square: float) -> None:
+def test_inertia_drag_and_thrust_curve_are_identified_within_their_errors(model: SingleDof, square: float) -> None:
     noise = 0.02 * max(model.steady_velocity(0.6) / 1.2, 1.0)
     fit = fit_surge([flown(model, square, levels, n, noise) for n, levels in enumerate(LEVELS)])
     std = fit.extra[CURVE]["std"]
@@ -53,14 +53,14 @@ def test_inertia_drag_and_thrust_curve_are_found_within_their_errors(model: Sing
     assert std < 0.12
     assert fit.model.alpha == pytest.approx(model.alpha, abs=4.0 * fit.parameters["alpha_u"].std)
     for throttle in (0.2, 0.4, 0.6, 0.8):
-        wanted = model.steady_velocity((1.0 - square) * throttle + square * throttle**2)
+        target = model.steady_velocity((1.0 - square) * throttle + square * throttle**2)
         q = square_of(fit)
-        assert fit.model.steady_velocity((1.0 - q) * throttle + q * throttle**2) == pytest.approx(wanted, rel=0.03)
+        assert fit.model.steady_velocity((1.0 - q) * throttle + q * throttle**2) == pytest.approx(target, rel=0.03)
     assert "one-sided-input" not in {d.slug for d in fit.doubts}
     assert fit.extra["largest"] == {"X": 0.8}
 
 
-def test_the_curve_told_is_the_bottom_of_the_valley_and_its_error_a_rise_of_one() -> None:
+def test_the_reported_thrust_curve_is_the_minimum_and_its_error_a_rise_of_one() -> None:
     """Beside shares far away, where the valley is steeper to one side, the bottom is missed by 2.5 standard errors."""
     levels = ((0.4, 0.18, 0.54, 0.0, 0.4), (0.4, 0.0, 0.54, 0.28, 0.4))
     runs = [flown(SingleDof("surge", "1", 0.378, 0.266), 0.0, level, n) for n, level in enumerate(levels)]
@@ -75,7 +75,7 @@ def test_the_curve_told_is_the_bottom_of_the_valley_and_its_error_a_rise_of_one(
     assert [samples * (side / least - 1.0) for side in sides] == pytest.approx([1.0, 1.0], abs=0.1)
 
 
-def test_a_current_that_outdoes_the_slowest_throttle_is_taken_off_and_said() -> None:
+def test_a_current_above_the_slowest_speed_is_removed_and_reported() -> None:
     """Over ground the coasting boat goes on for ever one way, and backwards the other."""
     model, water, runs = SingleDof("surge", "1", 4.0, 0.0, 0.444), 0.3, []
     for n, (levels, psi) in enumerate(zip(LEVELS, (0.0, np.pi), strict=True)):
@@ -95,7 +95,7 @@ def test_a_current_that_outdoes_the_slowest_throttle_is_taken_off_and_said() -> 
     assert any(d.slug == "set-along-the-track" and "0.3" in d.cause for d in fit.doubts)
 
 
-def test_a_surge_model_with_its_curve_is_a_model_file(tmp_path) -> None:
+def test_a_surge_model_is_saved_with_its_thrust_curve(tmp_path) -> None:
     model = SingleDof("surge", "1", 4.0, 0.0, 0.444)
     fit = fit_surge([flown(model, 1.0, levels, n) for n, levels in enumerate(LEVELS)])
     path = tmp_path / "model.json"
@@ -105,14 +105,14 @@ def test_a_surge_model_with_its_curve_is_a_model_file(tmp_path) -> None:
     assert curve["share"] == pytest.approx(1.0, abs=0.1)
 
 
-def test_bending_leaves_full_throttle_and_the_sign_alone() -> None:
+def test_the_thrust_curve_keeps_full_throttle_and_sign() -> None:
     X = Channel("X", "1", np.arange(4.0), np.array([-1.0, -0.5, 0.5, 1.0]))
     assert bent(Trial("t", {"X": X}), 1.0)["X"].values == pytest.approx([-1.0, -0.25, 0.25, 1.0])
 
 
 @pytest.mark.slow
-def test_identify_finds_the_curve_in_runs_flown_for_it_and_predicts_with_it(tmp_path: Path) -> None:
-    """What a plain fit makes of the same runs explains far less."""
+def test_identify_fits_the_thrust_curve_and_predicts_with_it(tmp_path: Path) -> None:
+    """A plain fit of the same runs explains far less."""
     model = SingleDof("surge", "1", 4.0, 0.0, 0.444)
     runs = [flown(model, 1.0, levels, n) for n, levels in enumerate(LEVELS)]
     meant = [replace(run, meta={"thrust_curve": True, "dof": "surge"}) for run in runs]
@@ -148,9 +148,7 @@ def on_heading(run: Trial, heading: float, water: float) -> Trial:
 @pytest.mark.parametrize(
     "water", [0.0, pytest.param(0.02, marks=pytest.mark.slow), 0.15, pytest.param(-0.3, marks=pytest.mark.slow)]
 )
-def test_any_run_on_the_way_back_shows_the_current_beside_what_the_way_out_foretells(
-    water: float, square: float
-) -> None:
+def test_a_run_in_the_opposite_direction_shows_the_current(water: float, square: float) -> None:
     model = SingleDof("surge", "1", 4.0, 0.0, 0.444) if square else SingleDof("surge", "1", 0.4, 0.3, 0.0)
     out, back = (on_heading(flown(model, square, LEVELS[n], n), n * np.pi, water) for n in (0, 1))
     fit = fit_surge([out])
@@ -160,11 +158,11 @@ def test_any_run_on_the_way_back_shows_the_current_beside_what_the_way_out_foret
     assert found.is_none is (abs(water) < 0.03)
     assert set_on_the_way_back(fit, out, on_heading(back, 1.0, 0.0)) is None, "no way back"
     assert set_on_the_way_back(fit, out, replace(back, channels={"psi": back["psi"]})) is None
-    told = [d.slug for d in fit_surge([out], along=found).doubts]
-    assert ("set-along-the-track" in told) is (abs(water) > 0.05)
+    result = [d.slug for d in fit_surge([out], along=found).doubts]
+    assert ("set-along-the-track" in result) is (abs(water) > 0.05)
 
 
-def test_the_cure_of_a_one_sided_input_along_the_boat_is_no_zig_zag() -> None:
+def test_the_cure_of_a_one_sided_surge_input_is_throttle_steps() -> None:
     fit = fit_axis([flown(SingleDof("surge", "1", 0.4, 0.3, 0.0), 0.0, LEVELS[0], 0, 0.02)], dof="surge")
     cures = [d.cure for d in fit.doubts if d.slug == "one-sided-input"]
     assert cures

@@ -15,7 +15,7 @@ from gcs_autotune.report.study.tables import unseen_table
 from gcs_autotune.trial import Channel, Mark, Trial
 
 ALPHA, BETA = 8.0, 100.0
-"""The craft: alpha du/dt + beta |u| u = X, X a share of full output."""
+"""The craft: alpha du/dt + beta |u| u = X, X a normalised output."""
 TICK, C, X_A = 0.1, 0.3, 0.1
 
 
@@ -56,7 +56,7 @@ def without(trial: Trial, *names: str) -> Trial:
 
 
 @pytest.mark.parametrize("heading", [0.0, 1.2, math.pi / 2.0, 3.0])
-def test_a_right_model_of_surge_predicts_the_way_made_good_on_any_heading(heading: float) -> None:
+def test_a_correct_surge_model_predicts_the_distance_ahead_on_any_heading(heading: float) -> None:
     run = without(swung(heading=heading), "d")
     fit = fit_axis(run, dof="surge")
     found = validate(fit.model, run)
@@ -66,7 +66,7 @@ def test_a_right_model_of_surge_predicts_the_way_made_good_on_any_heading(headin
     assert row[1] == "x, distance ahead"
 
 
-def test_a_track_that_is_no_line_is_left_out_where_the_speed_shows_surge() -> None:
+def test_a_curved_track_is_left_out_if_the_speed_shows_surge() -> None:
     run = without(swung(), "d")
     t = run["psi"].t
     turning = replace(run, channels={**run.channels, "psi": Channel("psi", "rad", t, 0.05 * t)})
@@ -75,7 +75,7 @@ def test_a_track_that_is_no_line_is_left_out_where_the_speed_shows_surge() -> No
     assert not [n for n in segment.notes if n.slug == "not-straight"]
 
 
-def test_a_relay_on_the_distance_is_read_off_the_distance_though_a_speed_was_recorded() -> None:
+def test_a_relay_on_the_distance_is_analysed_by_distance_although_speed_was_recorded() -> None:
     run = swung(period=1.0)
     (cycle,) = find_cycles(run, "surge")
     switched = [abs(float(m.detail["x"])) for m in run.marks][-2 * cycle.periods :]
@@ -88,7 +88,7 @@ def test_a_relay_on_the_distance_is_read_off_the_distance_though_a_speed_was_rec
     assert by_iso.parameters["beta_uu"].value == pytest.approx(BETA, rel=0.25)
 
 
-def test_repeated_messages_of_a_slow_rangefinder_are_no_measurements() -> None:
+def test_repeated_messages_of_a_slow_rangefinder_are_not_measurements() -> None:
     run = without(swung(period=1.0), "u", "x", "y")
     (segment,) = prepare(run, "surge")
     assert len(segment.signals["x"].t) == pytest.approx(100, abs=1)

@@ -1,4 +1,4 @@
-"""What each method can take, held against the table in docs/identify.md: stamps, rounding, outliers, delay, effects."""
+"""What each method supports, as in the table of docs/identify.md: stamps, rounding, outliers, delay, effects."""
 
 from __future__ import annotations
 
@@ -61,22 +61,22 @@ def spoilt(record: Callable[..., Trial]) -> Trial:
     return dataclasses.replace(run, channels={"N": run["N"], "r": dataclasses.replace(run["r"], values=values)})
 
 
-def test_the_table_in_the_docs_is_that_of_the_code() -> None:
+def test_the_table_in_the_docs_matches_the_code() -> None:
     rows = [line.strip()[1:-1].split("|") for line in DOCS.read_text(encoding="utf-8").splitlines()]
     head = next(i for i, row in enumerate(rows) if [c.strip() for c in row] == ["method", *COLUMNS])
-    told = {}
+    result = {}
     for row in rows[head + 2 :]:
         if len(row) != len(COLUMNS) + 1:
             break
         marks = [cell.strip() for cell in row[1:]]
         for name in row[0].replace("`", "").split(","):
-            told[name.strip()] = {b for b, mark in zip(COLUMNS.values(), marks, strict=True) if mark == "yes"}
-    assert told == {name: set(method.bears) for name, method in METHODS.items()}
+            result[name.strip()] = {b for b, mark in zip(COLUMNS.values(), marks, strict=True) if mark == "yes"}
+    assert result == {name: set(method.bears) for name, method in METHODS.items()}
 
 
 @pytest.mark.parametrize("form", [False, True], ids=["axis", "form"])
 @pytest.mark.parametrize("name", bearing("stamps"))
-def test_stamps_that_are_early_bias_no_method_that_bears_them(name: str, form: bool, dated: list[Trial]) -> None:
+def test_early_stamps_do_not_bias_methods_that_support_them(name: str, form: bool, dated: list[Trial]) -> None:
     found = fit(dated, FORM, name, delay=0.0) if form else fit(dated, "nonlinear", name, dof="yaw", delay=0.0)
     inertia = found.parameters["N_rdot" if form else "alpha_r"]
     assert abs(abs(inertia.value) - QUICK[0]) < 4.0 * inertia.std < 0.05 * QUICK[0]
@@ -84,12 +84,12 @@ def test_stamps_that_are_early_bias_no_method_that_bears_them(name: str, form: b
     assert "stamps-taken-as-exact" not in {d.slug for d in found.doubts}
 
 
-def test_a_method_that_takes_stamps_as_exact_says_so(dated: list[Trial]) -> None:
+def test_a_method_that_takes_stamps_as_exact_has_a_doubt(dated: list[Trial]) -> None:
     assert "stamps-taken-as-exact" in {d.slug for d in fit(dated, method="iso", dof="yaw").doubts}
 
 
 @pytest.mark.parametrize("name", bearing("robust"))
-def test_outliers_move_no_method_that_bears_them(name: str, spoilt: Trial) -> None:
+def test_outliers_do_not_move_methods_that_support_robust_loss(name: str, spoilt: Trial) -> None:
     robust, plain = (
         fit(spoilt, "linear", name, dof="yaw", delay=0.0, loss=loss).parameters["alpha_r"].value
         for loss in ("soft_l1", "linear")
@@ -97,7 +97,7 @@ def test_outliers_move_no_method_that_bears_them(name: str, spoilt: Trial) -> No
     assert abs(robust - SLOW[0]) < 0.5 * abs(plain - SLOW[0])
 
 
-def test_outliers_move_no_fit_with_effects_that_weighs_them(spoilt: Trial) -> None:
+def test_outliers_do_not_move_a_robust_fit_with_effects(spoilt: Trial) -> None:
     robust, plain = (
         fit(spoilt, "linear", dof="yaw", effects=["quadratic-drag@yaw"], loss=loss).parameters["N_rdot"].value
         for loss in ("soft_l1", "linear")
@@ -105,13 +105,13 @@ def test_outliers_move_no_fit_with_effects_that_weighs_them(spoilt: Trial) -> No
     assert abs(robust + SLOW[0]) < 0.5 * abs(plain + SLOW[0])
 
 
-def test_outliers_are_weighed_or_explained_but_not_both(spoilt: Trial) -> None:
+def test_outliers_cannot_be_both_down_weighted_and_explained(spoilt: Trial) -> None:
     with pytest.raises(UsageError, match="Omit --robust"):
         fit(spoilt, "linear", dof="yaw", effects=["outliers"], loss="soft_l1")
 
 
 @pytest.mark.parametrize("name", bearing("robust", able=False))
-def test_a_method_without_a_robust_loss_says_so(name: str, calm: list[Trial]) -> None:
+def test_a_method_without_a_robust_loss_has_a_doubt(name: str, calm: list[Trial]) -> None:
     found = fit(calm[0], "nonlinear", name, dof="yaw", delay=0.0, loss="soft_l1")
     assert "outliers-not-weighed" in {d.slug for d in found.doubts}
 
@@ -134,6 +134,6 @@ def test_a_coarse_compass_is_taken_as_rounding_in_every_form(form: str, calm: li
 
 
 @pytest.mark.parametrize("name", bearing("effects", able=False))
-def test_a_method_without_effects_refuses_them(name: str, calm: list[Trial]) -> None:
+def test_a_method_without_effects_rejects_them(name: str, calm: list[Trial]) -> None:
     with pytest.raises(UsageError, match="output-error"):
         fit(calm[0], "nonlinear", name, dof="yaw", effects=["dead-zone@N"])

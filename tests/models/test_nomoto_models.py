@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.models import Nomoto1, Nomoto2, SingleDof, TransferFunction
 
 
-def test_first_order_and_single_dof_are_the_same_craft() -> None:
+def test_a_first_order_nomoto_model_equals_a_single_dof_model() -> None:
     craft = SingleDof("yaw", "N m", alpha=0.36, beta=0.12, delay=0.1)
     nomoto = Nomoto1.from_single_dof(craft)
     assert (nomoto.K, nomoto.T, nomoto.delay) == pytest.approx((1.0 / 0.12, 3.0, 0.1))
@@ -19,7 +19,7 @@ def test_first_order_and_single_dof_are_the_same_craft() -> None:
     assert Nomoto1.from_single_dof(SingleDof("yaw", "N m", 0.36, 0.0)).K == math.inf
 
 
-def test_the_second_order_falls_back_to_the_first_at_low_frequency() -> None:
+def test_the_second_order_approaches_the_first_at_low_frequency() -> None:
     second = Nomoto2(0.5, 6.0, 0.8, 2.0, 0.05)
     first = second.first_order()
     assert first.T == pytest.approx(4.8)
@@ -30,14 +30,14 @@ def test_the_second_order_falls_back_to_the_first_at_low_frequency() -> None:
     assert complex(second.response(1.7)) == pytest.approx(by_hand)
 
 
-def test_models_survive_their_plain_form() -> None:
+def test_models_survive_serialisation() -> None:
     for model in (Nomoto1(0.5, 2.0, 0.1), Nomoto2(0.5, 6.0, 0.8, 2.0, 0.05)):
         assert type(model).from_dict(model.to_dict()) == model
     process = TransferFunction((3.0, 1.0), (1.0, 0.9, 0.2), 1, 0.1)
     assert TransferFunction.from_dict(process.to_dict()) == process
 
 
-def test_the_control_library_sees_the_same_process() -> None:
+def test_the_control_library_gives_the_same_process() -> None:
     process = TransferFunction((3.0, 1.0), (1.0, 0.9, 0.2), 1, 0.1)
     system = process.to_control(pade=6)
     omega = 1.3

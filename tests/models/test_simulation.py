@@ -65,17 +65,15 @@ def test_sensitivities_to_every_parameter_agree_with_finite_differences(case: st
         moved = h * np.eye(7)[column]
         high, low = (simulate_explicit(q, T_IN, TAU, T_OUT) for q in (p + moved, p - moved))
         for found, up, down in ((motion.eta_by, high.eta, low.eta), (motion.nu_by, high.nu, low.nu)):
-            wanted = (up - down) / (2.0 * h)
-            scale = 1.0 + float(np.max(np.abs(wanted)))
-            assert found[:, column] == pytest.approx(wanted, rel=1e-6, abs=1e-6 * scale), COLUMNS[column]
+            expected = (up - down) / (2.0 * h)
+            scale = 1.0 + float(np.max(np.abs(expected)))
+            assert found[:, column] == pytest.approx(expected, rel=1e-6, abs=1e-6 * scale), COLUMNS[column]
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.5])
 @pytest.mark.parametrize("first", [-3.0, 0.3])
-def test_the_input_in_force_is_the_last_that_has_arrived_and_the_first_also_before_it(
-    delay: float, first: float
-) -> None:
-    """Of a craft without drag whose speed tells the impulse; one that arrives at the first stamp acts from it on."""
+def test_the_active_input_is_the_last_that_has_arrived(delay: float, first: float) -> None:
+    """A craft without drag, whose speed shows the impulse; one that arrives at the first stamp acts from it on."""
     t_in, tau = np.array([first, 0.5, 1.0, 1.5]), np.array([1.0, 10.0, 100.0, 1000.0])
     stamps = np.array([1.0, 1.25, 1.5])
     arrived = 0 if delay else 1
@@ -97,7 +95,7 @@ def test_a_series_is_evaluated_and_integrated_to_its_last_coefficient() -> None:
 
 
 @pytest.mark.parametrize("reach", [0.2, 0.19999, 0.1, 0.03, 0.004, 1e-4])
-def test_short_steps_of_few_terms_leave_no_more_than_long_ones(reach: float) -> None:
+def test_short_steps_of_few_terms_are_as_accurate_as_long_ones(reach: float) -> None:
     """With a constant force and linear drag, stamps *reach* of the time constant apart."""
     a, b, start = 2.0, 1.5, -0.4
     stamps = np.arange(40) * reach / a
@@ -110,7 +108,7 @@ def test_short_steps_of_few_terms_leave_no_more_than_long_ones(reach: float) -> 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("force", [0.0, 0.4])
-def test_a_craft_that_comes_to_rest_stays_or_turns_back_by_the_closed_forms(side: float, force: float) -> None:
+def test_a_craft_that_comes_to_rest_matches_the_closed_forms(side: float, force: float) -> None:
     """Square drag alone: tan and tanh; without a force it never quite stops."""
     c, start = 1.6, 0.7
     motion = simulate_explicit(
@@ -144,14 +142,14 @@ def test_a_runaway_is_reported_and_not_returned_as_numbers() -> None:
 
 
 @pytest.mark.parametrize(("nu", "is_finite"), [(0.999e9, True), (-0.999e9, True), (1.001e9, False), (-1.001e9, False)])
-def test_a_simulation_is_given_up_at_the_velocity_of_a_runaway(nu: float, is_finite: bool) -> None:
+def test_a_simulation_is_abandoned_at_the_runaway_velocity(nu: float, is_finite: bool) -> None:
     stamps = np.array([0.0, 0.1])
     assert simulate_explicit((1.0, 0.0, 0.0, 0.0, 0.0, 0.0, nu), T_IN, TAU, stamps).finite is is_finite
 
 
 @pytest.mark.parametrize("drag", [(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (1.0, 0.0, 1.0), (-1.0, 0.0, 1.0)])
 @pytest.mark.parametrize(("share", "is_finite"), [(0.9995, True), (1.0005, False)])
-def test_five_hundred_steps_a_stamp_may_be_taken_of_a_fifth_of_the_time_constant_each(
+def test_a_stamp_allows_500_steps_of_a_fifth_of_the_time_constant(
     drag: tuple[float, float, float], share: float, is_finite: bool
 ) -> None:
     """Of a craft at a steady speed of one: linear drag is its rate; square drag twice, and as much for the force."""
@@ -162,7 +160,7 @@ def test_five_hundred_steps_a_stamp_may_be_taken_of_a_fifth_of_the_time_constant
     assert simulate_explicit(p, np.zeros(1), np.ones(1), np.array([0.0, span])).finite is is_finite
 
 
-def test_an_input_that_came_before_the_first_stamp_has_no_part_in_the_sensitivity_to_the_delay() -> None:
+def test_inputs_before_the_first_stamp_do_not_affect_the_delay_sensitivity() -> None:
     for t_in in (np.array([-1.0, -0.5]), np.array([-1.0, -0.4])):
         motion = simulate_explicit(
             (2.0, 0.3, 0.2, 0.0, 0.4, 0.0, 0.5), t_in, np.array([5.0, 1.0]), np.array([0.0, 0.3])
@@ -170,7 +168,7 @@ def test_an_input_that_came_before_the_first_stamp_has_no_part_in_the_sensitivit
         assert not motion.nu_by[:, 4].any() and not motion.eta_by[:, 4].any()
 
 
-def test_the_explicit_parameters_are_those_per_inertia() -> None:
+def test_the_explicit_parameters_are_per_inertia() -> None:
     model = SingleDof("yaw", "N m", 0.5, 0.3, 0.2, 0.05, 0.12)
     assert explicit_parameters(model) == pytest.approx((2.0, 0.6, 0.4, 0.1, 0.12))
     stamps = np.array([0.0, 0.3, 0.9])

@@ -1,4 +1,4 @@
-"""The navigation solution of simulated logs beside the truth, and what is refused."""
+"""The navigation solution of simulated logs compared with the truth, and rejected logs."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ HERE = Path("log.csv")
 
 def solved(craft: tuple[str, tuple[str, ...]], seed: int, seconds: float = 60.0):
     """Return (solution, hidden constants, true signals at its stamps)."""
-    run, told, true = log(craft[0], seed, seconds, craft[1])
-    solution = navigate(readings_of(store_of(run, HERE), HERE), Mounting(tuple(told["centre"])))[0]
+    run, result, true = log(craft[0], seed, seconds, craft[1])
+    solution = navigate(readings_of(store_of(run, HERE), HERE), Mounting(tuple(result["centre"])))[0]
     columns = np.hstack([true.at, true.angles, true.velocity, true.rates]).T
     there = {n: np.interp(solution.t, true.t, c) for n, c in zip(solution.values, columns, strict=True)}
-    return solution, told, there
+    return solution, result, there
 
 
 @functools.cache
@@ -38,12 +38,12 @@ def boat():
     return solved(BOAT, 3)
 
 
-def off(solution: Navigation, told: dict) -> dict[str, float]:
+def off(solution: Navigation, result: dict) -> dict[str, float]:
     """Return constant -> error in standard errors."""
     found = {}
     for name, own in solution.constants.items():
         stem, _, axis = name.rpartition(" ")
-        truth = told[stem]["xyzpqr".index(axis) % 3] if stem in told else told[name]
+        truth = result[stem]["xyzpqr".index(axis) % 3] if stem in result else result[name]
         found[name] = (own.value - truth) / own.std
     return found
 
@@ -54,9 +54,9 @@ def errors(solution: Navigation, there: dict) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("craft", [BOAT, ROV], ids=["boat", "rov"])
-def test_hidden_biases_arms_and_delays_are_found(craft):
-    solution, told, _ = boat() if craft is BOAT else solved(craft, 1)
-    z = off(solution, told)
+def test_hidden_biases_lever_arms_and_delays_are_identified(craft):
+    solution, result, _ = boat() if craft is BOAT else solved(craft, 1)
+    z = off(solution, result)
     assert max(abs(v) for v in z.values()) < 3.5, z
     known = [n for n, c in solution.constants.items() if c.is_determined]
     assert {"gyro bias r", "accelerometer bias x", "compass delay"} <= set(known)
@@ -74,7 +74,7 @@ def test_velocity_at_the_centre_of_gravity_has_the_stated_error():
     assert 0.8 < solution.nis < 1.2
 
 
-def test_what_is_new_in_an_error_of_velocity_has_the_size_that_the_correlation_times_give():
+def test_innovations_of_velocity_errors_match_the_correlation_times():
     solution, _, there = boat()
     assert np.all(solution.memories["r"] < 0.1)
     for name in ("u", "v"):
@@ -85,11 +85,11 @@ def test_what_is_new_in_an_error_of_velocity_has_the_size_that_the_correlation_t
         assert np.sqrt(np.mean(new**2)) == pytest.approx(1.0, abs=0.25), name
 
 
-def test_a_turn_of_the_compass_about_z_is_not_told_from_its_offset():
-    solution, told, _ = boat()
+def test_a_compass_rotation_about_z_is_not_distinguished_from_its_offset():
+    solution, result, _ = boat()
     turn, offset = solution.constants["compass turn z"], solution.constants["compass offset"]
     assert turn.std > 0.4 * turn.prior
-    there = turn.value - told["compass turn"][2] + offset.value - told["compass offset"]
+    there = turn.value - result["compass turn"][2] + offset.value - result["compass offset"]
     assert abs(there) < 0.25 * turn.std
 
 
@@ -109,7 +109,7 @@ def test_a_dvl_adds_no_information_about_the_heading():
     assert not own.is_determined
 
 
-def test_a_longer_gap_of_the_inertial_sensor_separates_stretches():
+def test_a_longer_gap_of_the_inertial_sensor_splits_the_log():
     run, _, _ = log(*BOAT[:1], 3, 60.0, BOAT[1])
     kept = {
         n: replace(c, t=c.t[keep], values=c.values[keep]) if n.startswith("imu") else c
@@ -135,17 +135,17 @@ def table(tmp_path: Path, **changes) -> Path:
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     assert main(["navigate", *map(str, arguments)]) != 0
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    return told
+    result = capsys.readouterr().err
+    assert result.count("\n") == 1
+    return result
 
 
 def test_the_command_writes_runs_that_identify_reads(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run, told, true = log("tugboat", 3, 60.0, BOAT[1])
+    run, result, true = log("tugboat", 3, 60.0, BOAT[1])
     force = Channel("N", "1", true.t[::100], np.sin(true.t[::100]))
     save_trial(replace(run, channels={**run.channels, "N": force}), tmp_path / "log.csv")
-    centre = ",".join(f"{x:.4f}" for x in told["centre"])
+    centre = ",".join(f"{x:.4f}" for x in result["centre"])
     assert main(["navigate", "log.csv", f"--centre={centre}"]) == 0
     assert "expected 1" in capsys.readouterr().out
     (got,) = load_runs(tmp_path / "runs" / "navigated-log")
@@ -156,48 +156,48 @@ def test_the_command_writes_runs_that_identify_reads(tmp_path, capsys, monkeypat
 def test_json_contains_every_constant(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["navigate", str(table(tmp_path)), "--json", "--out", "runs"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["solutions"][0]["constants"]["gps delay"]["determined"] is True
-    assert told["not_determined"] == []
+    result = json.loads(capsys.readouterr().out)
+    assert result["solutions"][0]["constants"]["gps delay"]["determined"] is True
+    assert result["not_determined"] == []
 
 
-def test_a_log_without_an_inertial_sensor_is_refused(tmp_path, capsys):
-    told = refused(capsys, table(tmp_path, imu=None))
-    assert "log.csv contains no inertial sensor" in told and "LOG_BITMASK" in told
+def test_a_log_without_an_inertial_sensor_is_rejected(tmp_path, capsys):
+    result = refused(capsys, table(tmp_path, imu=None))
+    assert "log.csv contains no inertial sensor" in result and "LOG_BITMASK" in result
 
 
-def test_a_log_without_accelerometer_is_refused(tmp_path, capsys):
+def test_a_log_without_an_accelerometer_is_rejected(tmp_path, capsys):
     assert "a gyro but no accelerometer" in refused(capsys, table(tmp_path, imu_a=None))
 
 
-def test_a_log_without_heading_is_refused(tmp_path, capsys):
-    told = refused(capsys, table(tmp_path, compass=None))
-    assert "contains no heading" in told and "compass" in told
+def test_a_log_without_a_heading_is_rejected(tmp_path, capsys):
+    result = refused(capsys, table(tmp_path, compass=None))
+    assert "contains no heading" in result and "compass" in result
 
 
-def test_an_accelerometer_in_g_is_refused(tmp_path, capsys):
-    told = refused(capsys, table(tmp_path, imu_a=lambda c: replace(c, values=c.values / 9.81)))
-    assert "check the unit of imu.ax" in told.lower()
+def test_an_accelerometer_in_g_is_rejected(tmp_path, capsys):
+    result = refused(capsys, table(tmp_path, imu_a=lambda c: replace(c, values=c.values / 9.81)))
+    assert "check the unit of imu.ax" in result.lower()
 
 
-def test_a_slow_inertial_sensor_is_refused(tmp_path, capsys):
-    told = refused(capsys, table(tmp_path, imu=lambda c: replace(c, t=c.t[::10], values=c.values[::10])))
-    assert "5 Hz" in told and "10 Hz" in told
+def test_a_slow_inertial_sensor_is_rejected(tmp_path, capsys):
+    result = refused(capsys, table(tmp_path, imu=lambda c: replace(c, t=c.t[::10], values=c.values[::10])))
+    assert "5 Hz" in result and "10 Hz" in result
 
 
-def test_a_clock_that_goes_back_is_refused(tmp_path, capsys):
+def test_a_clock_that_goes_back_is_rejected(tmp_path, capsys):
     path = table(tmp_path)
     lines = path.read_text().splitlines()
     path.write_text("\n".join([*lines[:2000], *lines[1000:]]) + "\n")
-    told = refused(capsys, path)
-    assert "log.csv" in told and "back" in told
+    result = refused(capsys, path)
+    assert "log.csv" in result and "back" in result
 
 
 @pytest.mark.parametrize("place", ["400,0,-600", "0.4,0", "a,b,c", "nan,0,0"])
-def test_a_lever_arm_that_is_not_in_metres_is_refused(tmp_path, capsys, place):
-    told = refused(capsys, tmp_path / "log.csv", "--arm", f"gps={place}")
-    assert "--arm gps" in told
-    assert "Write 0.4,0,-0.6" in told or "Write e.g. 0.4,0,-0.6" in told
+def test_a_lever_arm_that_is_not_in_metres_is_rejected(tmp_path, capsys, place):
+    result = refused(capsys, tmp_path / "log.csv", "--arm", f"gps={place}")
+    assert "--arm gps" in result
+    assert "Write 0.4,0,-0.6" in result or "Write e.g. 0.4,0,-0.6" in result
 
 
 def test_samples_with_a_larger_standard_deviation_weigh_less_in_identify():
@@ -211,8 +211,8 @@ def test_samples_with_a_larger_standard_deviation_weigh_less_in_identify():
     std = np.where(t < 30.0, 0.005, 0.2)
     noisy = r + std * rng.standard_normal(len(t))
     plain = {"N": Channel("N", "N m", t, force), "r": Channel("r", "rad/s", t, noisy)}
-    told = {**plain, "std_r": Channel("std_r", "rad/s", t, std)}
-    fits = [fit(Trial("run", c), dof="yaw", structure="linear") for c in (plain, told)]
+    result = {**plain, "std_r": Channel("std_r", "rad/s", t, std)}
+    fits = [fit(Trial("run", c), dof="yaw", structure="linear") for c in (plain, result)]
     errors = [abs(f.model.alpha - 3.0) for f in fits]
     stds = [f.parameters["alpha_r"].std for f in fits]
     assert stds[1] < 0.3 * stds[0]
@@ -235,15 +235,15 @@ def test_intervals_cover_the_truth_if_the_run_contains_the_correlation_time_of_i
             error[i] = alike * error[i - 1] + math.sqrt(1.0 - alike**2) * new[i]
         plain = {"N": Channel("N", "N m", t, force), "r": Channel("r", "rad/s", t, r + size * error)}
         plain["std_r"] = Channel("std_r", "rad/s", t, np.full(len(t), size))
-        told = {**plain, "memory_r": Channel("memory_r", "s", t, np.full(len(t), 20.0))}
-        for j, channels in enumerate((plain, told)):
+        result = {**plain, "memory_r": Channel("memory_r", "s", t, np.full(len(t), 20.0))}
+        for j, channels in enumerate((plain, result)):
             alpha = fit(Trial("run", channels), dof="yaw", structure="linear").parameters["alpha_r"]
             misses[seed, j], inside[seed, j] = alpha.value - 3.0, abs(alpha.value - 3.0) < 2.5 * alpha.std
     assert np.all(inside[:, 1])
     assert np.sqrt(np.mean(misses[:, 1] ** 2)) < 0.7 * np.sqrt(np.mean(misses[:, 0] ** 2))
 
 
-def test_common_errors_are_a_part_of_the_standard_deviations_and_that_of_a_turn_rate_is_the_bias_of_its_gyro():
+def test_common_errors_are_part_of_the_standard_deviations():
     solution, *_ = boat()
     causes = {own.shape for own in solution.common.values()}
     assert len(causes) == 1
@@ -296,8 +296,8 @@ def onboard(run: Trial, path: Path) -> Path:
         table = {"VISO": 0.25 * table, "BARO": -table}.get(kind, table)
         middle = {"VISO": "0.25, ", "BARO": "1, "}.get(kind, "0, " if ",I," in columns else "")
         for t, values in zip(run[f"{group}.{names[0]}"].t, table, strict=True):
-            told = ", ".join(f"{v:.9g}" for v in values)
-            rows.append((t, f"{kind}, {round(t * 1e6)}, {middle}{told}"))
+            result = ", ".join(f"{v:.9g}" for v in values)
+            rows.append((t, f"{kind}, {round(t * 1e6)}, {middle}{result}"))
             if kind == "BARO":
                 rows.append((t, f"{kind}, {round(t * 1e6)}, 0, 3.5"))
     path.write_text("\n".join([*lines, *(row for _, row in sorted(rows, key=lambda r: r[0]))]) + "\n")
@@ -307,41 +307,41 @@ def onboard(run: Trial, path: Path) -> Path:
 def test_an_onboard_log_gives_the_same_solution_as_its_table(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run, _, _ = log(ROV[0], 2, 30.0, ROV[1])
-    wanted = navigate(readings_of(store_of(run, HERE), HERE))[0]
+    expected = navigate(readings_of(store_of(run, HERE), HERE))[0]
     assert main(["navigate", str(onboard(run, tmp_path / "dive.log")), "--json"]) == 0
-    (told,) = json.loads(capsys.readouterr().out)["solutions"]
-    assert set(told["sensors"]) == {"compass", "DVL", "depth"}
+    (result,) = json.loads(capsys.readouterr().out)["solutions"]
+    assert set(result["sensors"]) == {"compass", "DVL", "depth"}
     for name in ("gyro bias r", "dvl delay", "depth delay"):
-        assert told["constants"][name]["value"] == pytest.approx(wanted.constants[name].value, abs=1e-3)
+        assert result["constants"][name]["value"] == pytest.approx(expected.constants[name].value, abs=1e-3)
 
 
 def telemetry(run: Trial, path: Path, every: int = 1) -> Path:
     """Write a simulated trip as a telemetry log. every : keep each such sample of the inertial sensor."""
     writer, frames = mavlink.MAVLink(None, 1, 1), []
 
-    def heard(t: float, message) -> None:
+    def received(t: float, message) -> None:
         frames.append((t, bytes(message.pack(writer))))
 
     def rows(group: str, *names: str) -> np.ndarray:
         return np.column_stack([run[f"{group}.{n}"].values for n in names])
 
     for t in np.arange(0.0, 30.0, 1.0):
-        heard(t, mavlink.MAVLink_heartbeat_message(11, 3, 128, 0, 4, 3))
+        received(t, mavlink.MAVLink_heartbeat_message(11, 3, 128, 0, 4, 3))
     t = run["imu.p"].t[::every]
     rates, forces = rows("imu", "p", "q", "r")[::every] * 1e3, rows("imu", "ax", "ay", "az")[::every] / 9.80665e-3
     stamps, field = run["compass.mx"].t, rows("compass", "mx", "my", "mz") * 10.0
     fields = np.column_stack([np.interp(t, stamps, column) for column in field.T])
     for own, *values in zip(t, *(np.round(a).astype(int) for a in (forces, rates, fields)), strict=True):
-        heard(own, mavlink.MAVLink_raw_imu_message(round(own * 1e6), *np.concatenate(values).tolist()))
-        heard(own, mavlink.MAVLink_attitude_message(round(own * 1e3), 0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
+        received(own, mavlink.MAVLink_raw_imu_message(round(own * 1e6), *np.concatenate(values).tolist()))
+        received(own, mavlink.MAVLink_attitude_message(round(own * 1e3), 0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
     for own, (x, y, vn, ve, _) in zip(run["gps.x"].t, rows("gps", "x", "y", "vn", "ve", "vd"), strict=True):
         lat, lon = (round(value / 111319.5 * 1e7) for value in (x, y))
         course = round(math.degrees(math.atan2(ve, vn)) * 100.0) % 36000
         speed = round(100.0 * math.hypot(vn, ve))
-        heard(
+        received(
             own, mavlink.MAVLink_gps_raw_int_message(round(own * 1e6), 3, lat + 1, lon + 1, 0, 0, 0, speed, course, 9)
         )
-        heard(own, mavlink.MAVLink_local_position_ned_message(round(own * 1e3), x, y, 0.0, vn, ve, 0.0))
+        received(own, mavlink.MAVLink_local_position_ned_message(round(own * 1e3), x, y, 0.0, vn, ve, 0.0))
     frames.sort(key=lambda frame: frame[0])
     path.write_bytes(b"".join(struct.pack(">Q", round((1.6e9 + t) * 1e6)) + frame for t, frame in frames))
     return path
@@ -349,17 +349,17 @@ def telemetry(run: Trial, path: Path, every: int = 1) -> Path:
 
 def test_a_telemetry_log_with_a_fast_inertial_sensor_is_navigated(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run, told, _ = log("tugboat", 3, 30.0, BOAT[1])
+    run, result, _ = log("tugboat", 3, 30.0, BOAT[1])
     assert main(["navigate", str(telemetry(run, tmp_path / "trip.tlog", 2)), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     (solution,) = found["solutions"]
-    assert solution["constants"]["gyro bias r"]["value"] == pytest.approx(told["gyro bias"][2], abs=2e-3)
-    assert solution["constants"]["gps delay"]["value"] == pytest.approx(told["gps delay"], abs=0.1)
+    assert solution["constants"]["gyro bias r"]["value"] == pytest.approx(result["gyro bias"][2], abs=2e-3)
+    assert solution["constants"]["gps delay"]["value"] == pytest.approx(result["gps delay"], abs=0.1)
     assert set(found["autopilot_rms_difference"]) == {"phi", "theta", "psi", "vn", "ve", "x", "y", "z"}
     assert 0.1 < found["autopilot_rms_difference"]["x"] < 1.5
 
 
-def test_a_telemetry_log_at_the_usual_rate_is_refused_with_the_parameter_to_set(tmp_path, capsys):
+def test_a_telemetry_log_at_the_usual_rate_is_rejected_with_the_parameter_to_set(tmp_path, capsys):
     run, _, _ = log("tugboat", 3, 30.0, BOAT[1])
-    told = refused(capsys, telemetry(run, tmp_path / "trip.tlog", 25))
-    assert "2 Hz" in told and "SR0_RAW_SENS" in told
+    result = refused(capsys, telemetry(run, tmp_path / "trip.tlog", 25))
+    assert "2 Hz" in result and "SR0_RAW_SENS" in result

@@ -1,4 +1,4 @@
-"""Relays on the set-point tell the heading loop as it is: natural frequency and damping of one that is known."""
+"""Relays on the set-point identify the heading loop: natural frequency and damping of a known one."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def flown(craft: PondCraft, relays: dict[str, float] = RELAYS) -> Trial:
     return kept[0]
 
 
-def test_a_loop_of_second_order_is_read_off_two_relays_on_its_set_point() -> None:
+def test_a_second_order_loop_is_identified_from_two_relays_on_its_set_point() -> None:
     # the pond's autopilot: psi'' + (0.8 + 1) psi' + 2 psi = 2 psi_ref
     (sheet,) = ship_figures(flown(PondCraft()))
     assert sheet["natural-frequency"].reading.value == pytest.approx(math.sqrt(2.0), rel=0.02)
@@ -43,7 +43,7 @@ def test_a_loop_of_second_order_is_read_off_two_relays_on_its_set_point() -> Non
     assert sheet.doubts == ()
 
 
-def test_the_depth_loop_is_read_likewise() -> None:
+def test_the_depth_loop_is_identified_in_the_same_way() -> None:
     # the pond's autopilot has the same loop in depth
     relays = {"set-point": 0.17, "hysteresis": 0.05, "second-set-point": 0.1, "second-hysteresis": 0.05}
     kind = MANOEUVRES["set-point-relay"].of("Z")
@@ -62,7 +62,7 @@ def test_the_depth_loop_is_read_likewise() -> None:
 
 
 @pytest.mark.parametrize(("force", "signal"), [("N", "psi"), ("Z", "z"), ("X", "u")])
-def test_a_loop_that_does_not_follow_is_given_up_by_its_own_name(force: str, signal: str) -> None:
+def test_a_loop_that_does_not_follow_is_abandoned_and_reported(force: str, signal: str) -> None:
     kind = MANOEUVRES["set-point-relay"].of(force)
     assert kind.make is not None
     options = {name: limit_of(name, kind.axis) for name in kind.options}
@@ -75,7 +75,7 @@ def test_a_loop_that_does_not_follow_is_given_up_by_its_own_name(force: str, sig
     assert manoeuvre.signal == signal
 
 
-def test_a_relay_that_would_stop_the_boat_is_refused() -> None:
+def test_a_relay_that_would_stop_the_boat_is_rejected() -> None:
     kind = MANOEUVRES["set-point-relay"].of("X")
     assert kind.make is not None
     sizes = {"set-point": 0.6, "hysteresis": 0.1, "second-set-point": 0.3, "second-hysteresis": 0.1}
@@ -91,7 +91,7 @@ def test_a_loop_whose_steering_is_at_its_limit_is_doubted() -> None:
     assert "saturated" in {d.slug for d in sheet.doubts}
 
 
-def test_what_the_craft_does_after_the_last_switch_is_not_held_against_the_loop() -> None:
+def test_motion_after_the_last_switch_does_not_count() -> None:
     run = flown(PondCraft())
     last = max(m.t for m in run.marks if m.kind == "switch")
     t = np.arange(last + 0.05, last + 6.0, 0.05)
@@ -102,7 +102,7 @@ def test_what_the_craft_does_after_the_last_switch_is_not_held_against_the_loop(
     assert same.doubts == ()
 
 
-def test_a_loop_that_stands_beside_its_course_is_read_from_where_it_stands() -> None:
+def test_a_loop_with_a_steady_error_is_identified_about_its_offset() -> None:
     run = flown(PondCraft())
     psi, began = run["psi"], next(m.t for m in run.marks if m.kind == "relay")
     t = np.maximum(psi.t - began, 0.0)
@@ -114,9 +114,9 @@ def test_a_loop_that_stands_beside_its_course_is_read_from_where_it_stands() -> 
     assert sheet.doubts == ()
 
 
-def swung(b_1: float, a: tuple[float, float, float], noise: float) -> Trial:
+def oscillating_loop(b_1: float, a: tuple[float, float, float], noise: float) -> Trial:
     """Return two relays (20, 5), (15, 5) degrees on the set-point of (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1), which
-    had swung for 40 s before the record begins, at 10 Hz, with *noise* [rad] on psi.
+    had oscillated for 40 s before the record begins, at 10 Hz, with *noise* [rad] on psi.
     """
     A = np.zeros((4, 4))
     A[0, 1] = A[1, 2] = 1.0
@@ -138,18 +138,18 @@ def swung(b_1: float, a: tuple[float, float, float], noise: float) -> Trial:
     return Trial("r", channels, tuple(marks), meta=meta).between(40.0, 160.0)
 
 
-def test_a_loop_with_a_slow_integral_that_is_under_way_when_the_record_begins_is_read_as_it_is() -> None:
-    a = (22.0, 141.9, 392.5)  # Charlie's under gains that keep her rudder off its stops
+def test_a_loop_already_oscillating_with_a_slow_integral_is_identified() -> None:
+    a = (22.0, 141.9, 392.5)  # Charlie's with gains that keep its rudder off its stops
     truth = oscillation_of(TransferFunction((1.0, 20.0), (1.0, *a)))
-    (sheet,) = ship_figures(swung(20.0, a, math.radians(0.25)))
+    (sheet,) = ship_figures(oscillating_loop(20.0, a, math.radians(0.25)))
     for slug, true in zip(("natural-frequency", "damping"), truth, strict=True):
-        told = sheet[slug].reading
-        assert told.std < 0.2 * true  # 18 % and 5 % at the optimum itself
-        assert abs(told.value - true) < 3.0 * told.std
+        result = sheet[slug].reading
+        assert result.std < 0.2 * true  # 18 % and 5 % at the optimum itself
+        assert abs(result.value - true) < 3.0 * result.std
 
 
-def test_a_loop_is_read_the_same_whatever_the_last_bits_of_a_record() -> None:
-    run = swung(20.0, (22.0, 141.9, 392.5), math.radians(0.25))
+def test_rounding_errors_of_a_record_do_not_change_the_result() -> None:
+    run = oscillating_loop(20.0, (22.0, 141.9, 392.5), math.radians(0.25))
     psi = run["psi"]
     beside = replace(run, channels={**run.channels, "psi": replace(psi, values=psi.values * (1.0 + 1e-13))})
     (one,), (other,) = ship_figures(run), ship_figures(beside)
@@ -159,41 +159,41 @@ def test_a_loop_is_read_the_same_whatever_the_last_bits_of_a_record() -> None:
         assert b.std == pytest.approx(a.std, rel=0.05)
 
 
-def test_a_third_pole_too_quick_to_show_takes_nothing_from_what_is_known_of_the_others() -> None:
-    (sheet,) = ship_figures(swung(0.0, (1.0, 1.0, 1e-6), math.radians(0.25)))
+def test_an_unidentifiable_fast_pole_does_not_worsen_the_other_figures() -> None:
+    (sheet,) = ship_figures(oscillating_loop(0.0, (1.0, 1.0, 1e-6), math.radians(0.25)))
     assert sheet["natural-frequency"].reading.value == pytest.approx(1.0, rel=0.03)
     assert sheet["natural-frequency"].reading.std < 0.05
     assert sheet["overshoot"].reading.value == pytest.approx(0.163, abs=0.03)
     assert sheet["overshoot"].reading.std < 0.1
 
 
-def test_where_the_smaller_relay_is_explained_worse_a_larger_one_is_advised() -> None:
+def test_a_larger_relay_is_advised_if_the_smaller_one_fits_worse() -> None:
     assert "dead zone" in _not_linear((0.9, 0.6, 0.8)).cause
     assert "larger" in _not_linear((0.9, 0.6, 0.8)).cure
     assert "saturation" in _not_linear((0.6, 0.9, 0.8)).cause
     assert "another structure" in _not_linear((0.8, 0.82, 0.8)).cause
 
 
-def test_the_verdict_names_an_overshoot_that_a_damping_ratio_hides() -> None:
+def test_the_verdict_reports_an_overshoot_hidden_by_the_damping_ratio() -> None:
     assert "overshoots a step by 40 %" in _verdict((0.8, 0.1), (0.4, 0.1), "heading")
     assert "well damped" in _verdict((0.8, 0.1), (0.1, 0.1), "heading")
     assert "oscillates" in _verdict((0.1, 0.05), (0.7, 0.3), "heading")
     assert "do not determine" in _verdict((math.nan, math.nan), (0.3, 0.7), "heading")
 
 
-def test_one_relay_is_too_few_for_the_loop() -> None:
+def test_a_loop_needs_two_relays() -> None:
     run = flown(PondCraft())
     second = [m for m in run.marks if m.kind == "relay"][1]
     with pytest.raises(NotInformative, match="has 1 relay on"):
         ship_figures(replace(run, marks=tuple(m for m in run.marks if m is not second)))
 
 
-def test_a_step_that_takes_longer_than_the_relays_is_left_out_with_its_damping(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a BlueBoat's tuned loop: 677 s to settle, read from 25 s of relays of five degrees."""
+def test_step_figures_longer_than_the_relays_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A BlueBoat's tuned loop: 677 s to settle, from 25 s of relays of five degrees."""
     slow = np.poly([-0.005, -2.0 + 4.0j, -2.0 - 4.0j]).real[::-1]
     loop = TransferFunction((1.0, 120.0), tuple(slow / slow[0]))
     monkeypatch.setattr(closed_loop, "_loop", lambda *_: (loop, [0.95, 0.95, 0.95], np.array([0.1, 0.01, 0.0])))
-    (sheet,) = ship_figures(swung(0.0, (1.0, 1.0, 1e-6), 0.0))
+    (sheet,) = ship_figures(oscillating_loop(0.0, (1.0, 1.0, 1e-6), 0.0))
     assert [doubt.slug for doubt in sheet.doubts] == ["slower-than-relays"]
     assert "but the relays took only 120 s" in sheet.doubts[0].cause
     assert not {"damping", "overshoot", "rise", "settling"} & {figure.slug for figure in sheet.figures}

@@ -1,4 +1,4 @@
-"""Every standard manoeuvre of the table, flown on paper by a craft that is known: its figures are that craft's."""
+"""Every standard manoeuvre of the table, flown by a simulated craft: its figures match that craft."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def value(sheet: Sheet, slug: str) -> float:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_turning_circle_to_either_side_has_the_crafts_rate_and_diameter_and_ends_in_a_pull_out(side: float) -> None:
+def test_a_turning_circle_to_either_side_has_the_crafts_rate_and_diameter(side: float) -> None:
     both = sheets("turning-circle", side=side)
     circle, rate = both["turning-circle"], (side * 0.5 + BIAS) / BETA
     assert circle.title.endswith("starboard" if side > 0.0 else "port")
@@ -63,7 +63,7 @@ def test_a_turning_circle_to_either_side_has_the_crafts_rate_and_diameter_and_en
     )
 
 
-def test_pull_outs_to_both_sides_tell_the_trim_from_instability() -> None:
+def test_pull_outs_to_both_sides_distinguish_trim_from_instability() -> None:
     sheet = sheets("pull-out")["pull-out"]
     assert value(sheet, "offset") == pytest.approx(BIAS / BETA, abs=1e-4)
     assert value(sheet, "residual-rate") == pytest.approx(0.0, abs=1e-4)
@@ -71,7 +71,7 @@ def test_pull_outs_to_both_sides_tell_the_trim_from_instability() -> None:
 
 
 @pytest.mark.parametrize("name", ["spiral", "reverse-spiral"])
-def test_a_spiral_has_the_slope_of_a_craft_that_is_stable(name: str) -> None:
+def test_a_spiral_of_a_stable_craft_has_its_slope(name: str) -> None:
     sheet = sheets(name)[name]
     assert value(sheet, "slope") == pytest.approx(1.0 / BETA / (30.0 * DEG), rel=0.01)
     assert "directionally stable" in sheet.verdict
@@ -80,7 +80,7 @@ def test_a_spiral_has_the_slope_of_a_craft_that_is_stable(name: str) -> None:
     assert helms == pytest.approx([-15, -10, -5, 0, 5, 10, 15], abs=1.0 + shift)
 
 
-def test_a_stop_takes_the_way_and_the_time_that_drag_by_the_square_says() -> None:
+def test_stopping_distance_and_time_match_quadratic_drag() -> None:
     coast, astern = (sheets("stopping", astern=a)["stopping"] for a in (0.0, 1.0))
     speed = value(coast, "approach")
     assert speed == pytest.approx(SPEED, rel=0.05)  # by then it still gains a little
@@ -95,7 +95,7 @@ def test_a_stop_takes_the_way_and_the_time_that_drag_by_the_square_says() -> Non
     assert astern["track-reach-lengths"].verdict == "meets"
 
 
-def test_a_stop_that_is_cut_off_says_so_and_keeps_the_figures_that_it_has() -> None:
+def test_an_incomplete_stop_has_a_doubt_and_keeps_its_other_figures() -> None:
     run = flown("stopping", astern=0.0)
     sheet = ship_figures(run.between(run.start, run.end - 25.0))[0]
     assert [d.slug for d in sheet.doubts] == ["not-stopped"]
@@ -104,11 +104,11 @@ def test_a_stop_that_is_cut_off_says_so_and_keeps_the_figures_that_it_has() -> N
         sheet["track-reach"]
 
 
-def test_whatever_has_figures_is_flown_under_the_same_name() -> None:
+def test_every_manoeuvre_with_figures_can_be_flown_by_its_name() -> None:
     assert set(FIGURES) <= set(MANOEUVRES)
 
 
-def test_a_stop_that_is_over_before_the_thrust_stands_at_a_level_has_its_figures() -> None:
+def test_a_stop_that_ends_before_the_thrust_settles_has_its_figures() -> None:
     run = flown("stopping", astern=0.5)
     (order,) = [m.t for m in run.marks if m.kind == "execute"]
     X = run["X"]

@@ -1,4 +1,4 @@
-"""A push by hand and its decay: period and damping of one that is known."""
+"""A push by hand and its decay: period and damping of a known craft."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def flown(craft: PondCraft, force: str) -> Trial:
 
 
 @pytest.mark.parametrize(("force", "title"), [("K", "free decay in roll"), ("M", "free decay in pitch")])
-def test_period_and_damping_are_read_off_a_decay_after_a_push_by_hand(force: str, title: str) -> None:
+def test_period_and_damping_are_identified_from_a_decay_after_a_push(force: str, title: str) -> None:
     (sheet,) = ship_figures(flown(Pushed(), force))
     assert sheet.title == title
     damped = Pushed.omega * math.sqrt(1.0 - Pushed.zeta**2)
@@ -35,7 +35,7 @@ def test_period_and_damping_are_read_off_a_decay_after_a_push_by_hand(force: str
     assert sheet["largest"].reading.value == pytest.approx(0.25, abs=0.01)
 
 
-def test_drag_by_the_square_shows_as_damping_that_grows_with_the_swing() -> None:
+def test_quadratic_drag_appears_as_damping_that_grows_with_the_amplitude() -> None:
     x, v, rows = 0.4, 0.0, []
     for k in range(6000):
         rows.append((0.01 * k, x))
@@ -46,11 +46,11 @@ def test_drag_by_the_square_shows_as_damping_that_grows_with_the_swing() -> None
     (sheet,) = ship_figures(run)
     assert [d.slug for d in sheet.doubts] == ["quadratic-damping"]
     assert sheet["damping"].reading.value == pytest.approx(0.1 / 4.0, rel=0.15)
-    # 8/(3 pi) |v|v over half a swing: what is lost is 8/3 of the size in the mean
+    # 8/(3 pi) |v|v over half a period: the mean loss is 8/3 of the amplitude
     assert sheet["quadratic"].reading.value == pytest.approx(8.0 / 3.0 / 2.0, rel=0.15)
 
 
-def test_nobody_pushing_ends_in_a_sentence_and_no_swing_in_another() -> None:
+def test_a_missing_push_or_oscillation_is_reported() -> None:
     with pytest.raises(NotInformative, match="A free decay needs 4"):
         ship_figures(Trial("still", {"phi": Channel("phi", "rad", np.arange(50.0), np.linspace(0.2, 0.0, 50))},
                            meta={"manoeuvre": "hand-release", "rest": 0.0}))  # fmt: skip

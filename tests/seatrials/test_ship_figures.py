@@ -45,7 +45,7 @@ class Bech:
         return 8.0 * error + 2.0 * self.sum
 
 
-def test_a_turning_circle_in_a_current_is_that_of_still_water():
+def test_a_turning_circle_in_a_current_has_the_figures_of_still_water():
     (still,) = ship_figures(turn(), Particulars(7.0))
     (drifting,) = ship_figures(turn(current=(0.05, -0.1), seed=3), Particulars(7.0))
     assert drifting["current"].reading.value == pytest.approx(math.hypot(0.05, 0.1), rel=0.02)
@@ -54,7 +54,7 @@ def test_a_turning_circle_in_a_current_is_that_of_still_water():
         assert abs(one.value - other.value) < 4.0 * math.hypot(one.std, other.std) + 0.01 * one.value, slug
 
 
-def test_the_steady_turn_is_what_it_was_made_with():
+def test_the_figures_of_a_steady_turn_match_the_simulation():
     (sheet,) = ship_figures(turn(), Particulars(7.0))
     speed = 1.0 - 2.0 * RATE
     assert sheet["steady-speed"].reading.value == pytest.approx(speed, rel=0.01)
@@ -65,7 +65,7 @@ def test_the_steady_turn_is_what_it_was_made_with():
 
 
 @pytest.mark.parametrize(("loss", "doubted"), [(-2.0, True), (2.0, False)])
-def test_a_circle_that_gains_speed_doubts_its_approach(loss, doubted):
+def test_a_circle_that_gains_speed_has_a_doubt_about_its_approach(loss, doubted):
     (sheet,) = ship_figures(turn(loss=loss), Particulars(7.0))
     assert (sheet["speed-loss"].reading.value < 0.0) is doubted
     assert any(d.slug == "approach-not-steady" for d in sheet.doubts) is doubted
@@ -81,7 +81,7 @@ def test_advance_and_tactical_diameter_follow_from_the_track_itself():
     assert sheet["tactical-diameter"].reading.value == pytest.approx(y[half], abs=0.1)
 
 
-def test_a_circle_to_port_mirrors_one_to_starboard_and_a_short_one_says_so():
+def test_a_circle_to_port_mirrors_one_to_starboard_and_a_short_one_has_a_doubt():
     (one,), (other,) = (
         ship_figures(turn(helm=h, duration=100.0, noise=0.0, position_noise=0.0)) for h in (20.0, -20.0)
     )
@@ -91,13 +91,13 @@ def test_a_circle_to_port_mirrors_one_to_starboard_and_a_short_one_says_so():
     assert {d.slug for d in one.doubts} >= {"current-unknown"}
 
 
-def test_a_ship_that_fails_the_turning_standard_is_told():
+def test_a_ship_that_fails_the_turning_standard_is_reported():
     (sheet,) = ship_figures(turn(), Particulars(2.5))
     assert sheet["tactical-diameter-lengths"].verdict == "fails"
     assert ship_figures(turn(), Particulars(7.0))[0]["tactical-diameter-lengths"].verdict == "meets"
 
 
-def test_a_stable_ships_spiral_is_one_line_through_its_trim():
+def test_a_stable_ships_spiral_is_one_line():
     (sheet,) = ship_figures(spiral(nomoto(0.3, 5.0, 0.01)))
     assert sheet.manoeuvre == "spiral"
     assert "directionally stable" in sheet.verdict
@@ -115,7 +115,7 @@ def test_an_unstable_ships_spiral_shows_its_loop():
 
 
 @pytest.mark.parametrize(("yaw", "word"), [(nomoto(0.3, 5.0), "stable"), (loop(0.3, 5.0, 400.0), "unstable")])
-def test_a_reverse_spiral_tells_the_same(yaw, word):
+def test_a_reverse_spiral_gives_the_same_verdict(yaw, word):
     rates = [0.08, 0.06, 0.04, 0.025, 0.012, -0.012, -0.025, -0.04, -0.06, -0.08]
     run = sail(yaw, Bech(rates, 60.0), 600.0, h=0.02, noise=0.0)
     (sheet,) = ship_figures(run, manoeuvre="reverse-spiral")
@@ -125,7 +125,7 @@ def test_a_reverse_spiral_tells_the_same(yaw, word):
         assert sheet["loop-width"].reading.value == pytest.approx(4.0 / 3.0 / math.sqrt(1200.0) / 0.3, rel=0.05)
 
 
-def test_a_pull_out_tells_stable_from_unstable_and_trim_from_both():
+def test_a_pull_out_distinguishes_stable_unstable_and_trim():
     stable = {s.manoeuvre: s for s in ship_figures(pull_out(nomoto(0.3, 5.0, 0.01)))}["pull-out"]
     assert "directionally stable" in stable.verdict
     assert stable["offset"].reading.value == pytest.approx(0.003, abs=1e-4)
@@ -134,14 +134,14 @@ def test_a_pull_out_tells_stable_from_unstable_and_trim_from_both():
     assert unstable["residual-rate"].reading.value == pytest.approx(0.05, rel=0.01)
 
 
-def test_a_pull_out_from_one_side_does_not_pretend_to_know():
+def test_a_pull_out_from_one_side_does_not_determine_stability():
     run = sail(nomoto(0.3, 5.0), plan((0, 0.0), (10, 20 * DEG), (70, 0.0)), 140.0, noise=0.003)
     (sheet,) = ship_figures(run, manoeuvre="pull-out")
     assert "not determined" in sheet.verdict
     assert "one-side" in {d.slug for d in sheet.doubts}
 
 
-def test_the_imo_limits_are_those_of_msc_137():
+def test_the_imo_limits_match_msc_137():
     assert [math.degrees(first_overshoot_limit(s)) for s in (5.0, 20.0, 40.0)] == pytest.approx([10.0, 15.0, 20.0])
     assert [math.degrees(second_overshoot_limit(s)) for s in (5.0, 20.0, 40.0)] == pytest.approx([25.0, 32.5, 40.0])
 
@@ -153,7 +153,7 @@ def test_a_figure_at_its_limit_is_left_open():
     assert judged("a", "a", Reading(math.nan, 0.1), 4.5).verdict == "open"
 
 
-def test_what_cannot_be_read_is_said():
+def test_records_without_the_needed_channels_are_rejected():
     run = turn()
     without = run.__class__("no-track", {n: run[n] for n in ("psi", "delta")})
     with pytest.raises(NotInformative, match="no positions"):

@@ -36,7 +36,7 @@ def tanker():
     return lambda name: load_trial(folder / f"{name}.csv")
 
 
-def test_plain_half_periods_give_the_thesis_integrals_without_a_bias():
+def test_plain_half_periods_match_the_integrals_of_the_thesis_without_a_bias():
     rows = rows_of(prepare(zigzag(), "yaw")[0])
     values = half_periods(rows)
     alphas = [h.alpha for h in values if math.isfinite(h.alpha)]
@@ -46,7 +46,7 @@ def test_plain_half_periods_give_the_thesis_integrals_without_a_bias():
     assert np.allclose(betas, 1.0 / K, rtol=2e-3)
 
 
-def test_gain_time_constant_and_rudder_bias_come_out_together():
+def test_gain_time_constant_and_rudder_bias_are_identified_together():
     fit = fit_axis(zigzag(bias=1.0 * DEG), method="zig-zag", length=7.0, speed=1.0)
     assert fit.extra["K"] == pytest.approx(K, rel=3e-3)
     assert fit.extra["T"] == pytest.approx(T, rel=3e-3)
@@ -56,7 +56,7 @@ def test_gain_time_constant_and_rudder_bias_come_out_together():
 
 
 @pytest.mark.slow
-def test_standard_errors_cover_the_truth_at_a_noisy_compass():
+def test_standard_errors_cover_the_truth_with_a_noisy_compass():
     z = []
     for seed in range(12):
         fit = fit_axis(zigzag(bias=0.5 * DEG, noise=0.3 * DEG, seed=seed), method="zig-zag")
@@ -65,7 +65,7 @@ def test_standard_errors_cover_the_truth_at_a_noisy_compass():
     assert abs(np.mean(z)) < 0.7
 
 
-def test_a_nonlinear_ship_is_noticed_and_fitted_when_asked():
+def test_a_nonlinear_ship_is_reported_and_fitted_on_request():
     def yaw(r, delta):
         return (delta + 0.01 - (1.0 + 30.0 * abs(r)) * r) / 8.0
 
@@ -100,13 +100,13 @@ def test_the_gain_of_thrusters_is_per_full_output():
     assert sheet["K"].reading.unit == "rad/s"
 
 
-def test_a_slow_rudder_does_not_bias_them():
+def test_a_slow_rudder_does_not_bias_gain_and_time_constant():
     fit = fit_axis(zigzag(rudder_rate=5.0 * DEG), method="zig-zag")
     assert fit.extra["K"] == pytest.approx(K, rel=0.01)
     assert fit.extra["T"] == pytest.approx(T, rel=0.02)
 
 
-def test_overshoots_and_times_are_those_of_the_exact_solution():
+def test_overshoots_and_times_match_the_exact_solution():
     (sheet,) = ship_figures(zigzag(helm=10.0, heading=10.0, noise=0.05 * DEG, seed=1), Particulars(7.0))
     # from the first execute: psi = K delta (t - T (1 - exp(-t/T))); after the reversal the rate passes zero
     helm, t = 10.0 * DEG, 0.0
@@ -126,7 +126,7 @@ def test_overshoots_and_times_are_those_of_the_exact_solution():
     assert sheet["overshoot-3"].name == "third overshoot angle"
 
 
-def test_the_title_names_the_angles_that_were_ordered():
+def test_the_title_states_the_ordered_angles():
     flown = replace(
         zigzag(helm=20.0, heading=20.0), meta={"heading": 20.0 * DEG, "steering": -2 / 3, "full_rudder": 30.0 * DEG}
     )
@@ -140,7 +140,7 @@ def test_the_title_names_the_angles_that_were_ordered():
     assert ship_figures(shares)[0].title.startswith("67 %/20° zig-zag")
 
 
-def test_the_title_of_a_record_without_its_orders_is_their_likely_round_number():
+def test_the_title_of_a_record_without_orders_uses_likely_round_numbers():
     run = zigzag(helm=20.0, heading=10.0)
     late = replace(run, channels={**run.channels, "psi": replace(run["psi"], values=1.1 * run["psi"].values)})
     assert ship_figures(late)[0].title.startswith("20/10 zig-zag")
@@ -174,7 +174,7 @@ def test_a_log_of_time_heading_and_rudder_alone_is_enough(tmp_path):
     assert sheet["K"].reading.value == pytest.approx(K, rel=0.02)
 
 
-def test_degrees_without_a_unit_are_refused_with_the_cure(tmp_path):
+def test_degrees_without_a_unit_are_rejected_with_the_cure(tmp_path):
     path = tmp_path / "zigzag.csv"
     run = zigzag()
     rows = zip(run["psi"].t, run["psi"].values / DEG, run["delta"].values / DEG, strict=True)
@@ -195,20 +195,20 @@ def test_a_heading_sampled_too_slowly_for_rates_gives_angles_but_no_indices():
         fit_axis(seldom, method="zig-zag")
 
 
-def test_noise_is_no_zigzag():
+def test_noise_is_not_a_zigzag():
     run = zigzag()
     wild = replace(run["psi"], values=np.random.default_rng(1).normal(size=len(run["psi"])))
     with pytest.raises(NotInformative):
         ship_figures(replace(run, channels={"psi": wild, "delta": run["delta"]}))
 
 
-def test_a_steady_course_is_no_zigzag():
+def test_a_steady_course_is_not_a_zigzag():
     run = sail(nomoto(K, T), lambda t, psi: 1.0 * DEG if t > 30.0 else 0.0, 60.0)
     with pytest.raises(NotInformative, match="no zig-zag"):
         ship_figures(run, manoeuvre="zig-zag")
 
 
-def test_the_measured_tanker_gives_positive_figures_whatever_the_sign_of_its_rudder(tanker):
+def test_the_measured_tanker_has_positive_figures_for_either_rudder_sign(tanker):
     (sheet,) = ship_figures(tanker("Z_10_10_S"), Particulars(7.0, scale=45.714))
     assert sheet.title == "10/10 zig-zag, first to starboard"
     first, second = sheet["first-overshoot"], sheet["second-overshoot"]
@@ -219,7 +219,7 @@ def test_the_measured_tanker_gives_positive_figures_whatever_the_sign_of_its_rud
     assert other.title.endswith("first to port")
 
 
-def test_as_many_numbers_as_half_periods_are_refused(tanker):
+def test_as_many_parameters_as_half_periods_are_rejected(tanker):
     with pytest.raises(NotInformative, match="Fly more"):
         fit_axis(tanker("Z_10_10_S"), method="zig-zag", structure="affine")
 
@@ -233,14 +233,12 @@ def test_a_tankers_zigzag_predicts_another_one(tanker):
 @pytest.mark.parametrize(
     ("helm", "unit", "words"), [(math.radians(20.0), "rad", "20"), (2 / 3, "1", "67 %"), (12.34, "N m", "12.3")]
 )
-def test_a_helm_is_told_in_degrees_of_a_rudder_and_in_percent_of_full_output(
-    helm: float, unit: str, words: str
-) -> None:
+def test_a_helm_is_printed_in_degrees_or_percent_of_full_output(helm: float, unit: str, words: str) -> None:
     assert helm_text(helm, unit) == words
 
 
 @pytest.mark.slow
-def test_the_distance_to_the_second_execute_has_its_error_and_is_no_longer_for_noisy_positions():
+def test_the_distance_to_the_second_execute_is_not_biased_by_position_noise():
     z = []
     for seed in range(12):
         run = zigzag(seed=seed)
@@ -250,9 +248,9 @@ def test_the_distance_to_the_second_execute_has_its_error_and_is_no_longer_for_n
         x, y = np.cumsum(steps, axis=1) + noise
         channels = {**run.channels, "x": Channel("x", "m", t, x), "y": Channel("y", "m", t, y)}
         (sheet,) = ship_figures(replace(run, channels=channels))
-        told = {f.slug: f.reading for f in sheet.figures}
-        run_at_one_metre_per_second = told["initial-turning-time"].value
-        assert told["initial-turning"].value == pytest.approx(run_at_one_metre_per_second, rel=0.03)
-        z.append((told["initial-turning"].value - run_at_one_metre_per_second) / told["initial-turning"].std)
+        result = {f.slug: f.reading for f in sheet.figures}
+        run_at_one_metre_per_second = result["initial-turning-time"].value
+        assert result["initial-turning"].value == pytest.approx(run_at_one_metre_per_second, rel=0.03)
+        z.append((result["initial-turning"].value - run_at_one_metre_per_second) / result["initial-turning"].std)
     assert np.std(z) < 1.5
     assert abs(np.mean(z)) < 0.7

@@ -27,7 +27,7 @@ def tank(quadratic: float = 0.0, seed: int = 0, noise: float = 0.05) -> OpenWate
     )
 
 
-def test_thrust_and_torque_coefficients_come_out_within_their_errors():
+def test_thrust_and_torque_coefficients_are_identified_within_their_errors():
     fit = fit_open_water(tank(), D, rho=RHO)
     assert "value ± standard error  relative" in str(fit) and "standard deviation of one run: T" in str(fit)
     for name, value in {"alpha_1": KT[0], "alpha_2": KT[1], "beta_1": KQ[0], "beta_2": KQ[1]}.items():
@@ -60,7 +60,7 @@ def test_fitting_forces_scatters_less_than_regressing_ratios():
     assert np.mean(ours) == pytest.approx(KT[1], abs=4.0 * np.std(ours) / np.sqrt(40))
 
 
-def test_bilinear_thrust_is_taken_when_the_water_moves_and_quadratic_otherwise():
+def test_bilinear_thrust_is_chosen_in_moving_water_and_quadratic_otherwise():
     rng = np.random.default_rng(2)
     n, v = rng.uniform(-100.0, 100.0, 60), rng.uniform(0.0, 1.0, 60)
     T = 2e-3 * n * np.abs(n) - 0.05 * v * np.abs(n) + rng.normal(0.0, 0.05, 60)

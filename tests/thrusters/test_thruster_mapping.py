@@ -1,4 +1,4 @@
-"""Pull tests of a thruster whose truth we made ourselves: written out here, not taken from the package."""
+"""Pull tests of a simulated thruster: written out here, not taken from the package."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def pulls(seed: int = 1, noise: float = 0.1, ahead=AHEAD, astern=ASTERN, offset:
 
 
 @pytest.mark.slow
-def test_dead_zone_and_both_directions_are_found_within_their_errors():
+def test_dead_zone_and_both_directions_are_identified_within_their_errors():
     fit = fit_thruster(pulls())
     assert "parameters" in str(fit) and "value ± standard error  relative" in str(fit)
     assert fit.structure.dead != "none" and not fit.structure.same_sides
@@ -54,7 +54,7 @@ def test_dead_zone_and_both_directions_are_found_within_their_errors():
 
 
 @pytest.mark.slow
-def test_a_plain_quadratic_thruster_is_given_no_dead_zone_and_no_linear_part():
+def test_a_plain_quadratic_thruster_has_no_dead_zone_and_no_linear_part():
     fit = fit_thruster(pulls(noise=0.05, ahead=(20.0, 0.0, 0.0), astern=(20.0, 0.0, 0.0)))
     assert (fit.structure.shape, fit.structure.dead, fit.structure.same_sides) == ("quadratic", "none", True)
     assert fit.parameters["a_f"].value == pytest.approx(20.0, abs=4.0 * fit.parameters["a_f"].std)
@@ -69,7 +69,7 @@ def test_the_dynamometers_zero_is_not_mistaken_for_thrust():
 
 
 @pytest.mark.slow
-def test_intervals_cover_the_truth_as_often_as_they_say():
+def test_intervals_cover_the_truth_as_often_as_stated():
     structure = MapStructure("quadratic+linear", False, "free", True)
     truth = {"a_f": 30.0, "b_f": 4.0, "a_b": 18.0, "b_b": 3.0, "x_f": 0.12, "x_b": -0.08, "offset": 0.3}
     inside = [
@@ -82,12 +82,12 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_the_inverse_undoes_the_map_exactly_and_rises(direction: int):
+def test_the_inverse_reverses_the_map_exactly_and_is_monotonic(direction: int):
     thruster = ThrusterMap(30.0, 4.0, -2.0, 9.0, 0.12, -0.08, -1.0, 1.0, direction=direction)
     low, high = thruster.limits
-    wanted = np.linspace(low, high, 1001)
-    commands = thruster.inverse(wanted)
-    np.testing.assert_allclose(thruster.force(commands), wanted, atol=1e-12 * (high - low) * 10)
+    target = np.linspace(low, high, 1001)
+    commands = thruster.inverse(target)
+    np.testing.assert_allclose(thruster.force(commands), target, atol=1e-12 * (high - low) * 10)
     assert np.all(direction * np.diff(commands) > 0.0)
     assert thruster.inverse(2.0 * high) == thruster.inverse(high)
     assert float(thruster.inverse(1e-9)) == pytest.approx(direction * 0.12, abs=1e-8)
@@ -96,14 +96,14 @@ def test_the_inverse_undoes_the_map_exactly_and_rises(direction: int):
 
 
 @pytest.mark.slow
-def test_compensation_makes_the_thruster_straight():
+def test_compensation_makes_the_thruster_linear():
     fit = fit_thruster(pulls())
-    wanted = np.linspace(-14.0, 24.0, 77)
-    given = water(fit.map.inverse(wanted), AHEAD, ASTERN)
-    assert np.max(np.abs(given - wanted)) < 0.2
+    target = np.linspace(-14.0, 24.0, 77)
+    given = water(fit.map.inverse(target), AHEAD, ASTERN)
+    assert np.max(np.abs(given - target)) < 0.2
 
 
-def test_pulls_ahead_only_are_fitted_and_said_to_be_one_sided():
+def test_pulls_only_ahead_are_fitted_and_reported_as_one_sided():
     n = np.linspace(0.0, 1.0, 40)
     noise = np.random.default_rng(3).normal(0.0, 0.05, 40)
     fit = fit_thruster(PullTest("tank", n, water(n, AHEAD, ASTERN) + noise, "1"))
@@ -112,7 +112,7 @@ def test_pulls_ahead_only_are_fitted_and_said_to_be_one_sided():
 
 
 @pytest.mark.slow
-def test_a_wild_pull_and_a_wrong_curve_are_doubted():
+def test_an_outlying_pull_and_a_wrong_curve_are_doubted():
     wild = pulls()
     force = wild.force.copy()
     force[50] += 6.0
@@ -124,7 +124,7 @@ def test_a_wild_pull_and_a_wrong_curve_are_doubted():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("side", "ahead", "astern"), [("left", 0.1344, 0.0709), ("right", 0.1420, 0.0671)])
-def test_the_blueboats_own_static_map_is_recovered(side: str, ahead: float, astern: float):
+def test_the_static_map_of_the_blueboat_is_identified(side: str, ahead: float, astern: float):
     if not BLUEBOAT.exists():
         pytest.skip("blueboat runs are not beside the repository (../shared/data)")
     path = BLUEBOAT / "run224.csv"
@@ -159,7 +159,7 @@ def test_a_recording_counts_each_hold_once(tmp_path: Path):
         ("n[rpm],T[N]\n1,2\n2,2\n3,2\n4,2\n5,2\n6,2\n", NotInformative, "never changes"),
     ],
 )
-def test_bad_tables_say_what_is_wrong(tmp_path: Path, text: str, error: type[Exception], words: str):
+def test_invalid_tables_are_rejected_with_a_reason(tmp_path: Path, text: str, error: type[Exception], words: str):
     path = tmp_path / "pull.csv"
     path.write_text(text)
     with pytest.raises(error, match=words):
@@ -167,13 +167,13 @@ def test_bad_tables_say_what_is_wrong(tmp_path: Path, text: str, error: type[Exc
 
 
 @pytest.mark.parametrize("head", ["n[1/s]", "n[rev/s]", "[n[1/s]]", "n[Hz]"])
-def test_revolutions_a_second_are_understood(tmp_path: Path, head: str):
+def test_revolutions_per_second_are_converted(tmp_path: Path, head: str):
     path = tmp_path / "pull.csv"
     path.write_text(f"{head},T[N]\n" + "".join(f"{k},{0.1 * k * k}\n" for k in range(-5, 6)))
     assert read_pull_test(path).command == pytest.approx(2.0 * np.pi * np.arange(-5, 6))
 
 
-def test_kilograms_of_a_luggage_scale_are_newtons(tmp_path: Path):
+def test_kilograms_of_a_luggage_scale_are_converted_to_newtons(tmp_path: Path):
     path = tmp_path / "pull.csv"
     path.write_text("pwm[us],T[kgf]\n" + "\n".join(f"{1500 + 50 * k},{k}" for k in range(8)) + "\n")
     test = read_pull_test(path)
@@ -181,7 +181,7 @@ def test_kilograms_of_a_luggage_scale_are_newtons(tmp_path: Path):
     assert test.force[1] == pytest.approx(9.80665)
 
 
-def test_twin_thrusters_give_what_is_asked_and_keep_the_moment_when_they_cannot():
+def test_twin_thrusters_give_the_requested_forces_and_keep_the_moment_when_saturated():
     one = ThrusterMap(30.0, 4.0, 18.0, 3.0, 0.12, -0.08, -1.0, 1.0)
     twin = TwinThrusters(one, one, 0.4)
     command = twin.commands(10.0, 1.5)
@@ -197,31 +197,31 @@ def test_twin_thrusters_give_what_is_asked_and_keep_the_moment_when_they_cannot(
 
 
 def bollard(folder: Path, *, clock: float, shown: float = 1.0) -> tuple[Path, Path, list[float]]:
-    """Write the levels of a bollard run and a load cell's log on a clock of its own, slow to answer and noisy."""
+    """Write the levels of a bollard run and a load cell's log on a clock of its own, slow to respond and noisy."""
     levels = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.0, -0.3, -0.6, -0.9]
     rows = [f"{c},,{100.0 + 8.0 * k:.2f},{108.0 + 8.0 * k:.2f}" for k, c in enumerate(levels)]
     table, log = folder / "bollard.csv", folder / "cell.csv"
     table.write_text("command[1],force[N],from[s],to[s]\n" + "\n".join(rows) + "\n")
     t = np.arange(90.0, 100.0 + 80.0 * shown + 5.0, 0.1)
     pulls = [20.0 * c * abs(c) for c in levels]
-    wanted = np.array([pulls[k] if 0 <= k < len(levels) else 0.0 for k in np.floor((t - 100.0) / 8.0).astype(int)])
+    target = np.array([pulls[k] if 0 <= k < len(levels) else 0.0 for k in np.floor((t - 100.0) / 8.0).astype(int)])
     force = np.zeros(len(t))
     for i in range(1, len(t)):
-        force[i] = force[i - 1] + 0.1 / 0.6 * (wanted[i] - force[i - 1])
+        force[i] = force[i - 1] + 0.1 / 0.6 * (target[i] - force[i - 1])
     force += np.random.default_rng(1).normal(0.0, 0.2, len(t))
     log.write_text("t[s],force[N]\n" + "\n".join(f"{a + clock:.2f},{b:.3f}" for a, b in zip(t, force, strict=True)))
     return table, log, pulls
 
 
 @pytest.mark.parametrize("clock", [0.0, 1234.5, -60.0])
-def test_a_load_cells_log_is_joined_to_the_levels_by_time_whatever_its_clock_says(tmp_path: Path, clock: float) -> None:
+def test_a_load_cell_log_is_aligned_with_the_levels_for_any_clock_offset(tmp_path: Path, clock: float) -> None:
     table, log, pulls = bollard(tmp_path, clock=clock)
     found, offset = pulls_from_log(table, log)
     assert offset == pytest.approx(clock, abs=1.5)
     np.testing.assert_allclose(found, pulls, atol=0.3)
 
 
-def test_a_log_that_is_too_short_or_has_no_times_is_refused_in_a_sentence(tmp_path: Path) -> None:
+def test_a_log_that_is_too_short_or_has_no_times_is_rejected(tmp_path: Path) -> None:
     table, log, _ = bollard(tmp_path, clock=0.0, shown=0.5)
     with pytest.raises(NotInformative, match="must cover the 80 s of command levels"):
         pulls_from_log(table, log)

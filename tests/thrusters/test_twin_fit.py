@@ -41,7 +41,7 @@ def test_the_moment_improves_the_fit() -> None:
     assert whole < 0.8 * alone
 
 
-def test_at_rest_only_the_quadratic_law_is_fitted_and_its_inverse_returns_the_forces() -> None:
+def test_only_the_quadratic_law_is_fitted_at_rest_and_its_inverse_returns_the_forces() -> None:
     fit = fit_twin(pulled(moving=False, noise=0.0), B)
     assert list(fit.parameters) == ["C_T"]
     assert fit.parameters["C_T"].value == pytest.approx(C_N)

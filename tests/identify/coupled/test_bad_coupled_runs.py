@@ -1,4 +1,4 @@
-"""Bad data for a coupled model: the same spoilt records as for one axis, through the same door."""
+"""Bad data for a coupled model: the same damaged records as for one axis, through the same interface."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def slugs(found: Fit) -> set[str]:
     return {d.slug for d in found.doubts}
 
 
-def test_gaps_restarts_missing_and_late_samples_in_one_file_are_all_told_and_borne(runs: list[Trial]) -> None:
+def test_gaps_restarts_missing_and_late_samples_in_one_file_are_reported_and_tolerated(runs: list[Trial]) -> None:
     def bad(c: Channel) -> Channel:
         keep = ~((c.t > 12.0) & (c.t < 15.0))
         t, values = c.t[keep].copy(), c.values[keep].copy()
@@ -67,14 +67,14 @@ def test_gaps_restarts_missing_and_late_samples_in_one_file_are_all_told_and_bor
     assert is_right(found)
 
 
-def test_repeated_stamps_are_dropped_and_said(runs: list[Trial]) -> None:
+def test_repeated_stamps_are_dropped_and_reported(runs: list[Trial]) -> None:
     doubled = spoilt(runs[0], lambda c: dataclasses.replace(c, t=np.repeat(c.t, 2), values=np.repeat(c.values, 2)))
     (twice,), (once,) = prepare_form(doubled, FORM), prepare_form(runs[0], FORM)
     assert "repeated-stamps" in {d.slug for d in twice.notes}
     assert all(np.array_equal(twice.signals[n].values, once.signals[n].values) for n in once.signals)
 
 
-def test_inputs_that_never_change_identify_nothing(runs: list[Trial]) -> None:
+def test_inputs_that_never_change_are_not_informative(runs: list[Trial]) -> None:
     still = spoilt(runs[0], lambda c: dataclasses.replace(c, values=np.full(len(c), 3.0)), "X", "N")
     with pytest.raises(NotInformative, match="ever changes"):
         fit(still, FORM)
@@ -83,7 +83,7 @@ def test_inputs_that_never_change_identify_nothing(runs: list[Trial]) -> None:
     assert "run-left-out" in slugs(found)
 
 
-def test_a_missing_input_is_named(runs: list[Trial]) -> None:
+def test_a_missing_input_is_reported(runs: list[Trial]) -> None:
     channels = {n: c for n, c in runs[0].channels.items() if n != "N"}
     with pytest.raises(MissingChannel, match="run 'no N' lacks the input N"):
         fit([Trial("no N", channels), runs[1]], FORM)
@@ -93,7 +93,7 @@ def test_a_missing_input_is_named(runs: list[Trial]) -> None:
     ("channel", "factor", "words"),
     [("psi", 180.0 / np.pi, "degrees"), ("r", 180.0 / np.pi, "degrees"), ("x", 100.0, None)],
 )
-def test_a_wrong_unit_is_refused_by_the_name_of_the_columns(
+def test_a_wrong_unit_is_rejected_with_the_unit_of_the_numbers(
     runs: list[Trial], channel: str, factor: float, words: str | None
 ) -> None:
     names = (channel,) if channel != "x" else ("x", "y")
@@ -102,7 +102,7 @@ def test_a_wrong_unit_is_refused_by_the_name_of_the_columns(
         fit([wrong, runs[1]], FORM)
 
 
-def test_a_clipped_gyro_costs_its_rails_only(runs: list[Trial]) -> None:
+def test_a_clipped_gyro_loses_only_its_clipped_samples(runs: list[Trial]) -> None:
     limit = 0.7 * float(np.max(np.abs(runs[0]["r"].values)))
     clipped = spoilt(runs[0], lambda c: dataclasses.replace(c, values=np.clip(c.values, -limit, limit)), "r")
     found = fit([clipped, runs[1]], FORM, delay=0.0)
@@ -110,7 +110,7 @@ def test_a_clipped_gyro_costs_its_rails_only(runs: list[Trial]) -> None:
     assert is_right(found)
 
 
-def test_positions_at_one_hertz_go_with_a_compass_at_ten() -> None:
+def test_positions_at_1_hz_and_a_compass_at_10_hz_are_fitted_together() -> None:
     """Compass and gyro at ten, no velocity at all; eight parameters, for speed."""
 
     def slow(trial: Trial) -> Trial:

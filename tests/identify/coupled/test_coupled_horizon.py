@@ -1,4 +1,4 @@
-"""The horizon of coupled output error: a course-unstable craft is found where whole runs wander off."""
+"""The horizon of coupled output error: a course-unstable craft is identified although whole runs diverge."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def zig_zag(seed: int, seconds: float = 120.0) -> Trial:
     )
 
 
-def test_an_unstable_craft_with_waves_is_found_over_a_horizon() -> None:
+def test_an_unstable_craft_with_process_noise_is_identified_over_a_horizon() -> None:
     found = fit([zig_zag(1), zig_zag(2)], FORM, delay=0.0, horizon=15.0)
     for name, truth in TRUTH.items():
         assert found.parameters[name].value == pytest.approx(truth, rel=0.25), name
@@ -54,6 +54,6 @@ def test_pieces_are_no_longer_than_the_horizon_and_lose_no_sample() -> None:
     assert len(record.within(np.inf)) == 1
 
 
-def test_a_horizon_that_is_no_time_is_refused() -> None:
+def test_an_invalid_horizon_is_rejected() -> None:
     with pytest.raises(UsageError, match="horizon"):
         fit(zig_zag(1), FORM, delay=0.0, horizon=-3.0)

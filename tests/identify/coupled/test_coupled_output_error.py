@@ -1,4 +1,4 @@
-"""Coupled output error on water of our own: right numbers, honest errors, and doubts where they are due."""
+"""Coupled output error on simulated runs: correct parameters, standard errors and doubts."""
 
 from __future__ import annotations
 
@@ -47,19 +47,19 @@ def fitted(runs: list[Trial]) -> Fit:
     return fit(runs, FORM, delay=0.0)
 
 
-def test_fourteen_parameters_come_out_within_their_standard_errors(fitted: Fit) -> None:
+def test_fourteen_parameters_are_identified_within_their_standard_errors(fitted: Fit) -> None:
     misses = [(fitted.parameters[n].value - BOAT[n]) / fitted.parameters[n].std for n in FORM.free]
     assert np.max(np.abs(misses)) < 4.0
     assert np.sqrt(np.mean(np.square(misses))) < 1.7
 
 
-def test_noise_levels_are_those_that_were_added(fitted: Fit) -> None:
+def test_the_added_noise_levels_are_identified(fitted: Fit) -> None:
     for name in ("u", "v", "r", "psi"):
         assert fitted.noise[name] == pytest.approx(NOISE[name], rel=0.1)
 
 
 @pytest.mark.slow
-def test_a_run_of_another_vehicle_is_named(runs: list[Trial]) -> None:
+def test_a_run_of_another_vehicle_is_reported(runs: list[Trial]) -> None:
     stranger = sailed(3, seconds=20.0, boat={**BOAT, "X_udot": -60.0, "N_r": -6.0})
     short = [run.between(0.0, 20.0) for run in runs]
     doubts = {d.slug: d for d in fit([*short, stranger], FORM, delay=0.0).doubts}
@@ -71,41 +71,41 @@ def test_runs_of_one_craft_raise_no_doubt(fitted: Fit) -> None:
     assert fitted.doubts == ()
 
 
-def test_a_delay_is_found_and_none_is_made_up(runs: list[Trial]) -> None:
+def test_a_delay_is_identified_only_where_there_is_one(runs: list[Trial]) -> None:
     late = fit([sailed(seed, delay=0.35) for seed in (1, 2)], FORM)
     assert late.parameters["delay"].value == pytest.approx(0.35, abs=0.03)
     assert "delay" not in fit(runs, FORM).parameters
 
 
-def test_bounds_are_kept_and_told(runs: list[Trial]) -> None:
+def test_bounds_are_kept_and_reported(runs: list[Trial]) -> None:
     held = fit(runs[:1], FORM, delay=0.0, bounds={"N_v": (-5.0, 0.0)})
     assert held.parameters["N_v"].value == 0.0
     assert held.parameters["N_v"].status == "at_bound"
     assert "at-bound" in {d.slug for d in held.doubts}
 
 
-def test_damping_that_stops_at_zero_is_told_as_none_and_not_as_a_bound_to_widen(runs: list[Trial]) -> None:
-    """She has damping; where her damping is bounded to push, the nearest there is none."""
+def test_damping_at_its_bound_of_zero_is_reported_as_no_damping(runs: list[Trial]) -> None:
+    """The boat has damping; with bounds that only allow the opposite sign, the nearest value is none."""
     held = fit(runs[:1], FORM, delay=0.0, bounds={"N_r": (0.0, 9.0)})
     doubt = next(d for d in held.doubts if d.slug == "at-bound")
     assert doubt.cause == "N_r stopped at zero, the limit of damping. These runs show no such damping"
     assert "widen" not in doubt.cure
 
 
-def test_bounds_for_what_is_not_free_are_refused(runs: list[Trial]) -> None:
+def test_bounds_for_parameters_that_are_not_free_are_rejected(runs: list[Trial]) -> None:
     with pytest.raises(UsageError, match="not free"):
         fit(runs, FORM, bounds={"N_vv": (0.0, 1.0)})
 
 
-def test_what_the_runs_say_nothing_about_is_named(runs: list[Trial]) -> None:
+def test_parameters_that_the_runs_do_not_excite_are_reported(runs: list[Trial]) -> None:
     free = FORM.freeing("Y_vr")
     straight = [replace(r, channels={**r.channels, "N": replace(r["N"], values=0.0 * r["N"].values)}) for r in runs]
-    told = fit(straight, free.without("N_0", "X_0"), delay=0.0, use=["u"])
-    named = next(d for d in told.doubts if d.slug == "not-excited")
+    result = fit(straight, free.without("N_0", "X_0"), delay=0.0, use=["u"])
+    named = next(d for d in result.doubts if d.slug == "not-excited")
     assert "N_rdot" in named.cause
 
 
-def test_soft_l1_bears_with_outliers(runs: list[Trial], fitted: Fit) -> None:
+def test_soft_l1_tolerates_outliers(runs: list[Trial], fitted: Fit) -> None:
     rng = np.random.default_rng(5)
     spoilt = []
     for run in runs:
@@ -126,15 +126,15 @@ def test_soft_l1_bears_with_outliers(runs: list[Trial], fitted: Fit) -> None:
 def test_gps_and_compass_alone_are_enough() -> None:
     run = sailed(4, seconds=60.0)
     slow = {n: Channel(n, "m", run[n].t[::10], run[n].values[::10]) for n in ("x", "y")}
-    told = fit(replace(run, channels={**slow, **{n: run[n] for n in ("psi", "X", "N")}}), FORM, delay=0.0)
+    result = fit(replace(run, channels={**slow, **{n: run[n] for n in ("psi", "X", "N")}}), FORM, delay=0.0)
     for name in ("X_udot", "Y_vdot", "N_rdot", "N_r"):
-        parameter = told.parameters[name]
+        parameter = result.parameters[name]
         assert abs(parameter.value - BOAT[name]) < 4.0 * parameter.std
         assert parameter.std < 0.2 * abs(BOAT[name])
 
 
 @pytest.mark.slow
-def test_errors_over_noise_seeds_are_those_promised() -> None:
+def test_errors_over_noise_seeds_match_the_standard_errors() -> None:
     """A small version of benchmarks/coupled_accuracy.py: ten seeds, fourteen parameters."""
     clean = [sailed(seed, seconds=30.0, quiet=True) for seed in (1, 2)]
     misses = []
@@ -147,7 +147,7 @@ def test_errors_over_noise_seeds_are_those_promised() -> None:
     assert np.max(np.abs(z.mean(axis=0))) * np.sqrt(len(z)) < 4.0
 
 
-def test_thrusters_labelled_the_wrong_way_round_are_said() -> None:
+def test_thrusters_with_exchanged_labels_are_reported() -> None:
     form = Form(
         name="twin",
         title="two thrusters",
@@ -170,5 +170,5 @@ def test_thrusters_labelled_the_wrong_way_round_are_said() -> None:
     channels |= {"left": Channel("left", "N", t, left), "right": Channel("right", "N", t, right)}
     found = fit(Trial("swapped", channels), form, delay=0.0)
     assert found.parameters["k_N"].value == pytest.approx(-0.05, rel=0.05)
-    (said,) = [d for d in found.doubts if d.slug == "reversed-input"]
-    assert "left, right" in said.cause
+    (doubt,) = [d for d in found.doubts if d.slug == "reversed-input"]
+    assert "left, right" in doubt.cause

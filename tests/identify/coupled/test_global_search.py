@@ -1,4 +1,4 @@
-"""Global search: finds what a local fit from a bad start does not, and tells how."""
+"""Global search: finds what a local fit from a bad start does not, and reports how."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def run() -> Trial:
     return Trial("roll decay", {"phi": Channel("phi", "rad", t, phi), "K": Channel("K", "N m", t, K)})
 
 
-def test_it_finds_the_truth_where_a_local_fit_from_a_bad_start_does_not(run: Trial) -> None:
+def test_the_global_search_finds_the_truth_where_a_local_fit_from_a_bad_start_does_not(run: Trial) -> None:
     bad = {"K_pdot": -8.0, "K_p": -0.5, "K_phi": -8.0}
     records = prepare_form(run, FORM)
     ground = initial_guess_of(FORM, records)
@@ -52,7 +52,7 @@ def test_it_finds_the_truth_where_a_local_fit_from_a_bad_start_does_not(run: Tri
     assert found.noise["phi"] == pytest.approx(0.01, rel=0.2)
 
 
-def test_it_tells_which_optimiser_won_and_by_how_much(run: Trial) -> None:
+def test_the_global_search_reports_which_optimiser_won_and_by_how_much(run: Trial) -> None:
     search = fit(run, FORM, "global", delay=0.0, budget=200).extra["search"]
     assert set(search["costs"]) == {"differential evolution", "multi-start"}
     assert search["costs"][search["winner"]] == min(search["costs"].values())
@@ -60,17 +60,17 @@ def test_it_tells_which_optimiser_won_and_by_how_much(run: Trial) -> None:
     assert sum(search["evaluations"].values()) <= 1.5 * 200
 
 
-def test_the_same_seed_gives_the_same_answer(run: Trial) -> None:
+def test_the_same_seed_gives_the_same_result(run: Trial) -> None:
     one, two = (fit(run, FORM, "global", delay=0.0, budget=120, seed=7).extra["search"] for _ in range(2))
     assert one == two
 
 
-def test_a_budget_too_small_to_find_anything_is_refused(run: Trial) -> None:
+def test_a_budget_too_small_is_rejected(run: Trial) -> None:
     with pytest.raises(UsageError, match="budget"):
         fit(run, FORM, "global", budget=3)
 
 
-def test_single_axes_can_be_searched_too(run: Trial) -> None:
+def test_a_single_axis_can_be_searched(run: Trial) -> None:
     t = np.arange(0.0, 20.0, 0.1)
     N = np.where((t / 3.0).astype(int) % 2 == 0, 0.5, -0.5)
     psi = sail(lambda s, tau: np.array([s[1], (tau[0] - 0.12 * s[1]) / 0.36]), np.zeros(2), t, t, N[:, None])[:, 0]

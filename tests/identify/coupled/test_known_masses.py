@@ -1,4 +1,4 @@
-"""A mass known in kg beside inputs that are normalised outputs: used, or named as not used."""
+"""A known mass in kg with inputs that are normalised outputs: used, or reported as not used."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def slugs(found: object) -> list[str]:
     return [d.slug for d in found.doubts]  # type: ignore[attr-defined]
 
 
-def test_a_mass_that_normalised_outputs_cannot_use_is_named() -> None:
+def test_a_mass_that_normalised_outputs_cannot_use_is_reported() -> None:
     found = fit(boat(), FORMS["horizontal"].knowing({"m": 50.0}))
     (doubt,) = [d for d in found.doubts if d.slug == "mass-without-newtons"]
     assert doubt.cause.endswith("The known m = 50 was not used")
@@ -44,7 +44,7 @@ def test_a_mass_that_normalised_outputs_cannot_use_is_named() -> None:
     assert "mass-without-newtons" not in slugs(fit(boat(), FORMS["horizontal"]))
 
 
-def test_a_mass_beside_one_equation_in_normalised_outputs_is_named() -> None:
+def test_a_mass_in_a_single_equation_of_normalised_outputs_is_reported() -> None:
     assert "mass-without-newtons" in slugs(fit(boat(), SURGE))
     assert "mass-without-newtons" not in slugs(fit(boat("N", 40.0), SURGE))
     assert "mass-without-newtons" not in slugs(fit(boat(), replace(SURGE, known={}, name="plain")))

@@ -1,4 +1,4 @@
-"""Identification with effects: what was hidden in the tank comes back, with honest standard errors."""
+"""Identification with effects: hidden effects are identified with correct standard errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def found() -> Fit:
     return fit([yaw_run(1, HIDDEN), yaw_run(2, HIDDEN)], effects=["dead-zone", "input-bias"])
 
 
-def test_hidden_effects_come_back_within_four_standard_errors(found: Fit) -> None:
+def test_hidden_effects_are_identified_within_four_standard_errors(found: Fit) -> None:
     for name, true in TRUTH.items():
         p = found.parameters[name]
         assert p.status == "fitted" and p.std > 0.0
@@ -30,14 +30,14 @@ def test_hidden_effects_come_back_within_four_standard_errors(found: Fit) -> Non
         assert p.std < 0.02 * abs(true)
 
 
-def test_standard_errors_do_not_undercut_the_cramer_rao_bound_and_noise_is_found(found: Fit) -> None:
+def test_standard_errors_respect_the_cramer_rao_bound_and_noise_is_identified(found: Fit) -> None:
     for name in TRUTH:
         assert found.parameters[name].std >= found.parameters[name].bound > 0.0
     for signal, level in NOISE.items():
         assert found.noise[signal] == pytest.approx(level, rel=0.06)
 
 
-def test_standard_errors_are_the_scatter_over_repetitions(found: Fit) -> None:
+def test_standard_errors_match_the_scatter_over_repetitions(found: Fit) -> None:
     z = []
     for seed in range(10, 22):
         one = fit(yaw_run(seed, HIDDEN, duration=30.0), start=found.model)
@@ -54,7 +54,7 @@ def test_covariance_traces_and_doubts_are_those_of_any_fit(found: Fit) -> None:
     assert found.parameters["dead-zone@N.width"].unit == "N m"
 
 
-def test_prediction_of_a_run_not_seen_is_as_good_as_the_noise_allows(found: Fit) -> None:
+def test_held_out_prediction_is_as_good_as_the_noise_allows(found: Fit) -> None:
     checked = validate(found.model, yaw_run(7, HIDDEN))
     for statistics, trace in zip(checked.statistics, checked.traces, strict=True):
         assert statistics.rms < 1.1 * NOISE[trace.signal]
@@ -62,13 +62,13 @@ def test_prediction_of_a_run_not_seen_is_as_good_as_the_noise_allows(found: Fit)
     assert checked.fit_percent > plain.fit_percent + 5.0
 
 
-def test_an_effect_that_is_not_there_is_doubted() -> None:
+def test_an_absent_effect_is_reported_as_not_needed() -> None:
     found = fit([yaw_run(1, {})], effects=["dead-zone"])
     assert "effect-not-needed" in {d.slug for d in found.doubts}
     assert abs(found.parameters["dead-zone@N.width"].value) < 0.01
 
 
-def test_a_saved_model_is_where_the_next_fit_begins(found: Fit, tmp_path: Path) -> None:
+def test_a_saved_model_is_the_start_of_the_next_fit(found: Fit, tmp_path: Path) -> None:
     save_model(found, tmp_path / "model.json")
     file = load_model(tmp_path / "model.json")
     assert file.model == found.model
@@ -84,7 +84,7 @@ def test_a_saved_model_is_where_the_next_fit_begins(found: Fit, tmp_path: Path) 
         )
 
 
-def test_a_start_can_be_given_further_effects() -> None:
+def test_effects_can_be_added_to_a_starting_model() -> None:
     first = fit(yaw_run(1, HIDDEN), effects=["dead-zone@N"])
     assert isinstance(first.model, ExtendedModel)
     second = fit(yaw_run(1, HIDDEN), start=first.model, effects=["input-bias"])
@@ -94,7 +94,7 @@ def test_a_start_can_be_given_further_effects() -> None:
     )
 
 
-def test_a_model_of_one_axis_is_a_start_too(tmp_path: Path) -> None:
+def test_a_model_of_one_axis_can_be_the_start(tmp_path: Path) -> None:
     axis = fit([yaw_run(1, {}), yaw_run(2, {})], "affine", dof="yaw", delay=0.0)
     save_model(axis, tmp_path / "axis.json")
     file = load_model(tmp_path / "axis.json")
@@ -103,7 +103,7 @@ def test_a_model_of_one_axis_is_a_start_too(tmp_path: Path) -> None:
     assert -again.parameters["N_rdot"].value == pytest.approx(axis.model.alpha, rel=0.01)
 
 
-def test_what_makes_no_sense_is_refused_in_words(tmp_path: Path) -> None:
+def test_invalid_effects_and_models_are_rejected_with_a_reason(tmp_path: Path) -> None:
     run = yaw_run(1, {})
     with pytest.raises(UnknownName, match="dead-zone"):
         fit(run, effects=["deadzone"])

@@ -1,4 +1,4 @@
-"""Commands stamped midway between two messages (decision 3): their constant misdating is no effect of the craft's."""
+"""Commands stamped midway between two messages (decision 3): their constant shift is not reported as an effect."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def dated_midway(trial: Trial) -> Trial:
     return replace(trial, channels={**trial.channels, "N": early}, meta={"outputs_dated": "midway"})
 
 
-def test_the_base_finds_the_shift_of_its_stamps() -> None:
+def test_the_base_fit_identifies_the_shift_of_its_stamps() -> None:
     runs = [dated_midway(yaw_run(seed, {})) for seed in (1, 2)]
     form = plain_form(runs)
     _, fitted = fit_base(form, prepare_as_recorded(runs, form)[0])
@@ -37,17 +37,17 @@ def test_the_base_finds_the_shift_of_its_stamps() -> None:
     assert abs(fitted.shift - 0.5 * STEP) < 3.0 * std < 0.2 * STEP
 
 
-def test_a_misdating_the_messages_allow_is_no_effect_and_without_that_excuse_it_is_a_delay() -> None:
+def test_a_misdating_that_the_messages_allow_is_not_an_effect_and_otherwise_a_delay() -> None:
     runs = [dated_midway(yaw_run(seed, {})) for seed in (1, 2)]
     assert diagnose(runs, effects=LATE).verdict == "no-effect"
-    told = diagnose([replace(run, meta={}) for run in runs], effects=LATE)
-    assert told.verdict == "effect-found" and told.causes[0].effect.slug == "input-delay"
+    result = diagnose([replace(run, meta={}) for run in runs], effects=LATE)
+    assert result.verdict == "effect-found" and result.causes[0].effect.slug == "input-delay"
 
 
-def test_a_delay_beyond_the_messages_is_found_as_exactly_as_stamps_allow() -> None:
+def test_a_delay_beyond_the_messages_is_identified_as_exactly_as_stamps_allow() -> None:
     hidden = {"input-delay@N": {"delay": 0.3}}
-    told = diagnose([dated_midway(yaw_run(seed, hidden)) for seed in (1, 2)], effects=LATE)
-    delay = told.causes[0].parameters["delay"]
-    assert (told.verdict, told.causes[0].effect.slug) == ("effect-found", "input-delay")
+    result = diagnose([dated_midway(yaw_run(seed, hidden)) for seed in (1, 2)], effects=LATE)
+    delay = result.causes[0].parameters["delay"]
+    assert (result.verdict, result.causes[0].effect.slug) == ("effect-found", "input-delay")
     assert abs(delay.value - 0.3) < 2.0 * delay.std
     assert 0.2 * STEP < delay.std < 0.6 * STEP

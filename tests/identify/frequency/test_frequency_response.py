@@ -61,7 +61,7 @@ def test_a_sweep_without_noise_shows_the_plant_to_one_percent(rate: bool, delay:
 
 
 @pytest.mark.slow
-def test_the_confidence_circles_hold_the_truth_as_often_as_they_say() -> None:
+def test_the_confidence_circles_contain_the_truth_as_often_as_stated() -> None:
     inside = []
     for seed in range(12):
         run = yaw(Levels(np.random.default_rng(1), 0.4, 3.0), 100.0, noise=0.01, seed=seed)
@@ -82,7 +82,7 @@ def test_noise_alone_has_low_coherence_and_more_noise_wider_circles() -> None:
     assert np.mean(np.abs(nothing.value) <= nothing.radius(0.95)) > 0.85
 
 
-def test_uneven_stamps_and_a_hole_do_no_harm() -> None:
+def test_uneven_stamps_and_a_gap_do_not_bias_the_response() -> None:
     run = yaw(chirp(0.3, 0.05, 3.0, 150.0), 150.0, noise=0.002)
     rng = np.random.default_rng(2)
     t, psi = run["psi"].t, run["psi"].values
@@ -124,21 +124,21 @@ def test_a_sway_coupled_plant_shows_its_second_order() -> None:
 
 
 @pytest.mark.slow
-def test_the_standard_errors_of_gain_and_time_constant_are_those_of_repeated_runs() -> None:
-    values, told = [], []
+def test_standard_errors_of_gain_and_time_constant_match_repeated_runs() -> None:
+    values, result = [], []
     for seed in range(14):
         run = yaw(Levels(np.random.default_rng(1), 0.4, 3.0), 100.0, noise=0.02, seed=seed)
         fitted = fit_nomoto(strong(spectral_response(run, "yaw")), 1, 0.0)
         assert isinstance(fitted.model, Nomoto1)
         values.append((fitted.model.K, fitted.model.T))
-        told.append((fitted.std["K"], fitted.std["T"]))
-    spread, mean_told = np.std(values, axis=0, ddof=1), np.mean(told, axis=0)
+        result.append((fitted.std["K"], fitted.std["T"]))
+    spread, mean_told = np.std(values, axis=0, ddof=1), np.mean(result, axis=0)
     assert np.all(0.5 < mean_told / spread)
     assert np.all(mean_told / spread < 2.5)
     assert np.mean(values, axis=0) == pytest.approx((1.0 / BETA, ALPHA / BETA), rel=0.02)
 
 
-def test_the_picture_shows_gain_phase_and_coherence_with_the_models() -> None:
+def test_the_plot_shows_gain_phase_and_coherence_with_the_models() -> None:
     response = spectral_response(yaw(chirp(0.3, 0.05, 3.0, 120.0), 120.0, noise=0.01), "yaw")
     figure = frequency_plot(response, {"plant": Nomoto1(1.0 / BETA, ALPHA / BETA)})
     gain, phase, coherence = figure.axes
@@ -150,7 +150,7 @@ def test_the_picture_shows_gain_phase_and_coherence_with_the_models() -> None:
     figure.canvas.draw()
 
 
-def test_a_response_survives_its_plain_form_and_short_runs_are_refused() -> None:
+def test_a_response_survives_serialisation_and_short_runs_are_rejected() -> None:
     response = spectral_response(yaw(chirp(0.3, 0.05, 3.0, 60.0), 60.0, noise=0.01), "yaw")
     again = FrequencyResponse.from_dict(response.to_dict())
     assert again.value == pytest.approx(response.value)

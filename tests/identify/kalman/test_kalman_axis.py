@@ -48,7 +48,7 @@ def estimates(method: str, seeds: range) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_with_gusts_prediction_error_is_nearer_and_more_honest_than_output_error():
+def test_with_gusts_prediction_error_is_more_accurate_than_output_error():
     seeds = range(8)
     pem, pem_std = estimates("prediction-error", seeds)
     oe, oe_std = estimates("output-error", seeds)
@@ -59,7 +59,7 @@ def test_with_gusts_prediction_error_is_nearer_and_more_honest_than_output_error
 
 
 @pytest.mark.parametrize("method", ["ekf", "ukf", "smoother", "prediction-error"])
-def test_a_calm_axis_is_found_by_every_filter(method):
+def test_an_axis_without_process_noise_is_identified_by_every_filter(method):
     found = fit(yaw_run(3, gust=0.0), "linear", method, dof="yaw")
     assert found.model.alpha == pytest.approx(INERTIA, abs=4.0 * found.parameters["alpha_r"].std)
     assert found.model.beta == pytest.approx(DRAG, abs=4.0 * found.parameters["beta_r"].std)
@@ -67,5 +67,5 @@ def test_a_calm_axis_is_found_by_every_filter(method):
     assert found.fit_percent > 90.0
 
 
-def test_without_a_structure_asked_for_the_linear_drag_is_chosen():
+def test_linear_drag_is_chosen_if_no_structure_is_requested():
     assert fit(yaw_run(4, gust=0.0), None, "smoother", dof="yaw").structure == "linear"

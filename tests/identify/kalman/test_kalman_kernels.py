@@ -106,7 +106,7 @@ def row_at(t: float) -> int:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("t", "stop"), [(0.0, 0.1), (0.0, 0.27), (0.1, 1.2), (0.97, 1.0)])
-def test_a_state_is_carried_through_jumps_as_a_simulation_is_with_its_sensitivities(t: float, stop: float) -> None:
+def test_a_state_and_its_sensitivities_pass_input_jumps_as_in_a_simulation(t: float, stop: float) -> None:
     free = ints(6, -1, 7, 8, -1, 9, -1)
     x, S = X.copy(), np.eye(6, 10)
     finite, rate, row, spent = carried(THETA, x, S, t, stop, row_at(t), free, 12.0, kernel.scratch(6, 10))
@@ -126,7 +126,7 @@ def test_a_state_is_carried_through_jumps_as_a_simulation_is_with_its_sensitivit
     assert y == pytest.approx(x, abs=1e-12)
 
 
-def test_a_model_too_stiff_or_running_away_is_given_up() -> None:
+def test_a_model_too_stiff_or_diverging_is_abandoned() -> None:
     def is_finite(max_rate: float, x: Array = X) -> bool:
         room = np.zeros((6, 0))
         return carried(THETA, x.copy(), room, 0.0, 0.1, 0, NONE, max_rate, kernel.scratch(6, 0))[0]
@@ -165,7 +165,7 @@ def test_a_step_gives_the_transition_of_the_whole_and_of_its_second_half(stop: f
         assert rate == pytest.approx(max(fastest), rel=1e-6)
 
 
-def test_both_ways_over_an_interval_are_taken() -> None:
+def test_short_and_long_intervals_are_both_tested() -> None:
     assert transition.SHORT == 0.3
     rates = []
     for stop in (0.05, 1.3):
@@ -194,7 +194,7 @@ def test_the_inverse_of_the_inertia_and_whether_it_is_positive() -> None:
 
 @pytest.mark.parametrize("code", [0, 1, 5, 6, 7, 11])
 @pytest.mark.parametrize("current", [(3, 4), (3, -1), (-1, 4), (-1, -1)])
-def test_what_is_measured_is_the_velocity_over_ground_or_the_position(code: int, current: tuple[int, int]) -> None:
+def test_measurements_are_velocity_over_ground_or_position(code: int, current: tuple[int, int]) -> None:
     boat = BOAT._replace(current_x=current[0], current_y=current[1])
     free = ints(-1, -1, -1, 6, 7, -1, -1)
 
@@ -212,7 +212,7 @@ def test_what_is_measured_is_the_velocity_over_ground_or_the_position(code: int,
     assert not H[6:].any()
 
 
-def test_a_covariance_is_carried_by_the_transition_and_grows_by_simpsons_rule_and_as_a_process_that_returns() -> None:
+def test_the_time_update_of_a_covariance_matches_the_dense_formula() -> None:
     rng = np.random.default_rng(2)
     F, late = rng.standard_normal((3, 6)), rng.standard_normal((3, 3))
     q, h = np.array([0.2, 0.0, 0.5]), 0.7
@@ -230,7 +230,7 @@ def test_a_covariance_is_carried_by_the_transition_and_grows_by_simpsons_rule_an
     assert cov == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_sample_takes_its_part_of_the_covariance_in_josephs_form() -> None:
+def test_the_measurement_update_of_a_covariance_has_josephs_form() -> None:
     cov, K, H, r = covariance(4), np.array([0.3, -0.2, 0.5, 0.1]), np.array([1.0, 0.0, -0.4, 0.6]), 0.02
     rest = np.eye(4) - np.outer(K, H)
     expected = rest @ cov @ rest.T + r * np.outer(K, K)
@@ -245,7 +245,7 @@ Q_STATES = np.array([0.0, 0.0, 0.0, 0.04, 0.02, 0.05])
 WALK = np.array([0.01, 0.02])
 
 
-def test_sigma_points_carry_mean_and_covariance_by_central_differences() -> None:
+def test_sigma_points_propagate_mean_and_covariance_by_central_differences() -> None:
     mean, cov, t, stop = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8), 0.1, 0.8
     cov[:, 4] = cov[4, :] = 0.0  # a state that is known
     theta = THETA.copy()
@@ -296,7 +296,7 @@ def test_sigma_points_carry_mean_and_covariance_by_central_differences() -> None
 
 
 @pytest.mark.parametrize(("far", "place"), [(9.0, 6), (4e6, 0)], ids=["no positive mass", "runs away"])
-def test_a_sigma_point_that_cannot_be_carried_changes_nothing(far: float, place: int) -> None:
+def test_a_sigma_point_that_cannot_be_propagated_changes_nothing(far: float, place: int) -> None:
     places = ints(6, 0)
     mean, cov = np.concatenate([X, THETA[places]]), np.diag(np.full(8, 1e-4))
     at = 6 if place == 6 else 3
@@ -384,7 +384,7 @@ PATH = np.array([moved(X, 0.05, s) if s > 0.05 else X for s in STAMPS])
 @pytest.mark.parametrize(
     ("about", "sigma"), [(None, False), (None, True), (PATH, False)], ids=["linearised", "sigma points", "about a path"]
 )
-def test_a_pass_is_predict_and_correct_sample_by_sample(about: Array | None, sigma: bool) -> None:
+def test_a_pass_predicts_and_corrects_sample_by_sample(about: Array | None, sigma: bool) -> None:
     samples, means, covs = filtered(about, sigma=sigma)
     rate, history, mean, cov = result(reference=np.zeros((0, 6)) if about is None else about, sigma=sigma)
     assert 0.3 < rate < 5.0
@@ -399,7 +399,7 @@ def test_a_pass_is_predict_and_correct_sample_by_sample(about: Array | None, sig
     assert np.array_equal(mean, history.mean[-1]) and np.array_equal(cov, history.covariance[-1])
 
 
-def test_inputs_that_end_before_the_first_sample_are_held_and_nothing_behind_them_is_read() -> None:
+def test_inputs_that_end_before_the_first_sample_are_held() -> None:
     t, inputs = np.array([-2.0, -1.0, -0.5, -0.4]), np.tile(INPUTS[0], (4, 1))
     inputs[2:] = 1e6
     held = result(given=(t[1:2], inputs[1:2]))
@@ -408,7 +408,7 @@ def test_inputs_that_end_before_the_first_sample_are_held_and_nothing_behind_the
     assert before_others[3] == pytest.approx(held[3], rel=1e-12)
 
 
-def test_a_pass_that_keeps_no_tape_gives_the_same_innovations() -> None:
+def test_a_pass_without_a_full_history_gives_the_same_innovations() -> None:
     _, full, mean, _ = result()
     lean = new_history(5, 3, 6, 8, full=False)
     end, cov = np.concatenate([X, THETA[FREE_PLACES]]), covariance(8)
@@ -421,14 +421,14 @@ def test_a_pass_that_keeps_no_tape_gives_the_same_innovations() -> None:
     assert [len(a) for a in lean] == [0, 0, 0, 0, 5, 5, 0, 0]
 
 
-def test_a_pass_that_runs_away_says_at_which_stamp() -> None:
+def test_a_diverging_pass_reports_the_stamp() -> None:
     for s, i in ((0, 0), (2, 1), (4, 0)):
         read = READ.copy()
         read[s, i] = 1e14
         assert result(read=read)[0] == -1.0 - s if s == 4 else result(read=read)[0] <= -1.0 - s
 
 
-def test_parameters_stop_short_of_an_inertia_that_is_not_positive() -> None:
+def test_parameters_stop_before_the_inertia_is_not_positive() -> None:
     theta, places = THETA.copy(), ints(6)
     mean, after = np.append(X, 2.0), np.append(X, -5.0)
     M, M_inverse = np.zeros((6, 6)), np.zeros((3, 3))
@@ -446,7 +446,7 @@ def likelihood(r: Array = R, q: Array = Q_STATES) -> float:
     return float(-0.5 * np.sum(history.e[seen] ** 2 / history.S[seen] + np.log(history.S[seen])))
 
 
-def test_the_adjoint_smooths_as_rauch_tung_and_striebel_and_gives_the_derivatives_by_every_noise() -> None:
+def test_the_adjoint_gives_the_rts_smoother_and_the_derivatives_by_every_noise_level() -> None:
     _, history, _, _ = result(reference=PATH)
     adjoint, information = np.zeros(8), np.zeros((8, 8))
     smoothed, variances = np.zeros((5, 8)), np.zeros((5, 8))
@@ -492,7 +492,7 @@ def test_the_adjoint_of_a_later_record_reaches_back_through_the_parameters() -> 
     assert variances[-1] == pytest.approx(np.diag(cov - np.outer(K, seen[0] @ cov)), abs=1e-12)
 
 
-def test_a_model_without_a_delay_takes_its_inputs_when_they_are_stamped() -> None:
+def test_a_model_without_a_delay_applies_inputs_at_their_stamps() -> None:
     prompt = THETA.copy()
     prompt[2] = 0.0
     means = []
@@ -506,7 +506,7 @@ def test_a_model_without_a_delay_takes_its_inputs_when_they_are_stamped() -> Non
     assert means[0] == pytest.approx(means[1], abs=1e-12)
 
 
-def test_a_delay_that_is_the_very_first_parameter_holds_the_inputs_back_as_any_other() -> None:
+def test_a_delay_as_the_first_parameter_delays_the_inputs_as_any_other() -> None:
     """The second input is given before the first sample and arrives after it."""
     turned = ints(2, 1, 0, 3, 4, 5, 6)
     first = BOAT._replace(delay=0, pars=ints(2, 2, 1, -1, -1))
@@ -527,7 +527,7 @@ def test_a_delay_that_is_the_very_first_parameter_holds_the_inputs_back_as_any_o
     assert means[2] == pytest.approx(means[0], abs=1e-12)
 
 
-def test_parameters_go_half_the_way_again_and_again_until_the_inertia_is_positive_all_of_them() -> None:
+def test_a_parameter_step_is_halved_until_the_inertia_is_positive() -> None:
     places = ints(0, 6, 5)
     mean, moved_to = np.concatenate([X, [0.9, 2.0, 0.4]]), np.concatenate([X, [1.7, -1.0, 1.2]])
     theta, M, M_inverse = THETA.copy(), *(a.copy() for a in masses(THETA))
@@ -544,7 +544,7 @@ def test_parameters_go_half_the_way_again_and_again_until_the_inertia_is_positiv
 
 
 @pytest.mark.parametrize("current", [(0, -1), (-1, 0)])
-def test_the_very_first_parameter_may_be_a_current(current: tuple[int, int]) -> None:
+def test_a_current_may_be_the_first_parameter(current: tuple[int, int]) -> None:
     boat = BOAT._replace(current_x=current[0], current_y=current[1])
     along = np.array([np.cos(X[2]), -np.sin(X[2])] if current[0] == 0 else [np.sin(X[2]), np.cos(X[2])])
     for code in (0, 1):
@@ -553,9 +553,7 @@ def test_the_very_first_parameter_may_be_a_current(current: tuple[int, int]) -> 
 
 
 @pytest.mark.parametrize(("surge", "least"), [(0.8, 0.1), (40.0, 0.1), (0.8, 2.0)])
-def test_steps_that_met_more_than_twice_their_pace_are_made_again_and_the_pace_follows_the_rates(
-    surge: float, least: float
-) -> None:
+def test_steps_with_rates_above_twice_their_pace_are_repeated_and_the_pace_adapts(surge: float, least: float) -> None:
     """Again at 1.2 times the rate met (four times the pace where the motion ran away); then 1.5 times a rate above the
     pace, or 0.7 of the pace, and never below the least."""
     stamps = np.array([0.05, 0.5, 0.9, 1.6, 1.7])
@@ -584,7 +582,7 @@ def test_steps_that_met_more_than_twice_their_pace_are_made_again_and_the_pace_f
     assert (again > 0) is (least < 1.0) and (lost > 0) is (surge > 1.0)
 
 
-def test_where_there_is_no_heading_a_craft_points_north_and_nothing_else_is_touched() -> None:
+def test_a_craft_without_a_heading_points_north() -> None:
     column = BOAT.column.copy()
     column[11] = -1
     boat, free = BOAT._replace(column=column), ints(-1, -1, -1, 6, 7, -1, -1)

@@ -29,7 +29,7 @@ def by_ekf(zigzag):
     return fit(zigzag, FORM, "ekf")
 
 
-def test_the_filter_finds_all_fifteen_coefficients_within_its_errors(by_ekf):
+def test_the_filter_identifies_all_fifteen_coefficients_within_its_errors(by_ekf):
     z = misses(by_ekf)
     assert np.max(np.abs(z)) < 4.0
     assert 0.4 < np.sqrt(np.mean(z**2)) < 1.7
@@ -37,7 +37,7 @@ def test_the_filter_finds_all_fifteen_coefficients_within_its_errors(by_ekf):
     assert not by_ekf.doubts
 
 
-def test_starting_all_coefficients_at_plus_or_minus_20_leads_to_the_same_place(zigzag, by_ekf):
+def test_starting_all_coefficients_at_plus_or_minus_20_gives_the_same_result(zigzag, by_ekf):
     for value in (20.0, -20.0):
         other = fit(zigzag, FORM, "ekf", start=dict.fromkeys(TRUTH, value))
         assert set(other.parameters) == set(by_ekf.parameters) >= set(FORM.free)
@@ -46,14 +46,14 @@ def test_starting_all_coefficients_at_plus_or_minus_20_leads_to_the_same_place(z
 
 
 @pytest.mark.slow
-def test_on_the_seeds_circle_the_average_error_is_below_the_seeds_best():
+def test_the_average_error_on_the_published_circle_is_below_the_published_best():
     """ZhaoUSV, table 3: 3.83 %; noise 1 mm/s and 1 mrad/s, circle entered from rest and left by coasting."""
     found = fit(sail("circle", 0, noise=0.001), FORM, "ekf", start=dict.fromkeys(TRUTH, -20.0))
     errors = [100.0 * abs(found.parameters[n].value / v - 1.0) for n, v in TRUTH.items() if v]
     assert np.mean(errors) < 3.83
 
 
-def test_missing_samples_and_uneven_stamps_cost_information_only(zigzag):
+def test_missing_samples_and_uneven_stamps_only_reduce_information(zigzag):
     rng = np.random.default_rng(5)
     channels = dict(zigzag.channels)
     for name in "uvr":
@@ -65,7 +65,7 @@ def test_missing_samples_and_uneven_stamps_cost_information_only(zigzag):
     assert not [d for d in found.doubts if d.slug == "filter-inconsistent"]
 
 
-def test_velocities_and_parameters_come_out_of_1_hz_positions_and_10_hz_heading():
+def test_velocities_and_parameters_are_estimated_from_1_hz_positions_and_10_hz_heading():
     whole = sail("zigzag", 1, noise=0.01, duration=96.0, signals=("x", "y", "psi", "u", "v"))
     channels = {n: whole[n] for n in ("T_1", "T_2", "psi")}
     channels |= {n: Channel(n, "m", whole[n].t[::10], whole[n].values[::10]) for n in "xy"}
@@ -80,13 +80,13 @@ def test_velocities_and_parameters_come_out_of_1_hz_positions_and_10_hz_heading(
         assert np.max(np.abs(off) / np.maximum(seen["std"][name], 1e-9)) < 6.0
 
 
-def test_a_regression_that_runs_away_does_not_stop_the_smoother():
+def test_a_diverging_regression_does_not_stop_the_smoother():
     """Noise of seed 10 makes the regression's inertia nearly singular."""
     found = fit(sail("zigzag", 10, noise=0.01, duration=64.0), FORM, "smoother")
     assert np.max(np.abs(misses(found))) < 4.0
 
 
-def test_sigma_points_agree_with_the_linearised_filter_where_little_is_curved():
+def test_sigma_points_agree_with_the_linearised_filter_at_low_curvature():
     run = sail("zigzag", 3, noise=0.005, duration=24.0)
     form = FORM.fixing({n: v for n, v in TRUTH.items() if n not in ("N_r", "N_rr", "X_u", "X_uu")})
     ekf, ukf = fit(run, form, "ekf"), fit(run, form, "ukf")
@@ -97,7 +97,7 @@ def test_sigma_points_agree_with_the_linearised_filter_where_little_is_curved():
         assert ukf.parameters[name].std == pytest.approx(p.std, rel=0.1)
 
 
-def test_gusts_are_told_from_measurement_noise():
+def test_gusts_are_distinguished_from_measurement_noise():
     found = fit(sail("zigzag", 2, noise=0.01, duration=64.0, gust=0.02), FORM, "prediction-error")
     assert found.noise == pytest.approx(dict.fromkeys("uvr", 0.01), rel=0.15)
     assert found.extra["state_noise"] == pytest.approx(dict.fromkeys("uvr", 0.02), rel=0.25)
@@ -122,7 +122,7 @@ def test_the_report_plots_the_convergence_of_every_parameter(by_ekf):
     assert abs(line[-1] - by_ekf.parameters[first].value) < 1e-6 * abs(line[-1])
 
 
-def test_noise_levels_the_user_gives_are_kept(zigzag):
+def test_noise_levels_supplied_by_the_user_are_kept(zigzag):
     given = dict.fromkeys("uvr", 0.02)
     found = fit(zigzag, FORM, "ekf", measurement_noise=given, state_noise=0.0, passes=4)
     assert found.noise == pytest.approx(given)
@@ -130,7 +130,7 @@ def test_noise_levels_the_user_gives_are_kept(zigzag):
     assert "filter-inconsistent" in {d.slug for d in found.doubts}
 
 
-def test_a_model_that_lacks_its_drag_is_doubted(zigzag):
+def test_a_model_without_its_drag_has_a_doubt(zigzag):
     poor = FORM.without("Y_vv", "Y_v", "Y_r", "Y_rr")
     found = fit(zigzag, poor, "ekf", state_noise=0.0, passes=6, measurement_noise=dict.fromkeys("uvr", 0.01))
     assert {"filter-inconsistent", "innovations-coloured"} & {d.slug for d in found.doubts}
@@ -140,12 +140,12 @@ def test_a_model_that_lacks_its_drag_is_doubted(zigzag):
     "options",
     [{"start": {"X_w": 1.0}}, {"state_noise": -1.0}, {"state_noise": {"w": 1.0}}, {"passes": 0}, {"spread": 0.0}],
 )
-def test_options_that_make_no_sense_are_refused(zigzag, options):
+def test_invalid_options_are_rejected(zigzag, options):
     with pytest.raises(UsageError):
         fit(zigzag, FORM, "ekf", **options)
 
 
-def test_a_form_without_free_parameters_is_no_question(zigzag):
+def test_a_form_without_free_parameters_is_rejected(zigzag):
     with pytest.raises(NotInformative):
         fit(zigzag, FORM.fixing(TRUTH), "ekf")
 

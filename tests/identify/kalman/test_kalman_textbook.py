@@ -91,7 +91,7 @@ def ours(rec, theta=THETA, r=R, q: float = Q, *, full: bool = True):
     return bank, levels, bank.run(theta, prior, levels, full=full)
 
 
-def test_likelihood_filter_and_smoother_are_those_of_the_textbook():
+def test_likelihood_filter_and_smoother_match_the_textbook():
     rec = record()
     bank, levels, result = ours(rec)
     total, filtered, smoothed = textbook(rec)

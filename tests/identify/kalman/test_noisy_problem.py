@@ -1,4 +1,4 @@
-"""A force that wanders as part of the model: its size, its memory, and what it is told from."""
+"""A drifting force as part of the model: its size, its correlation time, and what it is distinguished from."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run(
     swing: float = 0.0,
     slap: float = 0.0,
 ) -> Segment:
-    """Return a relay run of 80 s, integrated in steps of a hundredth of a second; *force*, *thrust*: of its own day.
+    """Return a relay run of 80 s, in steps of 0.01 s; *force*, *thrust*: offsets of this run.
 
     swing, slap : standard deviations of what waves of :data:`SEA` add to the heading seen, and of how they push.
     """
@@ -92,7 +92,7 @@ DRAG = (EffectInstance("quadratic-drag", "yaw", {"coefficient": 0.1}),)
 BEGIN = (np.array([0.3, -1.0]), (), ProcessNoise(0.02, 1.0, 3e-3))
 
 
-def test_gain_damping_and_the_water_are_found_together() -> None:
+def test_gain_damping_and_process_noise_are_identified_together() -> None:
     fit = problem_of([run(1), run(2)]).fit(*BEGIN)
     assert fit is not None
     std = np.sqrt(np.diag(fit.covariance))
@@ -103,7 +103,7 @@ def test_gain_damping_and_the_water_are_found_together() -> None:
     assert 0.85 < float(np.mean(e * e / S)) < 1.15
 
 
-def test_a_force_that_vanishes_in_a_fit_is_no_unknown_of_it_any_more() -> None:
+def test_a_force_that_vanishes_in_a_fit_is_no_longer_an_unknown() -> None:
     calm, rng = run(1, size=0.0), np.random.default_rng(1)
     psi = calm.signals["psi"]
     rough = replace(psi, values=psi.values + rng.normal(0.0, 0.03, len(psi.values)))
@@ -115,8 +115,8 @@ def test_a_force_that_vanishes_in_a_fit_is_no_unknown_of_it_any_more() -> None:
     assert problem.tangent(fit) is not None
 
 
-def test_steps_that_a_trial_made_too_fine_do_not_end_every_later_fit() -> None:
-    """A trial asked for steps 512 times finer than a second; no pass came to its end since, and no cause was tried."""
+def test_too_fine_steps_of_one_trial_do_not_stop_later_fits() -> None:
+    """A trial needed steps 512 times finer than a second; no later pass finished, and no cause was tried."""
     problem = problem_of([run(1)])
     before = problem.fit(BEGIN[0], DRAG, BEGIN[2], rounds=2)
     assert before is not None
@@ -129,7 +129,7 @@ def test_steps_that_a_trial_made_too_fine_do_not_end_every_later_fit() -> None:
     assert again is not None and again.total == pytest.approx(before.total, abs=1e-3)
 
 
-def test_a_force_that_wanders_begins_anew_in_every_run_at_its_own_spread() -> None:
+def test_a_drifting_force_starts_every_run_with_its_own_variance() -> None:
     problem = problem_of([run(1), run(1)])
     fit = problem.fit(*BEGIN, rounds=3)
     assert fit is not None
@@ -139,26 +139,26 @@ def test_a_force_that_wanders_begins_anew_in_every_run_at_its_own_spread() -> No
 def test_a_trial_of_a_craft_without_inertia_leaves_no_fine_steps_behind(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Begun beside an inertia hundred times too small, every later pass of a fit took hundred times as long."""
-    asked: list[float] = []
+    """After a trial with an inertia a hundred times too small, every later pass took a hundred times as long."""
+    requested: list[float] = []
     forward = filter_bank.forward
 
     def noted(*arguments: Any) -> float:
-        asked.append(arguments[18])
+        requested.append(arguments[18])
         return float(forward(*arguments))
 
     monkeypatch.setattr(filter_bank, "forward", noted)
     problem = problem_of([run(1)])
     assert problem.run(np.array([GAIN, -200.0]), DRAG, BEGIN[2]) is not None
     fit = problem.fit(BEGIN[0], DRAG, BEGIN[2])
-    assert asked[1] > 200.0  # [1/s], what steps are short against
-    assert max(asked[2:]) < 10.0
+    assert requested[1] > 200.0  # [1/s], what steps are short against
+    assert max(requested[2:]) < 10.0
     alone = problem_of([run(1)]).fit(BEGIN[0], DRAG, BEGIN[2])
     assert fit is not None and alone is not None
     assert fit.theta == pytest.approx(alone.theta, rel=1e-6)
 
 
-def test_the_smoother_sees_the_push_of_every_moment() -> None:
+def test_the_smoother_estimates_the_drifting_force() -> None:
     problem = problem_of([run(3, size=0.2)])
     done = problem.run(np.array([GAIN, -DAMPING]), (), ProcessNoise(0.2, MEMORY, 1e-3), full=True)
     assert done is not None
@@ -176,7 +176,7 @@ def test_the_smoother_sees_the_push_of_every_moment() -> None:
     ("quadratic-drag", "coefficient", {"square": 1.5}, 1.5),
     ("sway-moment", "N_v", {"slide": 0.5}, 0.5),
 ])  # fmt: skip
-def test_an_effect_beneath_the_weather_comes_out_at_its_size(
+def test_an_effect_is_identified_at_its_size_with_process_noise(
     slug: str, name: str, how: dict[str, float], true: float
 ) -> None:
     problem = problem_of([run(1, **how), run(2, **how)])
@@ -189,7 +189,7 @@ def test_an_effect_beneath_the_weather_comes_out_at_its_size(
     assert abs(fit.effects[0][name] - true) < 3.5 * fit.errors_of(own)[name]
 
 
-def test_bursts_weigh_less_under_a_law_with_tails() -> None:
+def test_bursts_weigh_less_with_a_heavy_tailed_distribution() -> None:
     segment = run(1)
     own = segment.signals["psi"]
     values = own.values.copy()
@@ -205,7 +205,7 @@ def test_bursts_weigh_less_under_a_law_with_tails() -> None:
     assert tailed.total > normal.total + 10.0
 
 
-def test_inputs_that_come_more_often_than_needed_are_held_as_their_means() -> None:
+def test_inputs_sampled_faster_than_needed_are_replaced_by_their_means() -> None:
     segment = run(1)
     t = np.arange(0.0, 80.0, 0.02)
     busy = Segment("busy", "busy", t, np.sin(t)[:, None], ("N",), ("1",), {"psi": segment.signals["psi"]})
@@ -217,7 +217,7 @@ def test_inputs_that_come_more_often_than_needed_are_held_as_their_means() -> No
     assert len(thinned_to([segment], "psi", 1.0)[0].t_in) == len(segment.t_in)
 
 
-def test_an_error_several_seconds_ahead_is_small_in_calm_water_and_grows_with_the_weather() -> None:
+def test_the_prediction_error_grows_with_the_process_noise() -> None:
     errors = []
     for size in (1e-4, 0.1):
         problem = problem_of([run(1, size=size)])
@@ -228,7 +228,7 @@ def test_an_error_several_seconds_ahead_is_small_in_calm_water_and_grows_with_th
     assert errors[1] > 5.0 * errors[0]
 
 
-def test_a_heading_smoothed_both_ways_is_no_lag() -> None:
+def test_a_heading_smoothed_both_ways_is_not_a_lag() -> None:
     segments = []
     for seed in (1, 2):
         segment = run(seed)
@@ -272,8 +272,8 @@ CHOPPY = {"wave_swing": 0.03, "wave_force": 0.08, "wave_frequency": SEA[0], "wav
 
 
 @pytest.mark.parametrize("name", LINEAR)
-@pytest.mark.parametrize("more", [{}, {"smoothing": 0.35}, CHOPPY], ids=["calm", "smoothed", "waves"])
-def test_exact_transitions_filter_as_the_general_pass_does(name: str, more: dict[str, float]) -> None:
+@pytest.mark.parametrize("more", [{}, {"smoothing": 0.35}, CHOPPY], ids=["no waves", "smoothed", "waves"])
+def test_exact_transitions_match_the_general_pass(name: str, more: dict[str, float]) -> None:
     runs = [run(1), run(2)]
     speed = Channel("u", "m/s", runs[0].stamps, 1.0 + 0.3 * np.sin(0.2 * runs[0].stamps))
     problem = problem_of([replace(r, measured={**r.measured, "u": speed}) for r in runs])
@@ -290,8 +290,8 @@ def test_exact_transitions_filter_as_the_general_pass_does(name: str, more: dict
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-5, 1e-3, 0.3, 40.0, -0.1])
-def test_exact_transitions_hold_at_every_pace(damping: float) -> None:
-    """From the series of a craft without damping to one that follows at once."""
+def test_exact_transitions_are_valid_at_every_damping(damping: float) -> None:
+    """From a craft without damping to one that follows at once."""
     problem = problem_of([run(1)])
     noise = ProcessNoise(0.05, 2.5, 2e-3)
     exact = problem.innovations_at(np.array([0.45, -damping]), (), noise)
@@ -304,13 +304,13 @@ def test_exact_transitions_hold_at_every_pace(damping: float) -> None:
 
 
 @pytest.mark.parametrize("slug", ["quadratic-drag", "tether-pull", "wind-moment", "ground-effect"])
-def test_what_bends_the_equation_goes_the_general_way(slug: str) -> None:
+def test_nonlinear_effects_use_the_general_pass(slug: str) -> None:
     values = {q.name: 0.1 for q in EFFECTS[slug].parameters}
     effect = EffectInstance(slug, "yaw", values, {"dives": 0.0, "bottom": 5.0})
     assert problem_of([run(1)])._linear((effect,)) is None
 
 
-def test_samples_of_a_velocity_are_filtered_the_same() -> None:
+def test_exact_transitions_match_the_general_pass_for_velocities() -> None:
     segment = run(1)
     own = segment.signals["psi"]
     rate = Signal("r", own.t, np.gradient(own.values, own.t), 0.0)
@@ -324,8 +324,8 @@ def test_samples_of_a_velocity_are_filtered_the_same() -> None:
     assert exact[0][2] == pytest.approx(history.S[seen, 0], rel=1e-5)
 
 
-def test_waves_are_found_at_their_frequency_and_size_and_leave_the_craft_as_she_is() -> None:
-    """Without them in the model the craft comes out quicker, or slower: her heading seems to answer at once."""
+def test_waves_are_identified_and_do_not_bias_the_craft() -> None:
+    """Without them in the model the time constant is wrong: the heading seems to respond at once."""
     problem = problem_of([run(k, swing=0.03, slap=0.04) for k in (1, 2, 3)])
     calm = problem.fit(*BEGIN)
     begun = replace(BEGIN[2], wave_swing=0.01, wave_force=0.01, wave_frequency=2.0)
@@ -341,7 +341,7 @@ def test_waves_are_found_at_their_frequency_and_size_and_leave_the_craft_as_she_
     assert abs(calm.theta[1] + DAMPING) > 2.0 * abs(fit.theta[1] + DAMPING)
 
 
-def test_an_error_ahead_is_smaller_where_the_waves_are_known() -> None:
+def test_known_waves_reduce_the_prediction_error() -> None:
     problem = problem_of([run(k, size=0.01, swing=0.03) for k in (1, 2)])
     theta, calm = np.array([GAIN, -DAMPING]), ProcessNoise(0.01, MEMORY, 0.03)
     errors = []

@@ -1,4 +1,4 @@
-"""What differs from run to run, integrated out: exactly, the same by either pass, and told run by run."""
+"""Run-to-run differences are integrated out exactly, equally by either pass, and estimated for each run."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from gcs_autotune.identify.signals import Segment, Signal
 Array = NDArray[np.float64]
 
 THETA = np.array([0.45, -0.7])
-WATER = ProcessNoise(0.05, 2.5, 2e-3, day_force=0.06, day_thrust=0.08)
-CHOPPY = replace(WATER, wave_swing=0.05, wave_force=0.1, wave_frequency=2.4, wave_damping=0.15)
+OFFSETS = ProcessNoise(0.05, 2.5, 2e-3, day_force=0.06, day_thrust=0.08)
+CHOPPY = replace(OFFSETS, wave_swing=0.05, wave_force=0.1, wave_frequency=2.4, wave_damping=0.15)
 
 
 def short(name: str, seed: int) -> Segment:
@@ -33,13 +33,13 @@ def short(name: str, seed: int) -> Segment:
 
 def responses(segment: Segment, states: Array, spread: Array, noise: ProcessNoise) -> tuple[Array, Array, Array, Array]:
     """Return the mean (s,) of the samples, what every independent unit of chance adds to them (s, units), what the
-    run's own constant force and thrust do (s, 2), and the force that wanders by units (s, units): by steps of a
+    run's own constant force and thrust do (s, 2), and the drifting force by units (s, units): by steps of a
     millisecond.
     """
     k, d = THETA
     t, keep = segment.signals["psi"].t, math.exp(-0.5 / noise.memory)
     n, units = len(t), 2 + 3 * len(segment.signals["psi"].t)
-    gusts = np.zeros((n, units))  # what wanders, by unit: the first, then one more in each interval
+    gusts = np.zeros((n, units))  # the drifting force, by unit: the first, then one more in each interval
     gusts[0, 2] = noise.size
     sea = np.zeros((n, 2, units))  # both states of the waves, by two units in each interval
     sea[0, 0, 2 + n], sea[0, 1, 3 + n] = 1.0, 1.0
@@ -72,14 +72,14 @@ def responses(segment: Segment, states: Array, spread: Array, noise: ProcessNois
     return rows[:, 0], rows[:, 1:-2] + noise.wave_swing * sea[:, 1], rows[:, -2:], gusts
 
 
-@pytest.mark.parametrize("noise", [WATER, CHOPPY], ids=["calm", "waves"])
-def test_integrating_out_is_exact_beside_a_dense_gaussian(noise: ProcessNoise) -> None:
+@pytest.mark.parametrize("noise", [OFFSETS, CHOPPY], ids=["no waves", "waves"])
+def test_integrating_out_run_offsets_matches_a_dense_gaussian(noise: ProcessNoise) -> None:
     """Two records of one run, which share its own force and thrust, and one of another."""
     segments = [short("a", 1), short("a", 2), short("b", 3)]
     problem = problem_of(segments)
     found = problem.innovations_at(THETA, (), noise)
     assert found is not None
-    told = sum(-0.5 * float(np.sum(e * e / S + np.log(2.0 * np.pi * S))) for _, e, S in found)
+    total = sum(-0.5 * float(np.sum(e * e / S + np.log(2.0 * np.pi * S))) for _, e, S in found)
     states, spread = problem._priors
     parts = [responses(s, states[i], spread[i], noise) for i, s in enumerate(segments)]
     dense = 0.0
@@ -92,11 +92,11 @@ def test_integrating_out_is_exact_beside_a_dense_gaussian(noise: ProcessNoise) -
             C[block, block] += parts[i][1] @ parts[i][1].T
         _, size = np.linalg.slogdet(2.0 * np.pi * C)
         dense -= 0.5 * (float(size) + float(error @ np.linalg.solve(C, error)))
-    assert told == pytest.approx(dense, abs=1e-5)
+    assert total == pytest.approx(dense, abs=1e-5)
 
 
-def test_the_force_that_wanders_is_told_from_waves_as_a_dense_gaussian_tells_it() -> None:
-    """By the smoother, run by run; of a day's own force and thrust there is none."""
+def test_the_drifting_force_is_separated_from_waves_as_by_a_dense_gaussian() -> None:
+    """By the smoother, for each run; without run-to-run offsets."""
     noise = replace(CHOPPY, day_force=0.0, day_thrust=0.0)
     segments = [short("a", 1), short("b", 3)]
     problem = problem_of(segments)
@@ -108,21 +108,21 @@ def test_the_force_that_wanders_is_told_from_waves_as_a_dense_gaussian_tells_it(
     for i, segment in enumerate(segments):
         mean, chance, _, gusts = responses(segment, states[i], spread[i], noise)
         C = chance @ chance.T + noise.sensor**2 * np.eye(len(mean))
-        told = gusts @ chance.T @ np.linalg.solve(C, segment.signals["psi"].values - mean)
+        expected = gusts @ chance.T @ np.linalg.solve(C, segment.signals["psi"].values - mean)
         left = gusts @ gusts.T - gusts @ chance.T @ np.linalg.solve(C, chance @ gusts.T)
-        assert smoothed.trajectories[i][:, 2] == pytest.approx(told, abs=2e-4)
+        assert smoothed.trajectories[i][:, 2] == pytest.approx(expected, abs=2e-4)
         assert smoothed.variances[i][:, 2] == pytest.approx(np.diag(left), rel=2e-2)
 
 
 @pytest.mark.parametrize("name", LINEAR)
-def test_both_passes_integrate_out_the_same(name: str) -> None:
+def test_both_passes_integrate_out_run_offsets_equally(name: str) -> None:
     runs = [run(1), run(2)]
     speed = replace(runs[0].measured["v"], name="u")
     half = replace(runs[1], run=runs[0].run)  # a run in two records, then another
     problem = problem_of([replace(r, measured={**r.measured, "u": speed}) for r in (runs[0], half, runs[1])])
     assert problem._linear(LINEAR[name]) is not None
-    exact = problem.innovations_at(THETA, LINEAR[name], WATER)
-    done = problem.run(THETA, LINEAR[name], WATER)
+    exact = problem.innovations_at(THETA, LINEAR[name], OFFSETS)
+    done = problem.run(THETA, LINEAR[name], OFFSETS)
     assert exact is not None and done is not None
     for (_, e, S), history in zip(exact, done[1].histories, strict=True):
         seen = ~np.isnan(history.S[:, 0])
@@ -130,16 +130,16 @@ def test_both_passes_integrate_out_the_same(name: str) -> None:
         assert S == pytest.approx(history.S[seen, 0], rel=1e-3)
 
 
-def day_runs(forces: tuple[float, ...], thrusts: tuple[float, ...]) -> NoisyProblem:
+def offset_runs(forces: tuple[float, ...], thrusts: tuple[float, ...]) -> NoisyProblem:
     """Return runs whose constant forces and thrusts are these."""
     return problem_of([
         run(k + 1, size=0.02, force=b, thrust=1.0 + s) for k, (b, s) in enumerate(zip(forces, thrusts, strict=True))
     ])  # fmt: skip
 
 
-def test_each_run_says_what_it_had_of_its_own() -> None:
+def test_the_force_and_thrust_offsets_of_each_run_are_estimated() -> None:
     forces, thrusts = (0.06, -0.05, 0.02, -0.03), (0.08, -0.06, 0.03, -0.05)
-    problem = day_runs(forces, thrusts)
+    problem = offset_runs(forces, thrusts)
     fit = problem.fit(np.array([GAIN, -0.6]), (), ProcessNoise(0.02, 3.0, 1e-3, day_force=0.05, day_thrust=0.06))
     assert fit is not None
     run_likelihoods = problem.run_likelihoods(fit)
@@ -153,8 +153,8 @@ def test_each_run_says_what_it_had_of_its_own() -> None:
     assert run_likelihoods.gain(force, thrust) > run_likelihoods.gain(0.0, 0.0) + 3.0
 
 
-def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
-    problem = day_runs((0.06, 0.06, 0.06), (0.0, 0.0, 0.0))
+def test_a_force_common_to_all_runs_is_not_a_run_to_run_difference() -> None:
+    problem = offset_runs((0.06, 0.06, 0.06), (0.0, 0.0, 0.0))
     fit = problem.fit(np.array([GAIN, -0.6]), (), ProcessNoise(0.02, 3.0, 1e-3))
     assert fit is not None
     run_likelihoods = problem.run_likelihoods(fit)
@@ -163,33 +163,35 @@ def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
     assert run_likelihoods.gain(force, thrust) < run_likelihoods.gain(0.0, 0.0) + 3.0
 
 
-def test_the_smoother_knows_a_runs_own_force_all_along_it_and_nothing_of_the_next() -> None:
+def test_the_smoother_estimates_a_constant_force_for_each_run() -> None:
     first, second = run(1, force=0.1), run(2, force=-0.1)
     problem = problem_of([first, second])
-    done = problem.run(THETA, DRAG, WATER, full=True)
-    fit = problem.fit(THETA, DRAG, WATER, rounds=0)
+    done = problem.run(THETA, DRAG, OFFSETS, full=True)
+    fit = problem.fit(THETA, DRAG, OFFSETS, rounds=0)
     assert done is not None and fit is not None
     bank, result, levels = done
     smoothed = bank.smooth(result, levels)
     run_likelihoods = problem.run_likelihoods(fit)
     assert run_likelihoods is not None
     own = len(bank.states) + 1
-    days = run_likelihoods.offsets(WATER.day_force, WATER.day_thrust)
-    for path, var, day in zip(smoothed.trajectories, smoothed.variances, days, strict=True):
+    offsets = run_likelihoods.offsets(OFFSETS.day_force, OFFSETS.day_thrust)
+    for path, var, day in zip(smoothed.trajectories, smoothed.variances, offsets, strict=True):
         assert path[:, own] == pytest.approx(np.full(len(path), path[-1, own]), abs=1e-6)
         assert path[0, own] == pytest.approx(day.force, abs=0.1 * day.force_std)
         assert math.sqrt(var[0, own]) == pytest.approx(day.force_std, rel=0.05)
 
 
-def test_spreads_next_to_none_are_none() -> None:
+def test_nearly_zero_run_to_run_spreads_count_as_zero() -> None:
     problem = problem_of([run(1), run(2)])
-    none, hardly = (problem.fit(THETA, DRAG, replace(WATER, day_force=s, day_thrust=s), rounds=0) for s in (0.0, 1e-7))
+    none, hardly = (
+        problem.fit(THETA, DRAG, replace(OFFSETS, day_force=s, day_thrust=s), rounds=0) for s in (0.0, 1e-7)
+    )
     assert none is not None and hardly is not None
     assert hardly.total == pytest.approx(none.total, abs=1e-3)
     assert problem.ahead(hardly, 5.0) == pytest.approx(problem.ahead(none, 5.0), abs=1e-4)
 
 
-def test_a_run_that_says_nothing_keeps_its_prior() -> None:
+def test_an_uninformative_run_keeps_its_prior() -> None:
     day = RunLikelihood("mute", np.zeros((2, 2)), np.zeros(2)).day(0.3, 0.05)
     assert (day.force, day.thrust) == (0.0, 0.0)
     assert (day.force_std, day.thrust_std) == pytest.approx((0.3, 0.05))

@@ -53,7 +53,7 @@ def test_table_7_10_has_the_printed_means(automarine):
     assert np.mean([row.alpha_nonlinear for _, row in automarine]) == pytest.approx(7.11e-4, rel=5e-3)
 
 
-def test_table_7_10_the_signs_and_the_small_inputs_are_found_to_behave_differently(automarine):
+def test_table_7_10_has_uneven_parameters_by_sign_and_at_small_inputs(automarine):
     found = unevenness_doubts([row for _, row in automarine], "nonlinear")
     slugs = {d.slug for d in found}
     assert {"uneven-inertia-size+", "uneven-inertia-small", "uneven-drag-small-scatter"} <= slugs
@@ -87,7 +87,7 @@ def test_the_integrals_along_a_response_are_table_4_1_from_rest():
         pytest.param((0.04, 0.01, 0.02, 0.0), "affine", marks=pytest.mark.slow),
     ],
 )
-def test_steps_of_a_measured_position_give_structure_and_parameters_within_their_errors(record, plant, structure):
+def test_steps_of_a_measured_position_identify_structure_and_parameters(record, plant, structure):
     fit = fit_axis(record(plant, held(LEVELS, 40.0), 320.0, noise=0.005, seed=2), method="step")
     assert fit.structure == structure
     for p, truth in zip(fit.parameters.values(), plant, strict=False):
@@ -117,7 +117,7 @@ def test_standard_errors_of_steps_cover_the_truth(record):
     assert abs(np.mean(z)) < 0.6
 
 
-def test_a_step_cut_short_is_left_out_and_named(record):
+def test_a_step_cut_short_is_left_out_and_reported(record):
     def orders(t, eta):
         return 0.0 if t < 20.0 else 0.05 if t < 50.0 else -0.05 if t < 52.0 else 0.08
 
@@ -127,18 +127,18 @@ def test_a_step_cut_short_is_left_out_and_named(record):
     assert fit.parameters["beta_r"].value == pytest.approx(0.02, rel=0.01)
 
 
-def test_steps_that_never_settle_are_refused_not_guessed(record):
+def test_steps_that_never_settle_are_rejected(record):
     with pytest.raises(NotInformative, match="settled"):
         fit_axis(record((0.04, 0.02, 0.0, 0.0), held((0.0, 0.05, -0.05) * 3, 2.0), 18.0, noise=0.002), method="step")
 
 
-def test_what_is_left_of_the_transient_is_in_the_standard_error(record):
+def test_the_standard_error_includes_the_remaining_transient(record):
     fit = fit_axis(record((0.04, 0.02, 0.0, 0.0), held((0.0, 0.05, -0.05), 9.0), 27.0, noise=1e-5), method="step")
     for name, truth in (("alpha_r", 0.04), ("beta_r", 0.02)):
         assert abs(fit.parameters[name].value - truth) < 3.0 * fit.parameters[name].std
 
 
-def test_a_craft_that_steers_differently_to_both_sides_draws_a_doubt(record):
+def test_a_craft_that_steers_differently_to_each_side_has_a_doubt(record):
     sides = [0.03, -0.03, 0.05, -0.05, 0.07, -0.07, 0.09, -0.09]
     runs = [
         record(
@@ -155,7 +155,7 @@ def test_a_craft_that_steers_differently_to_both_sides_draws_a_doubt(record):
     assert "uneven-drag-sign" in {d.slug for d in fit.doubts}
 
 
-def test_a_run_without_a_step_says_what_it_needs(record):
+def test_a_run_without_a_step_is_rejected_with_what_it_needs(record):
     with pytest.raises(NotInformative, match="contains no usable step"):
         fit_axis(record((0.04, 0.02, 0.0, 0.0), lambda t, e: math.sin(t), 40.0), method="step")
 
@@ -187,7 +187,7 @@ def coasting(seed: int, alpha: float = 0.63, drag: float = 1.146, delta: float =
 
 
 @pytest.mark.slow
-def test_steps_back_to_neutral_under_quadratic_drag_do_not_bias_the_inertia():
+def test_steps_to_neutral_under_quadratic_drag_do_not_bias_the_inertia():
     errors = []
     for seed in range(3):
         fit = fit_axis(coasting(seed), dof="yaw", method="step", structure="nonlinear")
@@ -198,7 +198,7 @@ def test_steps_back_to_neutral_under_quadratic_drag_do_not_bias_the_inertia():
     assert abs(np.mean(errors)) < 0.01
 
 
-def test_a_hold_in_which_the_craft_still_slows_down_as_the_record_begins_is_left_out():
+def test_a_first_hold_that_has_not_settled_is_left_out():
     fit = fit_axis(coasting(1), dof="yaw", method="step", structure="nonlinear")
     (doubt,) = [d for d in fit.doubts if d.slug == "not-settled"]
     assert doubt.cause.startswith("left out: 1 of 6 steps, not settled")

@@ -1,4 +1,4 @@
-"""Plans as files: what they say, what is refused; and how estimates of several steps are put together."""
+"""Plan files: their content, what is rejected, and how estimates of several steps are combined."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_the_shipped_plan_identifies_the_23_parameters_of_seed_004():
     assert len(plan.parameters) == 23
 
 
-def test_the_plan_of_two_thrusters_takes_the_runs_that_fly_writes():
+def test_the_plan_for_two_thrusters_selects_the_runs_that_fly_writes():
     plan = load_plan("usv_twin")
     assert len(plan.parameters) == 15
     run = Trial("run", {}, meta={"manoeuvre": "steps", "force": "N", "dof": "yaw"})
@@ -57,7 +57,7 @@ def test_the_plan_of_two_thrusters_takes_the_runs_that_fly_writes():
     assert flown == {"steps", "throttle-steps", "spiral", "zig-zag"}
 
 
-def test_a_plan_takes_the_constants_of_another_craft():
+def test_a_plan_accepts_the_constants_of_another_craft():
     plan = PLANS["usv_6dof"].knowing({"m": 30.0, "K_phi": -20.0})
     heave = next(s for s in plan.steps if s.name == "heave decay")
     roll = next(s for s in plan.steps if s.name == "roll decay")
@@ -79,7 +79,7 @@ def test_a_plan_takes_the_constants_of_another_craft():
         ("m = 10.0", "m = ", "cannot be read"),
     ],
 )
-def test_a_wrong_plan_is_refused_with_its_place(tmp_path: Path, old: str, new: str, words: str):
+def test_an_invalid_plan_is_rejected_with_the_place_of_the_mistake(tmp_path: Path, old: str, new: str, words: str):
     with pytest.raises(BadFile, match=words):
         load_plan(written(tmp_path, TWO.replace(old, new)))
 
@@ -95,12 +95,12 @@ def test_an_isolated_parameter_belongs_to_one_step(tmp_path: Path):
         load_plan(written(tmp_path, TWO + again))
 
 
-def test_an_unknown_plan_name_lists_those_there_are():
+def test_an_unknown_plan_name_lists_the_available_plans():
     with pytest.raises(UnknownName, match="usv_6dof"):
         load_plan("usv_6df")
 
 
-def test_runs_that_belong_to_no_step_are_named():
+def test_runs_that_match_no_step_are_rejected_with_the_steps():
     t = np.arange(0.0, 5.0, 0.1)
     run = Trial("circle", {"u": Channel("u", "m/s", t, t)})
     with pytest.raises(NotInformative, match="straight"):
@@ -117,13 +117,13 @@ def flown(name: str, **meta: str) -> Trial:
     return Trial(name, {"X": Channel("X", "N", t, X), "u": Channel("u", "m/s", t, u + noise)}, meta=meta)
 
 
-@pytest.mark.parametrize("told", ["speed_steps", "speed-steps", "Speed Steps"])
-def test_a_manoeuvre_is_the_same_with_hyphens_and_underscores(told: str) -> None:
+@pytest.mark.parametrize("result", ["speed_steps", "speed-steps", "Speed Steps"])
+def test_a_manoeuvre_is_the_same_with_hyphens_and_underscores(result: str) -> None:
     plan = plan_from({"name": "p", "known": {"m": 1.0}, "step": [STRAIGHT]}, "p")
-    assert [s.step.name for s in run_plan(plan, [flown("a", manoeuvre=told)]).steps] == ["straight"]
+    assert [s.step.name for s in run_plan(plan, [flown("a", manoeuvre=result)]).steps] == ["straight"]
 
 
-def test_the_shipped_plan_takes_manoeuvres_under_the_names_that_fly_writes() -> None:
+def test_the_shipped_plan_selects_manoeuvres_by_the_names_that_fly_writes() -> None:
     plan = PLANS["usv_6dof"]
     for name, dof, step in (
         ("zig-zag", "yaw", "zig-zag"),
@@ -140,7 +140,7 @@ def test_the_shipped_plan_takes_manoeuvres_under_the_names_that_fly_writes() -> 
     assert [s.name for s in plan.steps if s.chosen.of([old])] == ["zig-zag"]
 
 
-def test_runs_that_no_step_used_are_named() -> None:
+def test_runs_used_by_no_step_are_reported() -> None:
     plan = plan_from({"name": "p", "known": {"m": 1.0}, "step": [STRAIGHT]}, "p")
     runs = [flown("a", manoeuvre="speed_steps"), flown("b", manoeuvre="chirp")]
     (doubt,) = [d for d in run_plan(plan, runs).doubts if d.slug == "runs-of-no-step"]
@@ -155,7 +155,7 @@ STRAIGHT = {
 }  # fmt: skip
 
 
-def test_weighing_by_information_beats_the_plain_mean():
+def test_weighting_by_information_beats_the_plain_mean():
     rng = np.random.default_rng(0)
     stds, ours, plain, inside = np.array([0.01, 0.1, 0.5]), [], [], []
     for _ in range(400):
@@ -169,7 +169,7 @@ def test_weighing_by_information_beats_the_plain_mean():
     assert 0.92 < np.mean(inside) < 0.98
 
 
-def test_what_one_step_knows_of_a_pair_helps_the_other_step():
+def test_a_correlated_pair_of_one_step_is_resolved_by_another_step():
     # one step knows only a + b, the other only b: together both are known
     tied = np.array([[1.0, -0.9999], [-0.9999, 1.0]])
     names, values, P = combined(
@@ -182,7 +182,7 @@ def test_what_one_step_knows_of_a_pair_helps_the_other_step():
     assert np.sqrt(P[0, 0]) < 0.03
 
 
-def test_steps_that_disagree_have_a_small_chance():
+def test_disagreeing_steps_have_a_small_probability():
     a, b = (StepEstimate(s, ("X_u",), np.array([v]), np.array([[0.01]])) for s, v in (("line", -5.0), ("spiral", -6.0)))
     (row,) = agreements([a, b])
     assert row.probability < 1e-6 and row.mean == row.combined == pytest.approx(-5.5)

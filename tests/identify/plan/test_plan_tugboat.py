@@ -1,4 +1,4 @@
-"""The whole sequence of Erunsal2017 on its tugboat, in water of our own, shortened; the benchmark has more."""
+"""The whole sequence of Erunsal2017 on its tugboat, on simulated runs, shortened; the benchmark has more."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def result(trials: list[Trial]) -> PlanResult:
     return run_plan(PLANS["usv_6dof"], trials)
 
 
-def test_all_23_parameters_come_out_within_their_errors(result: PlanResult):
+def test_all_23_parameters_are_identified_within_their_errors(result: PlanResult):
     assert set(result.parameters) == set(TUG)
     misses = np.array([(p.value - TUG[n]) / p.std for n, p in result.parameters.items()])
     assert np.max(np.abs(misses)) < 4.0
     assert np.sqrt(np.mean(misses**2)) < 1.6
 
 
-def test_all_but_the_faintest_are_within_three_percent(result: PlanResult):
+def test_all_parameters_except_the_faintest_are_within_three_percent(result: PlanResult):
     # the heave gauge sees two strokes of a motion gone in a second; Y_r is -0.0001 and N_rdot 2 % of I_z
     faint = {"Z_w", "Z_ww", "Y_r", "N_rdot", "M_qq", "I_xz", "X_udot", "Y_vdot", "X_uu"}
     off = {n: 100.0 * abs(p.value / TUG[n] - 1.0) for n, p in result.parameters.items() if n not in faint}
@@ -43,12 +43,12 @@ def test_all_but_the_faintest_are_within_three_percent(result: PlanResult):
     assert abs(result.parameters["Y_r"].value - TUG["Y_r"]) < 0.05
 
 
-def test_every_step_is_validated_on_a_run_it_has_not_seen(result: PlanResult):
+def test_every_step_is_validated_on_a_held_out_run(result: PlanResult):
     assert all(s.unseen and s.validation is not None for s in result.steps)
     assert min(s.validation.fit_percent for s in result.steps if s.validation and s.step.name != "roll decay") > 60.0
 
 
-def test_the_steps_agree_on_what_they_share(result: PlanResult):
+def test_the_steps_agree_on_shared_parameters(result: PlanResult):
     assert {a.name for a in result.agreements} >= {"X_u", "N_r", "Y_v", "N_rr"}
     assert "steps-disagree" not in {d.slug for d in result.doubts}
 
@@ -59,13 +59,13 @@ def test_the_whole_model_predicts_free_driving(result: PlanResult):
     assert np.all(np.linalg.eigvalsh(result.model.inertia) > 0.0)
 
 
-def test_the_result_can_be_read_and_written(result: PlanResult):
+def test_the_result_can_be_printed_and_serialised(result: PlanResult):
     text = render_text(plan_document(result), 100)
     assert "drift in wind" in text and "C_DA" in text and "Final validation" in text
     assert json.loads(json.dumps(result.to_dict()["parameters"]))["I_x"]["value"] == pytest.approx(0.0894, rel=0.02)
 
 
-def test_without_the_wind_runs_the_plan_says_what_it_cannot_know(trials: list[Trial]):
+def test_the_plan_reports_what_it_cannot_identify_without_wind_runs(trials: list[Trial]):
     kinds = {"yaw_swing", "heave_decay", "speed_steps"}
     found = run_plan(PLANS["usv_6dof"], [t for t in trials if t.meta["manoeuvre"] in kinds])
     doubt = next(d for d in found.doubts if d.slug == "steps-without-runs")
@@ -74,8 +74,8 @@ def test_without_the_wind_runs_the_plan_says_what_it_cannot_know(trials: list[Tr
     assert "no-final-validation" in {d.slug for d in found.doubts}
 
 
-def test_a_craft_that_changed_between_steps_is_noticed(trials: list[Trial]):
-    # the pull of the second kind of run 20 % stronger than its column says: another load, or a fouled propeller
+def test_a_craft_that_changed_between_steps_is_reported(trials: list[Trial]):
+    # the pull of the second kind of run 20 % stronger than its column states: another load, or a fouled propeller
     kinds = {"speed_steps", "spiral", "yaw_swing", "yaw_turn"}
     own = [t for t in trials if t.meta["manoeuvre"] in kinds]
     changed = [

@@ -27,7 +27,7 @@ def charlie(alpha: float, beta: float, quadratic: float, n2: float, seed: int) -
 
 @pytest.mark.parametrize("method", ["least-squares", "instrumental-variables"])
 @pytest.mark.parametrize("structure", ["linear", "nonlinear"])
-def test_alpha_and_beta_of_every_row_come_back(structure, method, published):
+def test_alpha_and_beta_of_every_row_are_identified(structure, method, published):
     rows = np.array(published["charlie_ls_table_7_12"]["rows"])[1::4]
     errors = []
     for k, row in enumerate(rows):
@@ -41,7 +41,7 @@ def test_alpha_and_beta_of_every_row_come_back(structure, method, published):
     assert worst.max() < limit, errors
 
 
-def test_the_drag_is_decided_without_being_told():
+def test_the_drag_law_is_decided_from_the_runs():
     linear = charlie(7.89, 2.67, 0.0, 49.0, 0)
     nonlinear = charlie(8.35, 0.0, 24.41, 49.0, 0)
     assert fit(linear, None, "instrumental-variables", dof="yaw", delay=0.0).structure == "linear"

@@ -26,7 +26,7 @@ def far(found, names=TRUTH) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("equation", ["integral", "derivative"])
-def test_without_noise_the_parameters_come_out(equation):
+def test_parameters_are_identified_without_noise(equation):
     found = fit(runs(0.0), coupled(), "least-squares", equation=equation)
     assert max(abs(e) for e in far(found).values()) < (0.01 if equation == "integral" else 0.2)
     if equation == "integral":
@@ -44,7 +44,7 @@ def test_windows_beat_accelerations_on_noisy_positions():
 
 
 @pytest.mark.slow
-def test_noise_biases_least_squares_and_instruments_undo_it():
+def test_noise_biases_least_squares_and_instrumental_variables_remove_the_bias():
     shares = {"least-squares": [], "instrumental-variables": []}
     errors = {"least-squares": [], "instrumental-variables": []}
     for seed in range(3):
@@ -60,7 +60,7 @@ def test_noise_biases_least_squares_and_instruments_undo_it():
     assert abs(np.mean(shares["instrumental-variables"])) < 2.5 / np.sqrt(len(biased))
 
 
-def test_the_bias_is_said_with_its_size():
+def test_the_noise_bias_is_reported_with_its_size():
     found = fit(runs(0.03), coupled(), "least-squares", equation="derivative")
     assert "noise-bias" in [d.slug for d in found.doubts]
     error = found.parameters["X_udot"].value - TRUTH["X_udot"]
@@ -68,7 +68,7 @@ def test_the_bias_is_said_with_its_size():
 
 
 @pytest.mark.slow
-def test_standard_errors_of_instruments_are_honest():
+def test_standard_errors_of_instrumental_variables_cover_the_truth():
     """Small version of benchmarks/regression_bias.py."""
     inside = []
     for seed in range(6):
@@ -78,7 +78,7 @@ def test_standard_errors_of_instruments_are_honest():
     assert 0.8 < np.mean(inside)
 
 
-def test_a_constant_column_takes_up_a_pull():
+def test_a_constant_term_absorbs_a_constant_force():
     pulled = [
         type(run)(run.name, {**run.channels, "X": type(run["X"])("X", "N", run["X"].t, run["X"].values - 0.4)})
         for run in runs(0.005)
@@ -99,7 +99,7 @@ def test_outliers_hardly_move_the_robust_fit():
     assert abs(robust) < 0.5 * abs(plain)
 
 
-def test_terms_that_move_together_are_named():
+def test_collinear_terms_are_reported():
     with_both = coupled("X_uu")
     steady = [velocity_run(0, 2.0, 0.002, 0.002, duration=20.0)]
     found = fit(steady, with_both, "least-squares")
@@ -111,7 +111,7 @@ def test_terms_that_move_together_are_named():
 
 
 @pytest.mark.slow
-def test_recursion_ends_where_the_batch_does():
+def test_recursive_and_batch_least_squares_agree():
     trials = runs(0.01)
     batch = fit(trials, coupled(), "least-squares")
     found = fit(trials, coupled(), "recursive-least-squares")
@@ -134,7 +134,7 @@ def test_forgetting_follows_a_craft_that_changes():
     assert any(d.slug == "drifting" for d in kept.doubts)
 
 
-def test_options_that_cannot_be_are_refused():
+def test_invalid_options_are_rejected():
     trials = runs(0.01)
     with pytest.raises(UnknownName, match="integral"):
         fit(trials, coupled(), "least-squares", equation="integrel")
@@ -146,7 +146,7 @@ def test_options_that_cannot_be_are_refused():
         fit(trials, coupled(), "recursive-least-squares", forgetting=0.0)
 
 
-def test_a_known_parameter_stays_and_the_others_follow():
+def test_a_known_parameter_stays_fixed_and_the_others_are_fitted():
     found = fit(runs(0.005), coupled().fixing({"Y_vdot": -M[1]}), "least-squares")
     assert found.parameters["Y_vdot"].status == "fixed"
     assert found.parameters["Y_vdot"].std == 0.0
@@ -169,11 +169,11 @@ def test_the_acceleration_regression_is_the_papers_for_one_axis():
 
 
 @pytest.mark.parametrize("method", ["least-squares", "instrumental-variables", "recursive-least-squares"])
-def test_a_delay_nobody_mentioned_makes_no_confident_answer(method):
+def test_an_unknown_delay_yields_a_doubt(method):
     run = yaw_run((0.8, 2.6, 0.0), (0.6, 0.3), step=0.1, noise=0.002, duration=60.0)
     late = Channel("psi", "rad", run["psi"].t + 0.6, run["psi"].values)
     found = fit(Trial("late", {"psi": late, "N": run["N"]}), "linear", method, dof="yaw")
-    told = fit(Trial("late", {"psi": late, "N": run["N"]}), "linear", method, dof="yaw", delay=0.6)
+    result = fit(Trial("late", {"psi": late, "N": run["N"]}), "linear", method, dof="yaw", delay=0.6)
     assert "beyond-noise" in [d.slug for d in found.doubts]
-    assert not {"beyond-noise", "poor-fit"} & {d.slug for d in told.doubts}
-    assert told.parameters["beta_r"].value == pytest.approx(2.6, rel=0.05)
+    assert not {"beyond-noise", "poor-fit"} & {d.slug for d in result.doubts}
+    assert result.parameters["beta_r"].value == pytest.approx(2.6, rel=0.05)

@@ -28,7 +28,7 @@ def test_the_papers_model_passes_every_check():
     assert verdicts(coupled()) == {"M symmetric": True, "M positive": True, "C skew": True, "D positive": True}
 
 
-def test_each_law_is_broken_by_itself():
+def test_each_physical_law_can_fail_alone():
     assert not verdicts(coupled("Y_rdot", "N_vdot"), Y_rdot=-0.1, N_vdot=0.2)["M symmetric"]
     assert not verdicts(coupled("Y_rdot"), Y_rdot=-1.0)["M positive"]
     assert not verdicts(coupled("X_vr"), X_vr=3.0)["C skew"]
@@ -44,7 +44,7 @@ def weak() -> tuple[list, Form]:
     return trials, coupled("Y_r", "N_v", "X_uu")
 
 
-def test_the_constrained_fit_obeys_where_the_free_one_does_not():
+def test_the_constrained_fit_is_physical_where_the_free_one_is_not():
     trials, form = weak()
     free = fit(trials, form, "least-squares")
     held = fit(trials, form, "least-squares", physical=True)
@@ -53,7 +53,7 @@ def test_the_constrained_fit_obeys_where_the_free_one_does_not():
     assert np.linalg.eigvalsh(held.model.inertia).min() > 0.0
 
 
-def test_the_constrained_fit_is_the_free_one_when_that_obeys():
+def test_the_constrained_fit_equals_a_physical_free_fit():
     trials = [velocity_run(0, 2.0, 0.06, 0.01)]
     free, held = (fit(trials, coupled(), "least-squares", physical=p) for p in (False, True))
     assert set(held.parameters) >= set(TRUTH)
@@ -61,7 +61,7 @@ def test_the_constrained_fit_is_the_free_one_when_that_obeys():
         assert held.parameters[name].value == pytest.approx(free.parameters[name].value, rel=1e-3)
 
 
-def test_the_barrier_ends_where_sequential_quadratic_programming_does():
+def test_the_barrier_method_agrees_with_sequential_quadratic_programming():
     trials, form = weak()
     records = tuple(r for t in trials for r in prepare_form(t, form))
     case = Case(form=form, records=records, delay=0.0, names=("weak",))
@@ -93,7 +93,7 @@ def test_the_barrier_ends_where_sequential_quadratic_programming_does():
     assert minors(held.theta / scale).min() > -1e-9
 
 
-def test_known_values_that_break_the_law_are_refused():
+def test_known_values_that_are_not_physical_are_rejected():
     trials = [velocity_run(0, 2.0, 0.06, 0.01)]
     with pytest.raises(UsageError, match="positive definite"):
         fit(trials, coupled().fixing({"Y_v": 5.0}), "least-squares", physical=True)

@@ -81,7 +81,7 @@ def test_inputs_keep_their_impulse_and_their_delay():
     assert len(edge) > 5
 
 
-def test_a_lag_is_the_exact_first_order_answer():
+def test_a_lag_is_the_exact_first_order_response():
     t_in = np.array([0.0, 1.0, 2.5])
     form = coupled().fixing({"lag": 0.4})
     trial = velocity_run(0, 2.0, 0.06, 0.0, duration=10.0)
@@ -94,12 +94,12 @@ def test_a_lag_is_the_exact_first_order_answer():
     assert np.abs(found - exact).max() < 0.03
 
 
-def test_what_is_not_linear_is_refused():
+def test_a_nonlinear_parameter_is_rejected():
     with pytest.raises(UsageError, match="delay"):
         fit(velocity_run(0, 2.0, 0.06, 0.0), coupled("delay"), "least-squares")
 
 
-def test_an_equation_without_scale_is_refused():
+def test_an_equation_without_scale_is_rejected():
     form = Form(
         "sway alone", "", ("surge", "sway", "yaw"),
         ("X_udot", "N_rdot", "Y_vdot", "X_u", "N_r", "Y_v", "Y_ur"), {},
@@ -109,7 +109,7 @@ def test_an_equation_without_scale_is_refused():
         fit(velocity_run(0, 2.0, 0.06, 0.001), form, "least-squares")
 
 
-def test_a_velocity_nobody_measured_is_named():
+def test_a_velocity_that_was_not_measured_is_reported():
     run = velocity_run(0, 2.0, 0.06, 0.0)
     blind = Trial("no v", {n: c for n, c in run.channels.items() if n != "v"})
     with pytest.raises(MissingChannel, match="velocity v"):

@@ -26,12 +26,12 @@ def test_a_clean_signal_gives_its_derivatives(name):
 
 
 @pytest.mark.parametrize("name", SMOOTHERS)
-def test_the_noise_taken_away_is_the_noise_put_in(name):
+def test_the_removed_noise_equals_the_added_noise(name):
     found = [SMOOTHERS[name](wave(0.02, seed)[0], 2, None).noise for seed in range(6)]
     assert np.mean(found) == pytest.approx(0.02, rel=0.1)
 
 
-def test_the_regularised_spline_knows_accelerations_better_than_local_polynomials():
+def test_the_regularised_spline_estimates_accelerations_better_than_local_polynomials():
     signal, t = wave(0.01)
     truth = -0.49 * np.sin(0.7 * t) - 1.2 * np.sin(2.0 * t)
     spline = np.std(SMOOTHERS["smoothing"](signal, 2, None).at(t, 2) - truth)
@@ -49,7 +49,7 @@ def test_a_rounding_sensor_is_smoothed_by_at_least_its_rounding_error():
     assert np.std(smooth.at(t[20:-20], 1) - 0.2 * np.cos(0.4 * t[20:-20])) < 0.02
 
 
-def test_the_setting_of_one_signal_smooths_another_alike():
+def test_the_setting_of_one_signal_smooths_another_equally():
     first, _ = wave(0.02)
     second, t = wave(0.02, seed=1)
     assert len(SMOOTHERS) >= 2

@@ -34,7 +34,7 @@ UNTIED = Form(
 """(5)-(7), couplings free of one another. Sway has no input, so its inertia is set to 1: gamma_1 and gamma_3 remain."""
 
 
-def test_correlation_chooses_the_terms_of_the_paper():
+def test_correlation_selects_the_terms_of_the_paper():
     table = {(c.dof, c.term): abs(c.velocity) for c in correlations(camera_runs(), CANDIDATES)}
     strong = {key for key, value in table.items() if value > 0.5 and key[1] != "m"}
     uv, rv, ur = {("yaw", "X_udot"), ("yaw", "Y_vdot")}, {("surge", "Y_vdot")}, {("sway", "X_udot")}
@@ -44,7 +44,7 @@ def test_correlation_chooses_the_terms_of_the_paper():
 
 
 @pytest.mark.parametrize("method", ["least-squares", "instrumental-variables"])
-def test_table_one_the_couplings_free(method, published):
+def test_table_one_is_reproduced_with_free_couplings(method, published):
     table = published["videoray_coupled_seed_000"]
     found = fit(camera_runs(), UNTIED, method)
     p = {n: q.value for n, q in found.parameters.items()}
@@ -58,7 +58,7 @@ def test_table_one_the_couplings_free(method, published):
         assert abs(p["N_uv"]) < 3.0 * found.parameters["N_uv"].std
 
 
-def test_table_two_the_constrained_variant(published):
+def test_table_two_is_reproduced_by_the_constrained_variant(published):
     """alpha_3 = 0 and beta_3 = -gamma_3 = 1: equal inertia in surge and sway, as one parameter m."""
     table = published["videoray_coupled_seed_000"]
     form = Form("tied", "", DOFS, ("m", "N_rdot", "X_u", "Y_v", "N_r"), {}, HORIZONTAL_INPUTS)

@@ -1,4 +1,4 @@
-"""A deviating compass: what it shows, its sensitivities, and its coefficients found again."""
+"""A deviating compass: its readings, its sensitivities, and its coefficients identified."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def sailed(seed: int, noise: float) -> Trial:
     return Trial("deviating", channels)
 
 
-def test_sensitivities_of_what_the_compass_shows_are_exact() -> None:
+def test_sensitivities_of_a_deviating_compass_are_exact() -> None:
     states = ("psi", "u", "v", "r")
     free = (*VALUES, *DEVIATION)
     simulator = Simulator(FORM, free, states)
@@ -84,7 +84,7 @@ def test_sensitivities_of_what_the_compass_shows_are_exact() -> None:
 
 
 @pytest.mark.slow
-def test_the_deviation_is_found_within_its_own_standard_errors() -> None:
+def test_the_deviation_is_identified_within_its_standard_errors() -> None:
     found = fit([sailed(s, 0.005) for s in (1, 2)], FORM, delay=0.0)
     for name, truth in (DEVIATION | VALUES).items():
         parameter = found.parameters[name]
@@ -93,10 +93,10 @@ def test_the_deviation_is_found_within_its_own_standard_errors() -> None:
     assert found.fit_percent > 90.0
 
 
-def test_without_the_coefficients_the_same_runs_are_missed() -> None:
+def test_runs_with_deviation_are_not_fitted_without_its_coefficients() -> None:
     plain = fit(sailed(1, 0.005), FORM.without(*DEVIATION), delay=0.0)
     assert plain.noise["v"] > 5.0 * 0.005
 
 
-def test_the_shipped_form_for_two_thrusters_knows_the_deviation() -> None:
+def test_the_shipped_form_for_two_thrusters_includes_the_deviation() -> None:
     assert set(DEVIATION) <= set(FORMS["twin-thruster"].free)

@@ -1,4 +1,4 @@
-"""Derivative names: read as the table says, refused when they mean nothing."""
+"""Derivative names: read by the table, rejected if they mean nothing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def size(code: int) -> tuple[str, bool]:
         ("Z_0", 2, []),
     ],
 )
-def test_velocity_terms(name: str, row: int, factors: list[tuple[str, bool]]) -> None:
+def test_velocity_terms_have_a_row_and_factors(name: str, row: int, factors: list[tuple[str, bool]]) -> None:
     term = term_of(name, INPUTS)
     assert term.row == row
     assert [size(c) for c in term.factors] == factors
@@ -43,7 +43,7 @@ def test_explicit_products_are_read_back(force: str, factors: list[tuple[str, bo
 
 
 @given(st.sampled_from(FORCES), st.sampled_from(STATES))
-def test_added_mass_stands_where_its_letters_say(force: str, state: str) -> None:
+def test_added_mass_has_the_row_and_column_of_its_letters(force: str, state: str) -> None:
     inertia = inertia_of(f"{force}_{state}dot")
     assert inertia is not None
     assert (inertia.row, inertia.column) == (FORCES.index(force), STATES.index(state))
@@ -51,7 +51,7 @@ def test_added_mass_stands_where_its_letters_say(force: str, state: str) -> None
 
 @pytest.mark.slow
 @given(st.from_regex(r"[XYZKMNQ]_[uvwpqr|0a-z]{0,8}", fullmatch=True))
-def test_any_other_text_is_refused_or_read_never_crashes(text: str) -> None:
+def test_any_other_text_is_read_or_rejected_without_a_crash(text: str) -> None:
     try:
         term = term_of(text, INPUTS)
     except BadFile:
@@ -61,7 +61,7 @@ def test_any_other_text_is_refused_or_read_never_crashes(text: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["X_", "Q_u", "X_b", "X_uuuu", "X_|u", "delta"])
-def test_what_is_no_derivative_is_refused(name: str) -> None:
+def test_an_invalid_derivative_is_rejected(name: str) -> None:
     with pytest.raises(BadFile):
         term_of(name, INPUTS)
 
@@ -79,5 +79,5 @@ def test_what_is_no_derivative_is_refused(name: str) -> None:
         ("X_0", "N"),
     ],
 )
-def test_units(name: str, unit: str) -> None:
+def test_each_parameter_has_its_unit(name: str, unit: str) -> None:
     assert unit_of(name, {"delta": "rad"}) == unit

@@ -59,7 +59,7 @@ def motion(model: CoupledModel, s_0: np.ndarray) -> np.ndarray:
 START = np.array([1.0, -2.0, 0.4, 0.6, -0.1, 0.15])
 
 
-def test_underwater_vehicle_with_centre_of_gravity_aside() -> None:
+def test_an_underwater_vehicle_with_an_offset_centre_of_gravity_matches_the_equations() -> None:
     """Miskovic2007, equations (3) and (4), with linear drag."""
     m, I_z, x_G, y_G = 8.0, 0.30, 0.10, -0.06
     X_udot, Y_vdot, N_rdot, X_u, Y_v, N_r = -1.3, -2.1, -0.15, -4.4, -12.0, -0.9
@@ -102,7 +102,7 @@ VESSEL = {
 }  # fmt: skip
 
 
-def test_surface_vessel_with_quadratic_drag_and_mirrored_added_mass() -> None:
+def test_a_surface_vessel_with_mirrored_added_mass_matches_the_equations() -> None:
     assert motion(CoupledModel(form(known=VESSEL), {}), START) == pytest.approx(
         by_scipy(surface_vessel, START), abs=2e-4
     )
@@ -124,7 +124,7 @@ def test_a_current_carries_the_craft_and_shows_in_speeds_over_ground() -> None:
     assert found == pytest.approx(over_ground, abs=2e-4)
 
 
-def test_a_motion_too_stiff_for_the_steps_allowed_is_given_up_and_no_sweep_begun_that_cannot_end(
+def test_a_motion_too_stiff_for_the_allowed_steps_is_abandoned_early(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stiff = Simulator(form(free=["X_udot", "Y_vdot", "N_rdot", "X_u"]), ("X_u",))
@@ -168,7 +168,7 @@ BODY = {
 }  # fmt: skip
 
 
-def test_without_drag_and_force_kinetic_energy_and_momentum_in_space_stay() -> None:
+def test_energy_and_momentum_are_conserved_without_drag_and_force() -> None:
     body = form(dofs=SIX, known=BODY, inputs={})
     start = {"u": 0.8, "v": -0.3, "w": 0.2, "p": 0.7, "q": -0.5, "r": 0.9, "phi": 0.2, "theta": -0.1}
     model = CoupledModel(body, {})
@@ -193,7 +193,7 @@ def rotation(phi: float, theta: float, psi: float) -> np.ndarray:
     return np.asarray(about_z @ about_y @ about_x)
 
 
-def test_in_space_the_position_follows_the_turned_velocity() -> None:
+def test_the_position_follows_the_rotated_velocity() -> None:
     body = form(dofs=SIX, known={**BODY, "K_p": -1.0, "K_sinphi": -15.0, "M_sintheta": -20.0, "Z_0": 3.0}, inputs={})
     t = np.linspace(0.0, 3.0, 3001)
     found = CoupledModel(body, {}).simulate(np.zeros(1), {}, t, {"u": 1.0, "p": 0.5, "r": 0.4, "q": 0.3})
@@ -217,7 +217,7 @@ SENSITIVE = [
 
 
 @pytest.mark.parametrize(("name", "dofs", "values", "channels"), SENSITIVE, ids=[s[0] for s in SENSITIVE])
-def test_sensitivities_are_those_of_the_motion(
+def test_sensitivities_match_difference_quotients(
     name: str, dofs: list[str], values: dict[str, float], channels: tuple[str, ...]
 ) -> None:
     model = form(name=name, dofs=dofs, free=list(values), inputs={c: {c: 1.0} for c in channels})
@@ -249,7 +249,7 @@ def test_sensitivities_are_those_of_the_motion(
         assert exact[:, :, i] == pytest.approx(numeric, abs=2e-5 * largest), model.parameters[i : i + 1]
 
 
-def test_the_sensitivity_to_a_delay_is_that_of_shifted_jumps() -> None:
+def test_the_sensitivity_to_a_delay_matches_shifted_jumps() -> None:
     model = form(free=["delay"], known=VESSEL)
     simulator = Simulator(model, ("delay",))
     t_out = np.linspace(0.0, 6.0, 31) + 0.0123
@@ -265,13 +265,13 @@ def test_the_sensitivity_to_a_delay_is_that_of_shifted_jumps() -> None:
     assert at(0.3)[1][:, :, 0] == pytest.approx(numeric, abs=1e-4)
 
 
-def test_a_motion_that_runs_away_is_told_not_raised() -> None:
+def test_a_diverging_motion_is_reported_without_an_exception() -> None:
     wild = CoupledModel(form(known={**VESSEL, "X_u": 400.0, "X_uu": 400.0}), {})
     found = wild.simulate(T_IN, {"X": INPUTS[:, 0], "N": INPUTS[:, 1]}, T_OUT)
     assert not found.finite
 
 
-def test_stiff_drag_is_followed_without_sensitivities_too() -> None:
+def test_stiff_drag_is_simulated_without_sensitivities() -> None:
     stiff = CoupledModel(form(known={**VESSEL, "X_u": -2000.0}), {})
     found = stiff.simulate(T_IN, {"X": INPUTS[:, 0], "N": np.zeros(len(T_IN))}, T_OUT)
     expected = INPUTS[np.maximum(np.searchsorted(T_IN, T_OUT - 0.1, side="right") - 1, 0), 0] / 2000.0
@@ -280,7 +280,7 @@ def test_stiff_drag_is_followed_without_sensitivities_too() -> None:
     assert found.values["u"][late] == pytest.approx(expected[late], rel=1e-3)
 
 
-def test_without_sensitivities_nothing_is_written_that_was_not_asked_for() -> None:
+def test_a_run_without_sensitivities_gives_the_same_motion() -> None:
     model = form(free=list(VESSEL))
     simulator = Simulator(model, model.free, ("u", "v", "r", "psi"))
     theta = np.array([VESSEL[n] for n in model.parameters])

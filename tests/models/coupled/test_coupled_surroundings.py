@@ -90,7 +90,7 @@ def no_more(s: np.ndarray, held: Mapping[str, float]) -> tuple[float, float, flo
     return 0.0, 0.0, 0.0
 
 
-def test_forces_that_go_with_the_heading_and_the_position() -> None:
+def test_forces_may_depend_on_heading_and_position() -> None:
     more = {"N_sinpsi": -0.7, "N_cospsi": 0.4, "X_xcospsi": -0.6, "Y_xsinpsi": 0.6, "N_psi": -0.2}
     form = in_the_plane(more)
 
@@ -103,7 +103,7 @@ def test_forces_that_go_with_the_heading_and_the_position() -> None:
 
 
 @pytest.mark.parametrize("coriolis", [False, True])
-def test_a_payload_multiplies_inertia_and_what_follows_from_it(coriolis: bool) -> None:
+def test_a_payload_multiplies_inertia_and_coriolis_forces(coriolis: bool) -> None:
     inputs = {**PUSHES, "payload": np.array([1.0, 1.0, 1.7, 1.7, 0.6])}
     form = in_the_plane({}, ("payload",), coriolis=coriolis)
     truth = by_scipy(plane_rates(no_more, coriolis=coriolis), START, inputs)
@@ -145,7 +145,7 @@ def test_the_bottom_raises_linear_and_quadratic_drag() -> None:
     check_sensitivities(form, DEEP, DIVES)
 
 
-def test_a_term_with_near_in_its_name_says_the_same_as_a_wall() -> None:
+def test_a_term_with_near_in_its_name_equals_a_wall_parameter() -> None:
     named = {n: v for n, v in DIVER.items() if n != "wall_Z"} | {"Z_nearw": -1.4 * 3.0, "Z_near|w|w": -1.4 * 8.0}
     heave = {"Z": (("Z", 1.0),)}
     by_name = simulated(Form("t", "", ("heave",), (), named, heave), DEEP, DIVES)
@@ -153,7 +153,7 @@ def test_a_term_with_near_in_its_name_says_the_same_as_a_wall() -> None:
     check_sensitivities(Form("t", "", ("heave",), (), named, heave), DEEP, DIVES)
 
 
-def test_a_recorded_depth_stands_for_a_heave_that_is_not_simulated() -> None:
+def test_a_recorded_depth_replaces_a_heave_that_is_not_simulated() -> None:
     inputs = {**PUSHES, "depth": np.array([4.0, 4.4, 4.9, 5.0, 4.6])}
     form = in_the_plane({"wall_N": 2.0, "reach": 0.5, "bottom": 5.0, "N_rr": -0.3}, ("depth",))
 
@@ -172,5 +172,5 @@ def test_a_recorded_depth_stands_for_a_heave_that_is_not_simulated() -> None:
         ("bottom", "m"), ("drift_y", "m/s"), ("N_depth", "N m/m"), ("N_psi", "N m/rad"), ("N_payload", "N m"),
     ],
 )  # fmt: skip
-def test_units_of_what_the_surroundings_do(name: str, unit: str) -> None:
+def test_parameters_of_the_surroundings_have_their_units(name: str, unit: str) -> None:
     assert unit_of(name, {"N": "N m", "depth": "m", "payload": "1"}) == unit

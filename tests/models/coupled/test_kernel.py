@@ -260,7 +260,7 @@ def evaluated(case: Case, free: NDArray[np.int64], q: int, *, deriv: bool) -> tu
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_rate_and_derivatives_by_every_state_and_parameter_are_those_of_the_equations(name: str) -> None:
+def test_rates_and_derivatives_match_the_equations(name: str) -> None:
     case = CASES[name]
     P, p = case.P, len(case.theta)
     f, A, B = evaluated(case, np.arange(p), p, deriv=True)
@@ -271,19 +271,19 @@ def test_rate_and_derivatives_by_every_state_and_parameter_are_those_of_the_equa
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_parameters_that_are_not_wanted_leave_the_others_where_their_columns_are(name: str) -> None:
+def test_fixed_parameters_do_not_move_the_columns_of_others(name: str) -> None:
     case = CASES[name]
     p = len(case.theta)
     _, _, every = evaluated(case, np.arange(p), p, deriv=True)
-    for wanted in (range(0, p, 2), range(1, p, 2), range(0)):
+    for required in (range(0, p, 2), range(1, p, 2), range(0)):
         free = np.full(p, -1, dtype=np.int64)
-        for column, par in enumerate(wanted):
-            free[par] = len(wanted) - 1 - column
-        _, _, some = evaluated(case, free, len(wanted), deriv=True)
-        assert some == pytest.approx(every[:, list(wanted)[::-1]], abs=1e-12)
+        for column, par in enumerate(required):
+            free[par] = len(required) - 1 - column
+        _, _, some = evaluated(case, free, len(required), deriv=True)
+        assert some == pytest.approx(every[:, list(required)[::-1]], abs=1e-12)
 
 
-def test_the_codes_of_factors_are_those_that_the_kernel_goes_by() -> None:
+def test_the_factor_codes_match_the_kernel() -> None:
     codes = (NU, NU_SIZE, ETA, SIN_PHI, SIN_THETA, SIN_PSI, COS_PSI, NEAR, INPUT, INPUT_SIZE)
     assert codes == (0, 6, 12, 18, 19, 20, 21, 22, 30, 60)
 
@@ -307,7 +307,7 @@ def with_first(case: Case, place: str) -> tuple[Case, NDArray[np.int64]]:
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("name", CASES)
-def test_whichever_parameter_comes_first_means_the_same(name: str, place: str) -> None:
+def test_the_order_of_parameters_does_not_matter(name: str, place: str) -> None:
     case = CASES[name]
     at, p = getattr(case.P, place), len(case.theta)
     first, turned = with_first(case, place)
@@ -318,7 +318,7 @@ def test_whichever_parameter_comes_first_means_the_same(name: str, place: str) -
     assert B[:, turned] == pytest.approx(D, abs=1e-12)
 
 
-def test_a_sweep_means_the_same_where_the_delay_is_the_very_first_parameter() -> None:
+def test_a_sweep_is_the_same_with_the_delay_as_the_first_parameter() -> None:
     p, found = len(FLAT.theta), []
     first, turned = with_first(FLAT, "delay")
     assert first.P.delay == 0
@@ -335,7 +335,7 @@ def test_a_sweep_means_the_same_where_the_delay_is_the_very_first_parameter() ->
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_without_derivatives_the_rate_is_the_same_and_nothing_else_is_touched(name: str) -> None:
+def test_an_evaluation_without_derivatives_gives_only_the_same_rate(name: str) -> None:
     case = CASES[name]
     p = len(case.theta)
     f, A, B = evaluated(case, np.arange(p), p, deriv=False)
@@ -343,7 +343,7 @@ def test_without_derivatives_the_rate_is_the_same_and_nothing_else_is_touched(na
     assert np.all(A == 7.0) and np.all(B == 7.0)
 
 
-def test_far_below_the_bottom_nearness_grows_no_further() -> None:
+def test_nearness_is_limited_far_below_the_bottom() -> None:
     below = Case(FLAT.P, FLAT.theta, FLAT.x, np.array([-0.8, 500.0]))
     f, _, _ = evaluated(below, np.full(13, -1), 1, deriv=False)
     assert f == pytest.approx(rates(FLAT.P, FLAT.theta, FLAT.x, below.u), rel=1e-12)
@@ -399,7 +399,7 @@ def by_pieces(case: Case, theta: Array, x: Array, pace: float) -> Array:
 
 
 @pytest.mark.parametrize("pace", [1.5, 6.0])
-def test_a_sweep_goes_from_jump_to_jump_and_stamp_to_stamp_by_runge_kutta(pace: float) -> None:
+def test_a_sweep_takes_runge_kutta_steps_between_jumps_and_stamps(pace: float) -> None:
     expected = by_pieces(FLAT, FLAT.theta, FLAT.x, pace)
     for deriv in (True, False):
         done, fastest, X, S = swept(FLAT, T_IN, INPUTS, T_OUT, pace=pace, deriv=deriv)
@@ -410,7 +410,7 @@ def test_a_sweep_goes_from_jump_to_jump_and_stamp_to_stamp_by_runge_kutta(pace: 
     assert pytest.approx(FLAT.x) == X[0]
 
 
-def test_once_rates_are_too_fast_the_motion_goes_on_as_before_without_its_sensitivities() -> None:
+def test_sensitivities_are_abandoned_above_a_rate_and_the_motion_continues() -> None:
     done, fastest, X, S = swept(FLAT, T_IN, INPUTS, T_OUT)
     again = swept(FLAT, T_IN, INPUTS, T_OUT, abandon_rate=0.99 * fastest)
     assert again[:2] == (done, fastest)
@@ -421,7 +421,7 @@ def test_once_rates_are_too_fast_the_motion_goes_on_as_before_without_its_sensit
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["flat", "heave"])
-def test_the_sensitivities_of_a_sweep_are_its_differences_the_delays_too(name: str) -> None:
+def test_sensitivities_of_a_sweep_match_differences_including_the_delay(name: str) -> None:
     case = CASES[name]
     n, p = len(case.x), len(case.theta)
     _, _, _, S = swept(case, T_IN, INPUTS[:, : case.P.m].copy(), T_OUT, pace=12.0)
@@ -438,7 +438,7 @@ def test_the_sensitivities_of_a_sweep_are_its_differences_the_delays_too(name: s
     assert S[-1, :, p - 1 :] == pytest.approx(np.delete(by_x, 1, axis=1), abs=1e-6)
 
 
-def test_an_input_that_arrives_at_the_first_stamp_is_in_force_from_it_on() -> None:
+def test_an_input_that_arrives_at_the_first_stamp_acts_from_then_on() -> None:
     """One that arrives a little earlier gives the same; one a little later has a part in the delay's sensitivity."""
     delay = FLAT.theta[FLAT.P.delay]
     found = []
@@ -453,7 +453,7 @@ def test_an_input_that_arrives_at_the_first_stamp_is_in_force_from_it_on() -> No
 
 
 @pytest.mark.parametrize("pace", [2.0, 0.0])
-def test_one_span_carries_state_and_sensitivities_and_tells_the_fastest_rate_at_its_beginning(pace: float) -> None:
+def test_one_span_returns_state_sensitivities_and_the_fastest_initial_rate(pace: float) -> None:
     case, span = HEAVE, 0.9
     free, states = np.arange(3), np.full(4, -1)
     X, S_out = np.empty((2, 4)), np.empty((2, 4, 3))
@@ -470,7 +470,7 @@ def test_one_span_carries_state_and_sensitivities_and_tells_the_fastest_rate_at_
     assert fastest == pytest.approx(np.sqrt(np.abs(by_x * by_x.T)).sum(axis=1).max(), rel=1e-6)
 
 
-def test_a_motion_that_runs_away_or_takes_more_steps_than_allowed_is_given_up() -> None:
+def test_a_motion_that_diverges_or_needs_too_many_steps_is_abandoned() -> None:
     late = np.array([0.0, 0.2, 0.4])
     at = np.array([0.0])
     quiet = np.array([[0.5]])
@@ -483,7 +483,7 @@ def test_a_motion_that_runs_away_or_takes_more_steps_than_allowed_is_given_up() 
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_imbalances_are_zero_where_the_equations_hold_and_inertia_times_the_rate_that_is_missing(name: str) -> None:
+def test_imbalances_are_inertia_times_the_missing_acceleration(name: str) -> None:
     case = CASES[name]
     P, k = case.P, case.k
     M = matrix(P, case.theta)

@@ -1,4 +1,4 @@
-"""A sensor off the centre: what it shows, its sensitivities, and a fit that is told where it sits."""
+"""A sensor off the centre: what it shows, its sensitivities, and a fit with its known position."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def towed(*measured: str, noise: float = 0.01) -> Trial:
 
 @pytest.mark.parametrize("dofs", [DOFS, ("surge", "sway", "heave", "roll", "pitch", "yaw")])
 @pytest.mark.parametrize("compass", [(), ("B_psi",)])
-def test_sensitivities_of_what_a_sensor_off_the_centre_shows_are_exact(dofs, compass) -> None:
+def test_sensitivities_of_a_sensor_off_the_centre_are_exact(dofs, compass) -> None:
     letters = dict(zip(("surge", "sway", "heave", "roll", "pitch", "yaw"), "XYZKMN", strict=True))
     speeds = dict(zip(letters, "uvwpqr", strict=True))
     plain = {f"{letters[d]}_{speeds[d]}{end}": -2.0 for d in dofs for end in ("dot", "")}
@@ -66,22 +66,22 @@ def test_sensitivities_of_what_a_sensor_off_the_centre_shows_are_exact(dofs, com
 
 
 @pytest.mark.parametrize("measured", [("u", "v", "r", "psi"), ("x", "y", "psi")])
-def test_a_fit_that_knows_where_the_sensor_sits_finds_the_hull_and_one_that_does_not_is_wrong(measured) -> None:
+def test_a_fit_needs_the_sensor_position_to_identify_the_hull(measured) -> None:
     run = towed(*measured)
-    told = fit(run, FORM.fixing(ARM), delay=0.0)
+    result = fit(run, FORM.fixing(ARM), delay=0.0)
     for name, truth in VALUES.items():
-        assert abs(told.parameters[name].value - truth) < 4.0 * told.parameters[name].std, name
+        assert abs(result.parameters[name].value - truth) < 4.0 * result.parameters[name].std, name
     sway = measured[1]
-    assert told.noise[sway] == pytest.approx(0.01, rel=0.15)
-    assert fit(run, FORM, delay=0.0).noise[sway] > 3.0 * told.noise[sway]
+    assert result.noise[sway] == pytest.approx(0.01, rel=0.15)
+    assert fit(run, FORM, delay=0.0).noise[sway] > 3.0 * result.noise[sway]
 
 
-def test_a_place_that_nobody_measured_is_fitted() -> None:
+def test_an_unknown_sensor_position_is_fitted() -> None:
     found = fit(towed("u", "v", "r", "psi"), FORM.freeing(*LEVER_ARM), delay=0.0)
     for name, truth in ARM.items():
         assert abs(found.parameters[name].value - truth) < 4.0 * found.parameters[name].std < 0.1, name
 
 
-def test_a_method_that_cannot_move_the_sensor_refuses_and_names_those_that_can() -> None:
+def test_a_method_without_a_lever_arm_is_rejected_with_those_that_have_it() -> None:
     with pytest.raises(UsageError, match=r"cannot use x_P and y_P.*output-error, global"):
         fit(towed("u", "v", "r", "psi"), FORM.fixing(ARM), "ekf", delay=0.0)

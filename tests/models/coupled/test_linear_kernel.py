@@ -50,11 +50,11 @@ def simulators(name: str) -> tuple[Simulator, Simulator, Array, Array]:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_motion_and_sensitivities_are_those_of_short_runge_kutta_steps(name: str) -> None:
+def test_motion_and_sensitivities_match_short_runge_kutta_steps(name: str) -> None:
     exact, stepped, theta, inputs = simulators(name)
-    found, wanted = (s.run(theta, X_0, T_IN, inputs, T_OUT) for s in (exact, stepped))
-    assert found is not None and wanted is not None
-    for own, other in zip(found, wanted, strict=True):
+    found, expected = (s.run(theta, X_0, T_IN, inputs, T_OUT) for s in (exact, stepped))
+    assert found is not None and expected is not None
+    for own, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-8, atol=1e-9 * np.abs(other).max())
     assert np.abs(found[1]).max(axis=(0, 1)).min() > 0.0, "every parameter moves something"
     without = exact.run(theta, X_0, T_IN, inputs, T_OUT, sensitivities=False)
@@ -62,7 +62,7 @@ def test_motion_and_sensitivities_are_those_of_short_runge_kutta_steps(name: str
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_sensitivities_are_differences_of_the_motion(name: str) -> None:
+def test_sensitivities_match_differences_of_the_motion(name: str) -> None:
     exact, _, theta, inputs = simulators(name)
     found = exact.run(theta, X_0, T_IN, inputs, T_OUT)
     assert found is not None
@@ -77,7 +77,7 @@ def test_sensitivities_are_differences_of_the_motion(name: str) -> None:
         np.testing.assert_allclose(found[1][seen, :, k], by_difference[seen], rtol=1e-4, atol=1e-5)
 
 
-def test_a_craft_far_quicker_than_its_samples_is_simulated_and_one_that_runs_away_is_not() -> None:
+def test_a_craft_far_quicker_than_its_samples_is_simulated_and_a_diverging_one_is_not() -> None:
     own = form("surge", "X_u", "X_udot")
     simulator = Simulator(own, own.free)
     quick = simulator.run(np.array([-1e5, -1.0]), np.zeros(2), np.array([0.0]), np.array([[2e5]]), np.arange(5.0))
@@ -86,7 +86,7 @@ def test_a_craft_far_quicker_than_its_samples_is_simulated_and_one_that_runs_awa
     assert simulator.run(np.array([8.0, -1.0]), np.zeros(2), np.array([0.0]), np.array([[1.0]]), np.arange(9.0)) is None
 
 
-def test_series_and_closed_form_meet() -> None:
+def test_series_and_closed_form_agree_at_their_border() -> None:
     own = form("surge", "X_u", "X_udot")
     simulator = Simulator(own, own.free)
 
@@ -123,5 +123,5 @@ def test_an_independent_integrator_agrees() -> None:
     ],
     ids=["quadratic", "lagged", "spring", "two"],
 )
-def test_what_is_not_linear_in_one_velocity_is_left_to_short_steps(other: Form) -> None:
+def test_forms_not_linear_in_one_velocity_use_short_steps(other: Form) -> None:
     assert linear_program_of(program_of(other)) is None

@@ -205,10 +205,10 @@ def advanced(rate: Callable[[Complex], Complex], y: Complex, span: Complex, long
     return y
 
 
-def raised(values: Mapping[str, float], wanted: Sequence[str], first: int, k: int) -> dict[str, Complex]:
-    """Return *values* (k,), the copies from *first* on each with one of *wanted* raised by ``i STEP``."""
+def raised(values: Mapping[str, float], required: Sequence[str], first: int, k: int) -> dict[str, Complex]:
+    """Return *values* (k,), the copies from *first* on each with one of *required* raised by ``i STEP``."""
     found = {n: np.full(k, v, dtype=complex) for n, v in values.items()}
-    for i, name in enumerate(wanted):
+    for i, name in enumerate(required):
         found[name][first + i] += STEP * 1j
     return found
 
@@ -234,7 +234,7 @@ SURROUNDINGS = {"delay": 0.17, "lag": 0.4, "V_x": 0.2, "V_y": -0.15, "A_psi": 0.
 
 
 def extended(name: str) -> Form:
-    """A shipped form with every kind of parameter the kernel knows besides."""
+    """A shipped form with every other kind of parameter of the kernel."""
     form = FORMS[name]
     return form.freeing(*(n for n in SURROUNDINGS if n not in form.parameters))
 
@@ -264,9 +264,7 @@ def cases() -> list[tuple[str, Form, dict[str, float]]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("form", "given"), [c[1:] for c in cases()], ids=[c[0] for c in cases()])
-def test_motion_and_sensitivities_agree_with_a_second_derivation_on_complex_numbers(
-    form: Form, given: dict[str, float]
-) -> None:
+def test_motion_and_sensitivities_match_a_complex_step_derivation(form: Form, given: dict[str, float]) -> None:
     rng = np.random.default_rng(11)
     values = {**numbers_for(form, rng), **{n: v for n, v in given.items() if n in form.free}, **form.known}
     simulator = Simulator(form, form.free, Simulator(form).states)
@@ -282,18 +280,18 @@ def test_motion_and_sensitivities_agree_with_a_second_derivation_on_complex_numb
         found = simulator.run(theta, np.array(list(start.values())), T_IN, inputs, T_OUT)
     assert found is not None
     signals = [s for s in simulator.states if not s.startswith("lagged ")]
-    wanted = (*form.free, *simulator.states)
-    shown = Craft(form, raised(values, form.free, 0, len(wanted))).run(
-        raised(start, simulator.states, len(form.free), len(wanted)), inputs
+    required = (*form.free, *simulator.states)
+    shown = Craft(form, raised(values, form.free, 0, len(required))).run(
+        raised(start, simulator.states, len(form.free), len(required)), inputs
     )
     for s in signals:
         value, by = simulator.outputs(theta, *found, s)
         assert value == pytest.approx(shown[s][:, 0].real, abs=CLOSE * max(1.0, float(np.ptp(value)))), s
-        for column, name in enumerate(wanted):
+        for column, name in enumerate(required):
             exact = shown[s][:, column].imag / STEP
             assert by[:, column] == pytest.approx(exact, abs=CLOSE * max(1.0, float(np.abs(exact).max()))), (s, name)
     felt = np.max([np.abs(shown[s].imag).max(axis=0) for s in signals], axis=0)
-    assert (felt > 0.0).all(), [n for n, size in zip(wanted, felt, strict=True) if size == 0.0]
+    assert (felt > 0.0).all(), [n for n, size in zip(required, felt, strict=True) if size == 0.0]
 
 
 AXES = {
@@ -320,7 +318,7 @@ def axis_motion(p: Complex) -> Complex:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", AXES)
-def test_the_kernel_of_one_degree_of_freedom_agrees_with_a_second_derivation_on_complex_numbers(case: str) -> None:
+def test_the_kernel_of_one_degree_of_freedom_matches_a_complex_step_derivation(case: str) -> None:
     p = np.array(AXES[case])
     found = simulate_explicit(p, T_IN, FORCE, T_OUT)
     moved = axis_motion(p[:, None] + STEP * 1j * np.eye(len(COLUMNS)))

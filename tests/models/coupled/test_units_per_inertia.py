@@ -32,7 +32,7 @@ def test_sway_and_yaw_of_two_thrusters_are_per_inertia_and_surge_is_in_newtons(n
     assert FORMS["twin-thruster"].unit_of(name, TWIN) == unit
 
 
-def test_a_ship_under_its_rudder_knows_no_newtons_at_all() -> None:
+def test_the_rudder_form_has_no_units_of_newtons() -> None:
     form = FORMS["rudder"]
     units = {n: form.unit_of(n, {"delta": "rad"}) for n in form.parameters}
     assert not any("N" in unit.split("/")[0].split() for unit in units.values()), units
@@ -40,13 +40,13 @@ def test_a_ship_under_its_rudder_knows_no_newtons_at_all() -> None:
 
 
 @pytest.mark.parametrize("form", ["rudder", "twin-thruster"])
-def test_a_mass_is_refused_where_no_force_is_known(form: str) -> None:
+def test_a_mass_is_rejected_in_a_form_per_inertia(form: str) -> None:
     with pytest.raises(UsageError, match=r"m = 3272 cannot be used in form .* per unit of inertia"):
         FORMS[form].knowing({"m": 3272.0})
     assert FORMS[form].knowing({"delay": 0.2}).known["delay"] == 0.2
 
 
-def test_a_mass_enters_where_forces_are_known() -> None:
+def test_a_mass_is_accepted_if_forces_are_known() -> None:
     assert FORMS["horizontal"].knowing({"m": 20.0}).known["m"] == 20.0
 
 
