@@ -255,7 +255,7 @@ def test_waves_are_modelled_and_reported_with_their_period() -> None:
     missing = missing_of(found)
     assert missing is not None and missing.waves is not None
     assert missing.waves.period == pytest.approx(2.0 * math.pi / waves["frequency"], rel=0.05)
-    assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
+    assert missing.waves.swing == pytest.approx(waves["heading"], rel=0.3)
     assert missing.to_dict()["waves"]["period"] == missing.waves.period
     result = next(w for w in words_of(found, missing) if "waves" in w)
     assert result.startswith("the heading also oscillates by ")

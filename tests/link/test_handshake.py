@@ -64,8 +64,9 @@ def test_a_vehicle_gets_its_firmware_name_and_its_frame() -> None:
 
 def test_an_unsupported_autopilot_or_vehicle_type_is_refused() -> None:
     assert _firmware(BOAT) is ROVER
-    for stranger in (VehicleIdentity(7, 1, 12, 11), VehicleIdentity(7, 1, 3, 2)):
-        with pytest.raises(WrongVehicle, match=rf"autopilot {stranger.autopilot} \(system 7\) is not supported"):
+    strangers = (VehicleIdentity(7, 1, 12, 11), "PX4"), (VehicleIdentity(7, 1, 3, 2), "ARDUPILOTMEGA")
+    for stranger, autopilot in strangers:
+        with pytest.raises(WrongVehicle, match=rf"autopilot {autopilot} \(system 7\) is not supported"):
             _firmware(stranger)
 
 

@@ -251,7 +251,8 @@ def test_common_errors_are_part_of_the_standard_deviations():
     for name, own in solution.common.items():
         assert np.all(np.sum(own**2, axis=1) <= solution.stds[name] ** 2 * (1.0 + 1e-6)), name
     bias = np.linalg.norm(solution.common["r"], axis=1)
-    assert bias == pytest.approx(solution.constants["gyro bias r"].std, rel=0.1)
+    assert bias.mean() == pytest.approx(solution.constants["gyro bias r"].std, rel=0.2)
+    assert np.ptp(bias) < 0.3 * bias.mean()  # its drift
 
 
 def test_an_error_common_to_all_samples_counts_once_in_identify():
