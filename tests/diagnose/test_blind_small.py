@@ -57,4 +57,4 @@ def test_causes_found_without_process_noise_are_tested_with_it() -> None:
 )
 def test_wrong_numbers_are_reported_and_correct_ones_are_not(kind: str, slug: str) -> None:
     outcome = run_case(kind, SEED, 0, slug)
-    assert outcome.right, f"{outcome.numbers} and {summary(outcome)}, doubted {outcome.doubted}"
+    assert outcome.right, f"{outcome.wrong_numbers} and {summary(outcome)}, reported {outcome.reported_numbers}"

@@ -337,6 +337,6 @@ def test_a_flight_that_the_vehicle_rejected_is_not_repeated(tmp_path: Path, monk
     monkeypatch.setattr(own_runs, "_fly", refuse)
     case = own_runs.Case("cybership2", "zig-zag", "", 1)
     first, second = (own_runs.run_case(case, tmp_path) for _ in range(2))
-    assert first.refused and second.refused
-    assert first.said == second.said == "PreconditionFailed: the craft is not stable on course"
+    assert first.rejected and second.rejected
+    assert first.summary == second.summary == "PreconditionFailed: the craft is not stable on course"
     assert len(flights) == 1
