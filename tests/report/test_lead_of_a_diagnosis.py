@@ -126,9 +126,9 @@ def test_a_hint_is_shown_with_its_evidence_and_the_deciding_test_in_all_outputs(
         "Fly the same manoeuvres for 13 min 20 s in total instead of 8 min 00 s"
     )
     page = Page(page_of(reported, "boat", WHEN)).text
-    for reported in words.values():
-        assert reported in shown(reported)
-        assert reported[:60] in page.replace("\u00a0", " ")
+    for text in words.values():
+        assert text in shown(reported)
+        assert text[:60] in page.replace("\u00a0", " ")
     assert reported.to_dict()["hints"][0]["needed"] == 800.0
     assert "A constant push acts on your craft in turning" in lead_sentence(reported)
 
