@@ -42,8 +42,6 @@ class _Laid:
     folded: bool = False
 
 
-FEW = 4
-"""Number of columns up to which a table stays a table on a phone. Project choice."""
 PHONE = 42
 """Number of characters of a table row that fit on a phone 390 pixels wide. Project choice."""
 
@@ -115,12 +113,7 @@ def drawn(figure: Figure) -> Iterator[_Drawn]:
 
 
 def _is_wide(table: Table) -> bool:
-    """Return whether a table is wider than a phone, which then shows each row as a block.
-
-    A table of few columns stays a table, because its rows are there to be compared. Its text wraps.
-    """
-    if len(table.heads) <= FEW:
-        return False
+    """Return whether a table is wider than a phone, which then shows each row as a block."""
     columns = [[head, *(row[i] for row in table.rows)] for i, head in enumerate(table.heads)]
     return sum(_least_width(cells, a) for cells, a in zip(columns, table.align, strict=True)) > PHONE
 
