@@ -169,8 +169,8 @@ def _write_styles(settings: DeskSettings, file: Path) -> int:
 def _loop_of(source: Path) -> str:
     """Return the loop that the run directory at *source* tuned."""
     start = source / SETTING_OUT
-    told = load_json(start, "the start settings of a run") if start.is_file() else {}
-    axis = conformed(told, dict[str, Any], start).get("settings", {}).get("axis")
+    contents = load_json(start, "the start settings of a run") if start.is_file() else {}
+    axis = conformed(contents, dict[str, dict[str, Any]], start).get("settings", {}).get("axis")
     if axis not in LOOPS:
         raise UsageError(f"add what to design: --for {', '.join(LOOPS[:-1])} or {LOOPS[-1]}")
     return str(axis)

@@ -76,8 +76,9 @@ def test_the_loop_is_the_one_that_the_run_tuned_unless_it_is_stated(capsys, tmp_
     start.write_text('{"settings": {"axis": "heading"}}', encoding="utf-8")
     assert "no speed given" in refused(capsys, tmp_path)  # ArduRover's heading
     assert "not surge" in refused(capsys, tmp_path, "--for", "speed")
-    start.write_text("[1]", encoding="utf-8")
-    assert "setting_out.json" in refused(capsys, tmp_path)
+    for damaged in ("[1]", '{"settings": 3}'):
+        start.write_text(damaged, encoding="utf-8")
+        assert "setting_out.json" in refused(capsys, tmp_path)
 
 
 @pytest.mark.slow

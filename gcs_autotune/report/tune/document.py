@@ -175,8 +175,10 @@ def _predicted(proposal: Proposal) -> Section:
 
 
 def _reasons(story: TuneStory) -> Iterator[Section]:
-    """Yield why new values were kept or not. The terminal shows it only if they were not, because the
-    tables contain the rest."""
+    """Yield why new values were kept or not.
+
+    The terminal shows it only if they were not, because the tables contain the rest.
+    """
     what = "parameters" if story.missions else "gains"
     title = f"Why the new {what} {'were kept' if story.kept else 'were not kept'}"
     parts = tuple(bullets(story.verdict_reasons))
