@@ -87,7 +87,7 @@ class Estimator:
         times a second. The turn rate comes from the compass and a model of yaw with ``time_constant`` [s] and ``gain``
         [rad/s], the turn rate at full steering (Charlie: Miskovic2010, section 3.3). Empty: the craft has a gyro.
 
-    ``aided``: whether the position can be used.
+    ``aided``: whether the position can be used. ``has_gps``: whether the autopilot uses a GPS on board.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Estimator:
         self._helped = self._placed = -math.inf
         self._t = 0.0
         self._moves, self._tilts = bool({"gps", "dvl"} & set(instruments)), start.tilts
-        self.aided = True
+        self.aided = self.has_gps = True
 
     def update(self, t: float, reading: SensorReading, steering: float = 0.0) -> None:
         """Replace in *reading* what the instruments measure, at *t* [s]; the rest of it stays.
@@ -173,7 +173,7 @@ class Estimator:
 
     def _correct(self, heading: str, use: Callable[[Instrument, Sample, _Past], None]) -> None:
         """Let *use* see a new valid measurement of the instrument, with the estimate of the time it was taken."""
-        own = self._own.get(heading)
+        own = None if heading == "gps" and not self.has_gps else self._own.get(heading)
         if own is None or own.sample is None or own.count == self._counts[heading]:
             return
         self._counts[heading] = own.count
