@@ -19,7 +19,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.navigation import kernel
 from gcs_autotune.navigation.sensors import ARMED, DELAYED, SENSORS, Inertial, Readings, Sensor
 from gcs_autotune.notebook import Displayed
-from gcs_autotune.sensor import noise_of
+from gcs_autotune.sensor import INDEPENDENT, noise_of
 
 __all__ = ["ANGLES", "CONSTANTS", "Constant", "Mounting", "Navigation", "SensorNoise", "navigate"]
 
@@ -53,8 +53,6 @@ first estimates are too far from the truth for it. Project choice."""
 FLOOR = 0.3
 """Smallest noise level, as a fraction of the first one. Real errors are correlated in time, which less noise would take
 for motion. Project choice."""
-ALIKE = 0.05
-"""Correlation of the errors of two neighbouring samples below which they count as independent. Project choice."""
 COMMON, NOTICED = 6, 5.0
 """Errors common to all samples of a log that a run contains. Project choice.
 
@@ -403,7 +401,7 @@ class _Stretch:
         rates = np.einsum("kii->ki", covariance)[:, 9:12]
         alike = np.hstack([result.alike[:, [6, 7, 8, 0, 1, 2, 3, 4, 5]], 1.0 - self.imu_noise[0] ** 2 / rates])
         times = -step / np.log(np.clip(alike, 1e-9, 1.0 - 1e-9))
-        times[alike < ALIKE] = 0.0
+        times[alike < INDEPENDENT] = 0.0
         return {name: times[:, i].copy() for i, name in enumerate((*"xyz", *ANGLES, *"uvw", *"pqr"))}
 
     def _at_centre(self, x: Array) -> tuple[dict[str, Array], Array]:
