@@ -40,7 +40,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import Progress, SilentObserver
 from gcs_autotune.trial import Trial
 
-from .pond import BeforeWall, PondCraft, Pushed
+from .toy_craft import BeforeWall, PondCraft, Pushed
 
 FREE = Envelope(heading_excursion=math.inf, depth_excursion=math.inf, roll=math.inf, pitch=math.inf)
 SHORT = {"duration": 6.0, "executes": 2.0, "levels": 2.0, "turn": 2.0, "push": 2.0, "f-start": 0.3, "fade-in": 1.0}

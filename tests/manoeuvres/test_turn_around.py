@@ -9,7 +9,7 @@ from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres import Envelope, Sequencer, TurnAround, TurnAroundSettings
 from gcs_autotune.observer import SilentObserver
 
-from .pond import PondCraft, answered, at_rest
+from .toy_craft import PondCraft, answered, at_rest
 
 FREE = Envelope(heading_excursion=math.inf)
 

@@ -18,7 +18,7 @@ from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.wrong_way import turning_time
 
-from ..manoeuvres.pond import PondCraft
+from ..manoeuvres.toy_craft import PondCraft
 
 CRUISE, LIMIT = 2.0, 180.0
 ROOM = Envelope(heading_excursion=math.inf, distance=LIMIT, cruise=CRUISE)
