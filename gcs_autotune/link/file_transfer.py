@@ -136,10 +136,10 @@ def has_remote_folder(session: Session, path: str) -> bool:
     """
     exchange = _Exchange(session)
     try:
-        found = exchange.answer(_LIST, path.encode("ascii"))
+        answer = exchange.answer(_LIST, path.encode("ascii"))
     finally:
         exchange.close()
-    return found.is_ack or found.data[:1] == bytes([_END_OF_FILE])
+    return answer.is_ack or answer.data[:1] == bytes([_END_OF_FILE])
 
 
 def write_remote_file(session: Session, path: str, data: bytes, timeout: float = 120.0) -> None:

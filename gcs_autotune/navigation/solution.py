@@ -309,15 +309,15 @@ class _Stretch:
 
     def arms(self) -> dict[str, Vector]:
         """Return the known lever arms: those supplied, and those in the autopilot's parameters."""
-        found: dict[str, Vector] = {}
+        arms: dict[str, Vector] = {}
         given = self.readings.parameters
         inertial = [given.get(f"INS_POS1_{axis}", 0.0) for axis in "XYZ"]
         for device, prefixes in (("gps", ("GPS1_POS", "GPS_POS1")), ("dvl", ("VISO_POS",))):
             for prefix in prefixes:
                 place = [given.get(f"{prefix}_{axis}", 0.0) for axis in "XYZ"]
                 if any(place):
-                    found[device] = (place[0] - inertial[0], place[1] - inertial[1], place[2] - inertial[2])
-        return {**found, **self.mounting.arms}
+                    arms[device] = (place[0] - inertial[0], place[1] - inertial[1], place[2] - inertial[2])
+        return {**arms, **self.mounting.arms}
 
     def _first_heading(self, phi: float, theta: float) -> float:
         if "compass" not in self.series:
@@ -340,9 +340,9 @@ class _Stretch:
             sigma = max(sigma, FLOOR * SENSORS[name].sigma)
             changed = max(changed, abs(sigma / self.sigma[name] - 1.0))
             self.sigma[name] = sigma
-        found = np.maximum(np.sqrt(np.maximum(result.levels[::2] / result.levels[1::2], 0.0)), LEAST)
-        changed = max(changed, float(np.max(np.abs(found / self.imu_noise - 1.0))))
-        self.imu_noise = found
+        ratios = np.maximum(np.sqrt(np.maximum(result.levels[::2] / result.levels[1::2], 0.0)), LEAST)
+        changed = max(changed, float(np.max(np.abs(ratios / self.imu_noise - 1.0))))
+        self.imu_noise = ratios
         return moved, changed
 
     def _navigation(self, result: _Pass, passes: int, *, converged: bool) -> Navigation:

@@ -193,9 +193,9 @@ def calibrate_laser(table: Path, source: str = "", *, apart: float, colour: str 
             size = (picture.bgr.shape[1], picture.bgr.shape[0])
         if len(places) != len(distances):
             raise BadFile(f"{table} has {len(distances)} rows for {len(places)} pictures. Write one row per picture")
-        found = np.array(places)
-        pixels = np.column_stack([np.hypot(*found[:, :2].T), np.hypot(*found[:, 2:].T)])
-        lines = (_line(found[:, 0], found[:, 1]), _line(found[:, 2], found[:, 3]))
+        measured = np.array(places)
+        pixels = np.column_stack([np.hypot(*measured[:, :2].T), np.hypot(*measured[:, 2:].T)])
+        lines = (_line(measured[:, 0], measured[:, 1]), _line(measured[:, 2], measured[:, 3]))
     elif "x_L" in columns and "x_R" in columns:
         pixels, lines, size = np.column_stack([columns["x_L"], columns["x_R"]]), (None, None), (0, 0)
     else:
@@ -364,15 +364,15 @@ def _fit(x: Array, y: Array, b: float, d: float) -> tuple[LaserCurve, float]:
 
     def amplitudes(rates: Array) -> tuple[Array, Array]:
         table = np.exp(np.outer(x, rates))
-        found = np.asarray(np.linalg.lstsq(table, y, rcond=None)[0], dtype=np.float64)
-        return found, np.asarray(table @ found - y, dtype=np.float64)
+        sizes = np.asarray(np.linalg.lstsq(table, y, rcond=None)[0], dtype=np.float64)
+        return sizes, np.asarray(table @ sizes - y, dtype=np.float64)
 
     scale = abs(d)
 
     def error_of(p: Array) -> Array:
         return amplitudes(p * scale)[1]
 
-    found = least_squares(error_of, np.array([b, d]) / scale, xtol=1e-14, ftol=1e-14)
-    rates = np.sort(found.x * scale)
+    search = least_squares(error_of, np.array([b, d]) / scale, xtol=1e-14, ftol=1e-14)
+    rates = np.sort(search.x * scale)
     (a, c), error = amplitudes(rates)
     return LaserCurve(float(a), float(rates[0]), float(c), float(rates[1])), float(error @ error)

@@ -193,20 +193,20 @@ def clock_offset(seen: Track, log: Trial) -> tuple[float, float]:
 
     coarse = np.arange(t[0] - grid[-1], t[-1] - grid[0], _COARSE * _STEP)
     scores = np.array([match(float(v)) for v in coarse])
-    found = []
+    offsets = []
     for _ in range(_RIVALS):
         best = float(coarse[int(np.argmax(scores))])
         scores[np.abs(coarse - best) < _APART] = -1.0
         for step in (_STEP, 0.1 * _STEP):
             near = best + step * np.arange(-_COARSE - 1, _COARSE + 2)
             best = float(near[int(np.argmax([match(float(v)) for v in near]))])
-        found.append((match(best), best))
-    highest = max(found)[0]
+        offsets.append((match(best), best))
+    highest = max(offsets)[0]
     if highest < LEAST_CORRELATION:
         raise NotInformative(
             f"the yaw rates of {seen.name} and {log.name} do not match (best correlation {highest:.2f}). Use --offset"
         )
-    alike = [(_surge_match(seen, log, offset), offset, c) for c, offset in found if c > highest - _ALIKE]
+    alike = [(_surge_match(seen, log, offset), offset, c) for c, offset in offsets if c > highest - _ALIKE]
     alike.sort(reverse=True)
     if len(alike) > 1 and alike[0][0] - alike[1][0] < _ALIKE:
         raise NotInformative(

@@ -87,11 +87,11 @@ def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "
     UsageError
         There is no such trace.
     """
-    found = next((t for t in traces if run in ("", t.run) and signal in ("", t.signal)), None)
-    if found is None:
+    trace = next((t for t in traces if run in ("", t.run) and signal in ("", t.signal)), None)
+    if trace is None:
         have = ", ".join(f"{t.signal} of {t.run}" for t in traces) or "none"
         raise UsageError(f"no trace of {signal or 'any signal'} of {run or 'any run'}. Available: {have}")
-    _draw_motion(ax, found, "")
+    _draw_motion(ax, trace, "")
     ax.set_xlabel("time [s]")
     legend(ax)
     return ax

@@ -277,8 +277,8 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
     def number(name: str) -> str:
         if lacks_a_term:
             return f"about {format_number(own[name], 2)}"
-        found = fit.parameters.get(own.label_of(name))
-        return format_value(own[name], math.nan if found is None else found.std)
+        parameter = fit.parameters.get(own.label_of(name))
+        return format_value(own[name], math.nan if parameter is None else parameter.std)
 
     if own.slug == "quadratic-actuator":
         largest = own.constants["u_ref"]
@@ -333,9 +333,9 @@ def _parameter_value(parameter: Parameter) -> str:
 def meanings(fit: AxisFit) -> dict[str, str]:
     """Return name -> meaning of the parameters of one axis."""
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
-    found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
-    found[fit.model.axis.restoring_name] = "restoring moment per angle"
-    return found | effect_meanings(fit.effects)
+    by_name = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
+    by_name[fit.model.axis.restoring_name] = "restoring moment per angle"
+    return by_name | effect_meanings(fit.effects)
 
 
 def effect_meanings(effects: Sequence[EffectInstance]) -> dict[str, str]:
