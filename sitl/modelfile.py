@@ -107,10 +107,10 @@ def _model_from(data: ModelData) -> FlownModel:
     used = {str(g).lstrip("-") for pairs in form.inputs.values() for g in pairs.values()}
     dofs: tuple[str, ...] = tuple(form.dofs)
     axes = {dof: _axis(dof, values) for dof in dofs}
-    left = {n: v for n, v in values.items() if v and n not in used and n not in _SPECIAL and not _is_plain(n, dofs)}
-    coupling = _coupling(left, values, form.coriolis) if "sway" in dofs else None
-    if coupling is None and left:
-        raise BadModel(f"the simulator cannot simulate {', '.join(left)} without sway")
+    unused = {n: v for n, v in values.items() if v and n not in used and n not in _SPECIAL and not _is_plain(n, dofs)}
+    coupling = _coupling(unused, values, form.coriolis) if "sway" in dofs else None
+    if coupling is None and unused:
+        raise BadModel(f"the simulator cannot simulate {', '.join(unused)} without sway")
     effects = [*_built_in(values, amplitude), *(_effect_from(e, amplitude) for e in data.effects)]
     forces = {_FORCES[dof]: values.get(f"{_FORCES[dof]}_0", 0.0) for dof in dofs}
     return FlownModel(axes, forces, gains, tuple(effects), coupling, amplitude)

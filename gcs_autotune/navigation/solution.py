@@ -165,8 +165,8 @@ class Navigation(Displayed):
     @property
     def nis(self) -> float:
         """Mean squared innovation over its variance, over all measurements."""
-        sensors = [own for name, own in self.noise.items() if name != PAUSE and own.used]
-        return sum(own.used * own.nis for own in sensors) / max(sum(own.used for own in sensors), 1)
+        sensors = [sensor for name, sensor in self.noise.items() if name != PAUSE and sensor.used]
+        return sum(sensor.used * sensor.nis for sensor in sensors) / max(sum(sensor.used for sensor in sensors), 1)
 
 
 def navigate(readings: Readings, mounting: Mounting | None = None, rate: float = RATE) -> tuple[Navigation, ...]:
@@ -310,11 +310,11 @@ class _Stretch:
     def arms(self) -> dict[str, Vector]:
         """Return the known lever arms: those supplied, and those in the autopilot's parameters."""
         arms: dict[str, Vector] = {}
-        given = self.readings.parameters
-        inertial = [given.get(f"INS_POS1_{axis}", 0.0) for axis in "XYZ"]
+        parameters = self.readings.parameters
+        inertial = [parameters.get(f"INS_POS1_{axis}", 0.0) for axis in "XYZ"]
         for device, prefixes in (("gps", ("GPS1_POS", "GPS_POS1")), ("dvl", ("VISO_POS",))):
             for prefix in prefixes:
-                place = [given.get(f"{prefix}_{axis}", 0.0) for axis in "XYZ"]
+                place = [parameters.get(f"{prefix}_{axis}", 0.0) for axis in "XYZ"]
                 if any(place):
                     arms[device] = (place[0] - inertial[0], place[1] - inertial[1], place[2] - inertial[2])
         return {**arms, **self.mounting.arms}

@@ -409,7 +409,7 @@ def _square(axes: Axes, reach: float) -> None:
 
 def _plain(found: LoopAnalysis) -> dict[str, Any]:
     r = found.response
-    own, worst = _deviations(r)
+    of_model, worst = _deviations(r)
     return {
         "poles": [[float(p.real), float(p.imag)] for p in sorted(found.poles, key=abs)],
         **{
@@ -421,7 +421,7 @@ def _plain(found: LoopAnalysis) -> dict[str, Any]:
                 ("worst_disk_margin", found.worst_disk),
             )
         },
-        "response": {"step": r.step, "push": r.push, "push_at": r.push_at, "deviation": own, "worst": worst},
+        "response": {"step": r.step, "push": r.push, "push_at": r.push_at, "deviation": of_model, "worst": worst},
     }
 
 

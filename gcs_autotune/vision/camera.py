@@ -61,14 +61,16 @@ def _undistorted(pixels: Array, matrix: Array, distortion: Array) -> Array:
     OpenCV's own function stops after five iterations, which leaves tenths of a pixel at the edge of a wide lens.
     """
     k1, k2, p1, p2, k3 = (float(v) for v in distortion)
-    seen = np.column_stack([(pixels[:, 0] - matrix[0, 2]) / matrix[0, 0], (pixels[:, 1] - matrix[1, 2]) / matrix[1, 1]])
-    x, y = seen.T
+    distorted = np.column_stack(
+        [(pixels[:, 0] - matrix[0, 2]) / matrix[0, 0], (pixels[:, 1] - matrix[1, 2]) / matrix[1, 1]]
+    )
+    x, y = distorted.T
     for _ in range(_ITERATIONS if distortion.any() else 0):
         square = x * x + y * y
         stretch = 1.0 + square * (k1 + square * (k2 + square * k3))
         shift_x = 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x)
         shift_y = p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
-        x, y = (seen[:, 0] - shift_x) / stretch, (seen[:, 1] - shift_y) / stretch
+        x, y = (distorted[:, 0] - shift_x) / stretch, (distorted[:, 1] - shift_y) / stretch
     return np.column_stack([x, y])
 
 

@@ -327,17 +327,17 @@ def laser_run(readings: Sequence[LaserReading], name: str) -> Trial:
     NotInformative
         No picture shows two dots in the calibrated range.
     """
-    seen = [r for r in readings if not r.missing]
-    if not seen:
+    valid = [r for r in readings if not r.missing]
+    if not valid:
         first = readings[0]
         raise NotInformative(
             f"{name}: none of {len(readings)} pictures shows two laser dots in range. Picture {first.number} shows "
             f"{first.missing}. Check the lasers, --colour and the calibration"
         )
-    t = np.array([r.t for r in seen])
-    port, starboard = np.array([r.port for r in seen]), np.array([r.starboard for r in seen])
+    t = np.array([r.t for r in valid])
+    port, starboard = np.array([r.port for r in valid]), np.array([r.starboard for r in valid])
     channels = {"d": Channel("d", "m", t, port), "d_starboard": Channel("d_starboard", "m", t, starboard)}
-    return Trial(name, channels, meta={"source": name, "apart": seen[0].apart, "pictures": len(readings)})
+    return Trial(name, channels, meta={"source": name, "apart": valid[0].apart, "pictures": len(readings)})
 
 
 def calibrate(pixels: Sequence[float] | Array, lengths: Sequence[float] | Array) -> LaserCurve:

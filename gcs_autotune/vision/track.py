@@ -88,11 +88,11 @@ def track(source: str, camera: FloorCamera, marker: str = "red-line", rate: floa
                 f"{source}, picture {picture.number}: the time jumps by {picture.t - last:.2f} s. Cut the video there"
             )
         last, count = picture.t, picture.number
-        seen = find(picture.bgr, camera)
-        if seen is None:
+        marking = find(picture.bgr, camera)
+        if marking is None:
             first_lost = first_lost or picture.number
             continue
-        rows.append((picture.t, seen.x, seen.y, seen.psi))
+        rows.append((picture.t, marking.x, marking.y, marking.psi))
     if len(rows) < max(2, LEAST_SEEN * count):
         raise NotInformative(
             f"{source}: {len(rows)} of {count} pictures show the marker ({marker}). The first without it is picture "
@@ -228,8 +228,8 @@ def _surge_match(seen: Track, log: Trial, offset: float) -> float:
         moves.append(np.cos(psi) * north.derivative(order) + np.sin(psi) * east.derivative(order))
     X = np.array([log["X"].held_at(float(v)) for v in at + offset])
     table = np.column_stack([X, moves[0], np.ones(len(at))])
-    left = moves[1] - table @ np.linalg.lstsq(table, moves[1], rcond=None)[0]
-    return 1.0 - float(np.var(left) / max(np.var(moves[1]), 1e-12))
+    residual = moves[1] - table @ np.linalg.lstsq(table, moves[1], rcond=None)[0]
+    return 1.0 - float(np.var(residual) / max(np.var(moves[1]), 1e-12))
 
 
 def _rate(t: Array, psi: Array, at: Array) -> Array:

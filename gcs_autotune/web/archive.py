@@ -238,8 +238,8 @@ def _resume(folder: Path) -> dict[str, Any] | None:
     """
     job, link = read_json(folder / JOB), _link(folder)
     steps = [step for step in job.get("steps") or () if isinstance(step, dict)]
-    left = [step for step in steps if step.get("ending") in ("open", "aborted", "rejected", "skipped")]
-    if not left or not link or link.startswith("sitl:"):
+    unfinished = [step for step in steps if step.get("ending") in ("open", "aborted", "rejected", "skipped")]
+    if not unfinished or not link or link.startswith("sitl:"):
         return None
     return {
         "job": GUIDED,

@@ -180,9 +180,9 @@ class MavlinkCraft:
     def check_restart(self) -> None:
         """Request the vehicle's time since boot for a second, so that the watchdog can detect a restart."""
         watchdog = self.telemetry.watchdog
-        seen = watchdog.stamps
+        stamps = watchdog.stamps
         self.session.request_message(message_number("SYSTEM_TIME"))
-        self.session.wait_for(lambda: True if watchdog.has_restarted or watchdog.stamps > seen else None, 1.0)
+        self.session.wait_for(lambda: True if watchdog.has_restarted or watchdog.stamps > stamps else None, 1.0)
 
     def yield_to(self, what: str) -> None:
         """Leave the craft to an operator who has taken it by its sticks. *what* states it in words."""

@@ -487,8 +487,8 @@ def _draw(trial: Trial, panels: tuple[_Panel, ...], force: str = "") -> Drawing:
     heights = (2.4,) if len(panels) == 1 else (1.5,) * len(panels)
     figure, axes = new_axes((*heights, 1.4) if drives else heights)
     for panel, ax in zip(panels, axes, strict=False):
-        seen = thin(finite(panel.flown[0] - trial.start, panel.flown[1]))
-        ax.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
+        curve = thin(finite(panel.flown[0] - trial.start, panel.flown[1]))
+        ax.plot(curve.t, curve.y, color=AFTER, lw=1.2, label="flown")
         style = "steps-post" if panel.steps else "default"
         ax.plot(panel.wanted[0] - trial.start, panel.wanted[1], ds=style, color=WANTED, lw=1.0, label=panel.called)
         ax.set_ylabel(panel.label)

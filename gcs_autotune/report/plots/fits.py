@@ -38,9 +38,9 @@ def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
     """Plot measured and fitted motion of *trace* on *top* and the residual on *bottom*. Time is zero at the start of
     the trace.
     """
-    t, band, left, unit = _draw_motion(top, trace, label)
+    t, band, residual, unit = _draw_motion(top, trace, label)
     bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
-    bottom.plot(t, left, color=INK, lw=0.8)
+    bottom.plot(t, residual, color=INK, lw=0.8)
     bottom.set_ylabel(f"residual [{unit}]")
 
 
