@@ -7,14 +7,14 @@ import math
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files, waiting
 from gcs_autotune.cli.hold_cmd import LAWS
 from gcs_autotune.cli.tune_cmd import FUNCTIONS, STYLES, add_style, check_style
 from gcs_autotune.cli.writing import fresh, on_replacing, page_file, put_out, write_page
-from gcs_autotune.documents import SETTING_OUT, conformed, load_json
+from gcs_autotune.documents import SETTING_OUT, load_setting_out
 from gcs_autotune.errors import BadFile, UsageError
 
 if TYPE_CHECKING:
@@ -168,9 +168,7 @@ def _write_styles(settings: DeskSettings, file: Path) -> int:
 
 def _loop_of(source: Path) -> str:
     """Return the loop that the run directory at *source* tuned."""
-    start = source / SETTING_OUT
-    contents = load_json(start, "the start settings of a run") if start.is_file() else {}
-    axis = conformed(contents, dict[str, dict[str, Any]], start).get("settings", {}).get("axis")
+    axis = load_setting_out(source).settings.get("axis") if (source / SETTING_OUT).is_file() else None
     if axis not in LOOPS:
         raise UsageError(f"add what to design: --for {', '.join(LOOPS[:-1])} or {LOOPS[-1]}")
     return str(axis)

@@ -117,8 +117,8 @@ _THROTTLE_STEPS = ManoeuvreKind(
     room="one minute of travel straight ahead",
     command="experiment surge, and tune speed",
 )
-_TURN_ABOUT = ManoeuvreKind(
-    name="turn-about",
+_TURN_AROUND = ManoeuvreKind(
+    name="turn-around",
     help="a half circle back towards the start of the last manoeuvre",
     excites=frozenset(),
     drives=frozenset({"X", "N"}),
@@ -171,7 +171,7 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         _THROTTLE_STEPS,
         _STEP,
         _SIGN_CHECK,
-        _TURN_ABOUT,
+        _TURN_AROUND,
         _DIVE,
         _COME_BACK,
         _CALM_CHECK,

@@ -308,8 +308,8 @@ def _found(diagnosis: Diagnosis) -> str:
     if gain is None or not gain.ratio >= 1.0:
         return said  # the sentence on the improvement follows
     it = "it" if len(diagnosis.causes) == 1 else "them"
-    seen = f"{signal_words(gain.signal)}{_ahead(gain)}"
-    return f"{said} Adding {it} does not improve prediction of the {seen} on held-out data."
+    where = f"{signal_words(gain.signal)}{_ahead(gain)}"
+    return f"{said} Adding {it} does not improve prediction of the {where} on held-out data."
 
 
 def _named_by_kind(diagnosis: Diagnosis) -> str:

@@ -214,10 +214,10 @@ def _of_full(output: float) -> str:
 def _acting(effects: Sequence[EffectInstance], output: float) -> float:
     """Return the force due to *output* in the model, including the dead zone."""
     acting = np.full(1, output)
-    for own in effects:
-        law = EFFECTS[own.slug]
+    for effect in effects:
+        law = EFFECTS[effect.slug]
         if isinstance(law, Characteristic):
-            acting = law.acting(own, acting)
+            acting = law.acting(effect, acting)
     return float(acting[0])
 
 
@@ -226,10 +226,10 @@ def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance
     order."""
     fields = ("alpha", "beta", "beta_quadratic", "delta", "delay")
     value, slopes = told(fit.model, fit.effects), np.zeros(len(fit.parameters))
-    for k, (name, own) in enumerate(fit.parameters.items()):
-        if not own.std > 0.0:
+    for k, (name, parameter) in enumerate(fit.parameters.items()):
+        if not parameter.std > 0.0:
             continue
-        small = 1e-4 * max(abs(own.value), own.std)
+        small = 1e-4 * max(abs(parameter.value), parameter.std)
         model, effects = fit.model, list(fit.effects)
         if k < len(fields):
             model = replace(model, **{fields[k]: getattr(model, fields[k]) + small})
@@ -277,8 +277,8 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
     def number(name: str) -> str:
         if lacks_a_term:
             return f"about {format_number(own[name], 2)}"
-        found = fit.parameters.get(own.label_of(name))
-        return format_value(own[name], math.nan if found is None else found.std)
+        parameter = fit.parameters.get(own.label_of(name))
+        return format_value(own[name], math.nan if parameter is None else parameter.std)
 
     if own.slug == "quadratic-actuator":
         largest = own.constants["u_ref"]
@@ -333,14 +333,14 @@ def _parameter_value(parameter: Parameter) -> str:
 def meanings(fit: AxisFit) -> dict[str, str]:
     """Return name -> meaning of the parameters of one axis."""
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
-    found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
-    found[fit.model.axis.restoring_name] = "restoring moment per angle"
-    return found | effect_meanings(fit.effects)
+    by_name = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
+    by_name[fit.model.axis.restoring_name] = "restoring moment per angle"
+    return by_name | effect_meanings(fit.effects)
 
 
 def effect_meanings(effects: Sequence[EffectInstance]) -> dict[str, str]:
     """Return name -> meaning of the parameters of *effects*."""
-    return {own.label_of(q.name): q.meaning for own in effects for q in EFFECTS[own.slug].parameters}
+    return {effect.label_of(q.name): q.meaning for effect in effects for q in EFFECTS[effect.slug].parameters}
 
 
 def short_name(name: str) -> str:

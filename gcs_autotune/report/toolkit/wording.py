@@ -53,7 +53,7 @@ _VERBATIM = re.compile(r"`[^`]*`|(?<!\w)'[^']*'(?!\w)|\"[^\"]*\"|gcs-autotune .*
 """Parts of a sentence to copy or quoted from elsewhere: commands, options, messages of a vehicle."""
 
 _UNIT = r"(?:min|ms|dB|Hz|rad|deg|kg|[ckm]?m|s|N|V)[²³]?(?:/(?:rad|deg|s|m)[²³]?)?(?!\w)"
-BEFORE_UNIT = re.compile(rf"(?<=\d) (?=[%°]|{_UNIT})|(?<=\d N) (?=m(?!\w))|(?<=\d min) (?=\d+ s(?!\w))")
+BEFORE_UNIT = re.compile(rf"(?<=\d) (?=[%°]|{_UNIT})|(?<=\d N) (?=[ms][²³]?(?!\w))|(?<=\d min) (?=\d+ s(?!\w))")
 """Space between a number and its unit."""
 
 _HEADINGS = ("anchor", "direction")

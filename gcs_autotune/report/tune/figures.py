@@ -218,8 +218,8 @@ def relay_figures(story: TuneStory) -> Iterator[Figure]:
     swung = story.swung
     noun = swung.noun
     flown = {run.name: run for run in story.relays}
-    found = (relay_series(trial, swung) for trial in story.relays[:MOST_RELAYS])
-    relays = [series for series in found if series is not None]
+    candidates = (relay_series(trial, swung) for trial in story.relays[:MOST_RELAYS])
+    relays = [series for series in candidates if series is not None]
     for i, relay in enumerate(relays, start=1):
         caption = f"Relay experiment '{relay.name}': {noun} relative to its reference, with the relay switches marked."
         if flown[relay.name].reason:
@@ -299,12 +299,12 @@ def _levels(story: TuneStory) -> list[float]:
 
 def _bode_caption(margins: Sequence[LoopMargins], *, several: bool) -> str:
     words = []
-    for found, label in zip(margins, ("present", "new"), strict=True):
-        if not found.stable:
+    for margin, label in zip(margins, ("present", "new"), strict=True):
+        if not margin.stable:
             words.append(f"{label} gains: unstable")
             continue
-        gain = f"{format_number(found.gain, 3)} in gain" if math.isfinite(found.gain) else "no limit in gain"
-        words.append(f"{label} gains: {gain}, {format_quantity(found.phase, 'rad', 3)} in phase")
+        gain = f"{format_number(margin.gain, 3)} in gain" if math.isfinite(margin.gain) else "no limit in gain"
+        words.append(f"{label} gains: {gain}, {format_quantity(margin.phase, 'rad', 3)} in phase")
     thin_lines = " Thin lines: the loop at other speeds and outputs." if several else ""
     told = "; ".join(words)
     return f"Bode plot of the design model, with the loop opened at the actuator. Margins: {told}.{thin_lines}"

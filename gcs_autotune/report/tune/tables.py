@@ -184,8 +184,8 @@ def thrust_table(before: Linearity, after: Linearity | None) -> Table:
 
 
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:
-    found = () if metrics is None else _METRICS
-    rows = tuple((label, show(metrics)) for _, label, show in found if metrics is not None)
+    shown = () if metrics is None else _METRICS
+    rows = tuple((label, show(metrics)) for _, label, show in shown if metrics is not None)
     note = _span_note(math.nan if metrics is None else metrics.span)
     return Table(("lower is better", "present gains"), "lr", rows, note)
 

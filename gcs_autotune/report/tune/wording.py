@@ -217,8 +217,8 @@ def parameters_sentence(story: TuneStory) -> str:
     if not changed:
         return "All parameters have their original values, verified by reading back."
     written = [name for name in changed if name in {c.parameter for c in story.changes}]
-    names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
-    also = f" The vehicle itself, not this tool, changed {own}." if own else ""
+    names, others = ", ".join(written), ", ".join(name for name in changed if name not in written)
+    also = f" The vehicle itself, not this tool, changed {others}." if others else ""
     if not written:
         return (
             f"All parameters written during the run have their original values again, verified by reading back.{also}"
