@@ -8,6 +8,7 @@ The loader itself, with its limits on size, is :mod:`gcs_autotune_files`.
 from __future__ import annotations
 
 import os
+import shlex
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -78,7 +79,9 @@ def model_file(path: Path) -> Path:
     if not path.is_dir():
         return path
     if not (path / MODEL).is_file():
-        raise BadFile(f"{path} contains no {MODEL}. Identify it first: gcs-autotune identify {path} --save FILE")
+        raise BadFile(
+            f"{path} contains no {MODEL}. Identify it first: gcs-autotune identify {shlex.quote(str(path))} --save FILE"
+        )
     return path / MODEL
 
 

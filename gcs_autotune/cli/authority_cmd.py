@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from datetime import datetime
 from pathlib import Path
 
@@ -60,7 +61,8 @@ def _run(args: argparse.Namespace) -> int:
         rules = "\n".join(f"{row.name}: {row.rule}" for row in limits)
         save_params(args.save, {row.name: row.value for row in limits}, comment=f"gcs-autotune authority\n{rules}")
         lines.append(
-            f"Parameters: {args.save}{replaced}. To write them: gcs-autotune params restore {args.save} --connect URI"
+            f"Parameters: {args.save}{replaced}. To write them: gcs-autotune params restore "
+            f"{shlex.quote(str(args.save))} --connect URI"
         )
     if args.page is not None:
         lines.append(write_page(document, args.page, *args.models, args.parameters, args.save))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -301,7 +302,7 @@ def _worst(plan: Plan, frame: Any, hit: Any, measure: str, folder: Path) -> list
         values = ", ".join(f"{name} = {_shown(row[name])}" for name in (*plan.vary, "seed") if name in row)
         outcome = row["reason"] or (f"{measure} = {row[measure]:.4g}" if measure else "without success")
         case = str(row["case"])[:12]
-        found.append(WorstCase(case, values, outcome, f"gcs-autotune study replay {folder} {case}"))
+        found.append(WorstCase(case, values, outcome, f"gcs-autotune study replay {shlex.quote(str(folder))} {case}"))
     return found
 
 
