@@ -137,6 +137,16 @@ def serve_in_few_evaluations(pipe: Any) -> None:
         executor._serve_apart(pipe)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _shared_state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Programs that several tests share record open runs outside the home folder, where a killed test would leave
+    them.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.getbasetemp() / "state" / "shared"))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _own_state_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each test and the programs it starts record open runs in a separate folder."""
