@@ -98,6 +98,7 @@ _STEP = ManoeuvreKind(
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
+    room="at the spot; a boat keeps its cruise speed",
     command="tune AXIS",
 )
 _SIGN_CHECK = ManoeuvreKind(
@@ -106,7 +107,7 @@ _SIGN_CHECK = ManoeuvreKind(
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
-    command="every command that flies, at its start",
+    command="most commands that fly, at their start",
 )
 _THROTTLE_STEPS = ManoeuvreKind(
     name="throttle-steps",
@@ -125,7 +126,7 @@ _TURN_AROUND = ManoeuvreKind(
     needs_way=True,
     identifies=False,
     room="a turning circle",
-    command="every command that flies a boat twice",
+    command="commands that fly a boat twice, if space requires",
 )
 _DIVE = ManoeuvreKind(
     name="dive",

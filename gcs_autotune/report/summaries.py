@@ -30,6 +30,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_value,
     pretty_unit,
     remarks,
+    sentence,
     to_people,
 )
 from gcs_autotune.rounding import EXACT, counted
@@ -73,7 +74,7 @@ MESSAGE_OF: Mapping[str, str] = {
 def log_document(told: Mapping[str, Any]) -> Document:
     """Return the report of one log: its contents, the autopilot's boots, and the runs in it."""
     contradictions = tuple(cause for slug, cause, _ in told["notes"] if slug == CONTRADICTION)
-    doubts = tuple(f"{cause}: {cure}" for _, cause, cure in told["notes"])
+    doubts = tuple(f"{sentence(cause)} Cure: {sentence(cure)}" for _, cause, cure in told["notes"])
     heading = f"{told['source']}: {told['format']}"
     return Document(
         title=heading,

@@ -279,7 +279,9 @@ def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = 
         share, (at, part) = effect_number(fit, QUADRATIC), _bent_at_half(fit)
         sure = share.value > _STDS * share.std
         square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command"
-    levels = f". Beyond {effect_number(fit, LEVEL).value:.0%} the force hardly grows" if LEVEL in has else ""
+    levels = (
+        f". The fit limits the force at {effect_number(fit, LEVEL).value:.0%} of full output" if LEVEL in has else ""
+    )
     if DEAD_ZONE in has:
         what = f"an actuator that does nothing below {effect_number(fit, DEAD_ZONE).value:.1%} of full output"
         if _lost(fit) == 0.0:

@@ -253,5 +253,5 @@ def sentence(text: str) -> str:
     if not text:
         return ""
     first = text.split()[0].rstrip(",.:;")
-    start = text[0].upper() if first.isalpha() and first not in SIGNALS else text[0]
+    start = text[0].upper() if first.replace("-", "").isalpha() and first not in SIGNALS else text[0]
     return start + text[1:] + ("" if text[-1] in ".!?" else ".")

@@ -135,7 +135,8 @@ def beside_table(story: TuneStory) -> Table:
 def route_table(before: TrackMetrics, after: TrackMetrics | None) -> Table:
     """Return how the legs of a mission were followed, before and after."""
     corners = [f"at corner {n}, greatest" for n in range(1, len(before.corners) + 1)]
-    labels = ("distance from the route, rms", "in the second half of legs, rms", *corners, "time")
+    places = ("distance from the route, rms", "in the second half of legs, rms", *corners)
+    labels = (*places, "time from first to last waypoint")
     values = [(m.rms, m.late, *m.corners, m.seconds) for m in (before, after) if m is not None]
     units = ["m"] * (len(labels) - 1) + ["s"]
     rows = tuple(

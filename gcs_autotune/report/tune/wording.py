@@ -109,7 +109,7 @@ def position_words(before: PositionMetrics, after: PositionMetrics | None) -> st
     name, when = ("push", "under the push") if math.isfinite(now.push) else ("hold", "while holding")
     if math.isfinite(getattr(now, name)):
         was = "" if after is None else f" (before: {format_quantity(getattr(before, name), 'm', 2)})"
-        words += f"; {format_quantity(getattr(now, name), 'm', 2)} rms off {when}{was}"
+        words += f"; distance {when} {format_quantity(getattr(now, name), 'm', 2)} rms{was}"
     return f"{words}."
 
 
