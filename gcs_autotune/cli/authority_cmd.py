@@ -24,7 +24,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="model files (of identify --save, tune or diagnose) or run directories of one craft: a heading and a "
         "speed run, further heading runs at other speeds, or one coupled model",
     )
-    add_number(parser, "throttle", meaning="working throttle (fraction of full throttle; default CRUISE_THROTTLE)")
+    add_number(parser, "throttle", meaning="working throttle (fraction of full throttle)", unset="CRUISE_THROTTLE")
     add_parameters(parser.add_argument_group("vehicle"))
     parser.add_argument(
         "--full-scale",

@@ -67,8 +67,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(what, "approach", "DEG")
     craft = parser.add_argument_group("craft")
     add_number(craft, "full-scale", meaning="model input at full output, in the unit of the model, if not 1")
-    add_number(craft, "speed", "M_S", meaning="speed at which a boat was identified")
-    add_number(craft, "throttle", meaning="throttle of a speed loop (fraction of full throttle)")
+    add_number(
+        craft,
+        "speed",
+        "M_S",
+        meaning="speed at which a boat was identified",
+        unset="that of the runs in the run directory; required for a model file",
+    )
+    add_number(craft, "throttle", meaning="throttle of a speed loop (fraction of full throttle)", unset="0.5")
     asked = parser.add_argument_group("specification (default: the best loop that keeps its margins)")
     add_style(asked)
     asked.add_argument("--function", choices=FUNCTIONS, default="bessel", help="model function (default bessel)")

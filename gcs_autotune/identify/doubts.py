@@ -631,7 +631,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         Solution,
         _together,
         "only combinations of these parameters are known (with the correlation of their estimates): {pairs}",
-        "fix one of each pair at a known value, or fly a manoeuvre with other speeds and turns",
+        "fix one of each pair at a known value, or fly a manoeuvre with other outputs, speeds or turns",
     ),
     DoubtRow("poor-fit", Solution, _poor_solution, POOR_CAUSE, POOR_CURE),
     DoubtRow(
