@@ -638,8 +638,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "residuals-not-white",
         Solution,
         _coloured,
-        "the error bars were widened, because the residuals are correlated ({colour:.2f}): a term is missing from the "
-        "model",
+        "the error bars were widened, because the residuals are correlated ({colour:.2f}). The model may lack a term",
         "inspect the residuals. Check for wind, waves, current, a slow actuator, another axis or a missing term",
     ),
     DoubtRow(

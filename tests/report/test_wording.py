@@ -48,7 +48,7 @@ def test_a_white_remainder_is_noise() -> None:
     left = remainder_of([noise(0.01), noise(0.01, seed=2)])
     assert left.rms == pytest.approx(0.01, rel=0.05)
     assert left.unexplained == 0.0
-    assert "is white, like measurement noise" in remainder_sentence(left, "rad")
+    assert "is mostly white, like measurement noise" in remainder_sentence(left, "rad")
 
 
 def test_a_correlated_remainder_is_unexplained_beyond_the_sensor_noise() -> None:

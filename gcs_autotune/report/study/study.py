@@ -152,7 +152,7 @@ def _residual_sentences(fit: Fit[Model]) -> tuple[str, ...]:
     rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in residuals.items())
     coloured = {n: r for n, r in residuals.items() if r.unexplained > 0.0}
     if not coloured:
-        return (f"Residual (rms): {rows}. It is white, like measurement noise.",)
+        return (f"Residual (rms): {rows}. It is mostly white, like measurement noise.",)
     rest = ", ".join(f"{n} {format_error(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
     return (f"Residual (rms): {rows}. Correlated, unexplained part: {rest}.",)
 

@@ -262,7 +262,7 @@ def remainder_sentence(left: Remainder, unit: str) -> str:
     if not math.isfinite(left.rms):
         return ""
     if left.unexplained <= 0.0:
-        return f"The residual ({rms} rms) is white, like measurement noise."
+        return f"The residual ({rms} rms) is mostly white, like measurement noise."
     noise, rest = format_error(left.noise, unit, 2), format_error(left.unexplained, unit, 2)
     return f"The residual is {rms} rms: {noise} white (noise), {rest} correlated and unexplained."
 
