@@ -99,7 +99,8 @@ def named(cause: Cause) -> str:
 def value_words(value: Value, name: str = "") -> str:
     """Return an estimate as text with its standard error and unit, angles also in degrees.
 
-    name : name of the parameter; an ``anchor`` or a ``direction`` in radians is a heading.
+    name : name of the parameter; an ``anchor`` or a ``direction`` in radians is a heading. A ``frequency`` is no turn
+        rate, so it is not shown in degrees.
     """
     number = format_parameter(name, value.value, value.std, value.unit)
     shown = pretty_unit(value.unit)
@@ -107,7 +108,7 @@ def value_words(value: Value, name: str = "") -> str:
         return number
     unit, factor = to_people(value.unit)
     angle = value.value % (2.0 * math.pi) if name in ("anchor", "direction") else value.value
-    degrees = f" ({rounded_to(factor * angle, factor * value.std)}{unit})" if unit.startswith("°") else ""
+    degrees = f" ({rounded_to(factor * angle, factor * value.std)}{unit})" if unit.startswith("°") and name != "frequency" else ""
     return f"{number} {shown}{degrees}"
 
 
