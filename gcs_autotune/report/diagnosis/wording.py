@@ -106,9 +106,9 @@ def value_words(value: Value, name: str = "") -> str:
     shown = pretty_unit(value.unit)
     if not shown or number in (UNKNOWN, NOT_IDENTIFIABLE):
         return number
-    unit, factor = to_people(value.unit)
+    unit, factor = ("", 1.0) if name == "frequency" else to_people(value.unit)
     angle = value.value % (2.0 * math.pi) if name in ("anchor", "direction") else value.value
-    degrees = f" ({rounded_to(factor * angle, factor * value.std)}{unit})" if unit.startswith("°") and name != "frequency" else ""
+    degrees = f" ({rounded_to(factor * angle, factor * value.std)}{unit})" if unit.startswith("°") else ""
     return f"{number} {shown}{degrees}"
 
 

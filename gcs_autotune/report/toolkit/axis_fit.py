@@ -62,8 +62,17 @@ def structure_words(structure: str) -> str:
 
 
 def model_words(fit: AxisFit) -> str:
-    """Return the structure of a fitted model in words: its damping and its actuator effects."""
-    return structure_words(fit.structure) + with_effects(fit.effects)
+    """Return the structure of a fitted model in words: its damping and its actuator effects.
+
+    A thrust curve that cannot be distinguished from a straight line is not an effect of the actuator.
+    """
+    return structure_words(fit.structure) + with_effects([own for own in fit.effects if not _is_straight(fit, own)])
+
+
+def _is_straight(fit: AxisFit, own: EffectInstance) -> bool:
+    """Return whether the 95 % interval of a thrust curve's quadratic fraction includes 0."""
+    parameter = fit.parameters.get(own.label_of("share")) if own.slug == "quadratic-actuator" else None
+    return parameter is not None and abs(parameter.value) <= 1.96 * parameter.std
 
 
 def with_effects(effects: Sequence[EffectInstance]) -> str:
@@ -340,7 +349,10 @@ def meanings(fit: AxisFit) -> dict[str, str]:
 
 def effect_meanings(effects: Sequence[EffectInstance]) -> dict[str, str]:
     """Return name -> meaning of the parameters of *effects*."""
-    return {effect.label_of(q.name): q.meaning for effect in effects for q in EFFECTS[effect.slug].parameters}
+    told = {effect.label_of(q.name): q.meaning for effect in effects for q in EFFECTS[effect.slug].parameters}
+    # A thrust curve of throttle steps refers to full output, even if no step reached it.
+    curves = (e for e in effects if e.slug == "quadratic-actuator" and e.constants.get("u_ref") == 1.0)
+    return told | {e.label_of("share"): "quadratic fraction of the thrust at full output" for e in curves}
 
 
 def short_name(name: str) -> str:
