@@ -13,7 +13,7 @@ from gcs_autotune.report.toolkit.document import Section, cautions
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import with_signs
 from gcs_autotune.report.tune.tables import gains_table
-from gcs_autotune.report.tune.wording import verdict_of
+from gcs_autotune.report.tune.wording import undo_sentence, verdict_of
 
 REPORT_AND_PROMPT = 3
 """Lines below the verdict: a blank one, the path of the report and the prompt."""
@@ -44,6 +44,12 @@ def test_the_verdict_of_the_page_links_to_the_undo_command():
     page = to_html(tune_document(stories.kept()))
     assert page.index('class="verdict') < page.index('<a href="#undo">How to undo</a>') < page.index('id="undo"')
     assert '<a href="#undo">' not in page[page.index('id="undo"') :]
+
+
+def test_a_vehicle_with_its_original_gains_has_nothing_to_undo():
+    back = replace(stories.kept(), ending="restored", kept=False, parameters_after=stories.PARAMETERS)
+    assert "nothing to undo" in undo_sentence(back)
+    assert "nothing to undo" not in undo_sentence(stories.kept())
 
 
 def test_degrees_and_percent_have_one_notation_and_commands_stay_as_they_are():

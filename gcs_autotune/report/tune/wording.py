@@ -239,6 +239,11 @@ SIMULATED_UNDO = (
 def undo_sentence(story: TuneStory) -> str:
     """Return the sentence that introduces :func:`undo_command`."""
     written = bool(story.changes) and story.ending in ("kept", "restored", "aborted")
+    if written and story.parameters_after and not any(c.parameter in story.differences for c in story.changes):
+        return (
+            "The original gains are on the vehicle, so there is nothing to undo. This command restores the saved "
+            "original parameters:"
+        )
     if written and story.vehicle.get("simulated", False):
         return f"{SIMULATED_UNDO}:"
     if written:
