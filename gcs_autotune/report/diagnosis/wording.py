@@ -99,8 +99,8 @@ def named(cause: Cause) -> str:
 def value_words(value: Value, name: str = "") -> str:
     """Return an estimate as text with its standard error and unit, angles also in degrees.
 
-    name : name of the parameter; an ``anchor`` or a ``direction`` in radians is a heading. A ``frequency`` is no turn
-        rate, so it is not shown in degrees.
+    name : name of the parameter; an ``anchor`` or a ``direction`` in radians is a heading. A ``frequency`` is not a
+        turn rate, so it is not shown in degrees.
     """
     number = format_parameter(name, value.value, value.std, value.unit)
     shown = pretty_unit(value.unit)
