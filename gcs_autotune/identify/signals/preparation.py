@@ -343,7 +343,7 @@ def prepare_as_recorded(
     MissingChannel, BadFile, NotInformative
         No run can be used. The exception is that of :func:`prepare_form` for the first run.
     """
-    found: list[Segment] = []
+    prepared: list[Segment] = []
     doubts: list[Doubt] = []
     failures: list[tuple[str, NotInformative]] = []
     for run in runs:
@@ -354,12 +354,12 @@ def prepare_as_recorded(
         except NotInformative as error:
             failures.append((run.name, error))
             continue
-        found += segments
+        prepared += segments
         doubts += [note for segment in segments for note in segment.notes]
-    if not found:
+    if not prepared:
         raise failures[0][1]
     doubts += [left_out(name, error) for name, error in failures]
-    return found, doubts
+    return prepared, doubts
 
 
 def _all_signals(run: Trial, form: Form) -> list[str]:
