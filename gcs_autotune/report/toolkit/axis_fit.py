@@ -349,10 +349,10 @@ def meanings(fit: AxisFit) -> dict[str, str]:
 
 def effect_meanings(effects: Sequence[EffectInstance]) -> dict[str, str]:
     """Return name -> meaning of the parameters of *effects*."""
-    told = {effect.label_of(q.name): q.meaning for effect in effects for q in EFFECTS[effect.slug].parameters}
+    meaning = {effect.label_of(q.name): q.meaning for effect in effects for q in EFFECTS[effect.slug].parameters}
     # A thrust curve of throttle steps refers to full output, even if no step reached it.
     curves = (e for e in effects if e.slug == "quadratic-actuator" and e.constants.get("u_ref") == 1.0)
-    return told | {e.label_of("share"): "quadratic fraction of the thrust at full output" for e in curves}
+    return meaning | {e.label_of("share"): "quadratic fraction of the thrust at full output" for e in curves}
 
 
 def short_name(name: str) -> str:

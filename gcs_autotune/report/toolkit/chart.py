@@ -105,11 +105,11 @@ def _scale(axis: Axis, limits: tuple[float, float]) -> dict[str, Any]:
     if axis.get_scale() == "log":
         scale["log"] = 1
     places = [float(v) for v in axis.get_majorticklocs()]
-    told = [label.get_text().replace("\N{MINUS SIGN}", "-") for label in axis.get_majorticklabels()]
-    if any(words and not _NUMBER.fullmatch(words) for words in told) and "log" not in scale:
-        scale["ticks"] = list(zip(places, told, strict=False))
+    tick_labels = [label.get_text().replace("\N{MINUS SIGN}", "-") for label in axis.get_majorticklabels()]
+    if any(words and not _NUMBER.fullmatch(words) for words in tick_labels) and "log" not in scale:
+        scale["ticks"] = list(zip(places, tick_labels, strict=False))
         return scale
-    offsets = [v - float(words) for v, words in zip(places, told, strict=False) if _NUMBER.fullmatch(words)]
+    offsets = [v - float(words) for v, words in zip(places, tick_labels, strict=False) if _NUMBER.fullmatch(words)]
     if offsets and abs(offsets[0]) > 1.0:  # a heading that continues beyond 360 degrees
         scale["off"] = round(offsets[0], 6)
     return scale
