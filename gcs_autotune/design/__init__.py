@@ -22,7 +22,7 @@ from gcs_autotune.design.authority import (
     authority_of,
 )
 from gcs_autotune.design.autopilot_limits import ParameterLimit, limits_for, rudder_trim
-from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
+from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law, LoopStart
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
@@ -90,6 +90,7 @@ __all__ = [
     "Linearity",
     "LoopAnalysis",
     "LoopResponse",
+    "LoopStart",
     "Margins",
     "Missing",
     "MotorFit",

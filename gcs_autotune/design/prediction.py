@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.control import ReferenceModel, wanted_step
-from gcs_autotune.design.laws import Scenario, Settings
+from gcs_autotune.design.laws import LoopStart, Scenario, Settings
 from gcs_autotune.design.matching import DesignProblem, output_noise
 from gcs_autotune.design.result import Prediction, Proposal, Ruler, StepHalf, StepMetrics
 from gcs_autotune.design.spec import Spec
@@ -79,14 +79,18 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
 
     A flown half ends once the craft has settled at its target, at most after *duration* [s]. The steps of a pair are
     compared over the time that both lasted. For a step already flown, the time is ``Spec.windows``. For the other step
-    it is simulated. The step back begins where the step ended, and the integral is not reset.
+    it is simulated. The step back begins where the step ended, and the integral is not reset. The first of the pair
+    starts in the state ``Spec.start``.
     """
     known = (*problem.spec.windows, *[duration] * 2)[:2]
-    fly = partial(_there_and_back, problem, problem.model, step=problem.step, duration=duration)
-    whole = [fly(settings=settings)[0] for settings in pair]
+    flights = [
+        partial(_there_and_back, problem, problem.model, settings, problem.step, duration, start=start)
+        for settings, start in zip(pair, (problem.spec.start, None), strict=True)
+    ]
+    whole = [fly()[0] for fly in flights]
     lasted = [_over_at(problem, settings, half) for settings, half in zip(pair, whole, strict=True)]
     lasted[:1] = problem.spec.windows[:1] or lasted[:1]
-    flown = [fly(settings=settings, turn=turn) for settings, turn in zip(pair, lasted, strict=True)]
+    flown = [fly(turn) for fly, turn in zip(flights, lasted, strict=True)]
     over = [[_over_at(problem, s, half) for half in steps] for s, steps in zip(pair, flown, strict=True)]
     ends = [min(lengths) for lengths in zip(known, *over, strict=True)]
     one, other = ((there, steps[1]) for there, steps in zip(whole, flown, strict=True))
@@ -155,9 +159,15 @@ def _cut(half: StepHalf, end: float) -> StepHalf:
 
 
 def _there_and_back(
-    problem: DesignProblem, model: SingleDof, settings: Settings, step: float, duration: float, turn: float = math.inf
+    problem: DesignProblem,
+    model: SingleDof,
+    settings: Settings,
+    step: float,
+    duration: float,
+    turn: float = math.inf,
+    start: LoopStart | None = None,
 ) -> tuple[StepHalf, StepHalf]:
-    """Return step and step back.
+    """Return step and step back. The step begins in the state *start*, without a hold, if that is given.
 
     With a known step duration, both are in one flight. Otherwise each is a step of a settled loop. The step back comes
     after *duration* [s], or after *turn* [s] if that is shorter.
@@ -167,8 +177,8 @@ def _there_and_back(
             StepHalf(size, *_fly(problem, model, settings, Scenario(size, duration), 0.0)) for size in (step, -step)
         )
         return there, back
-    lead, turn = problem.spec.hold, min(turn, duration)
-    scenario = Scenario(step, lead + turn + duration, lead=lead, back_at=lead + turn)
+    lead, turn = problem.spec.hold if start is None else 0.0, min(turn, duration)
+    scenario = Scenario(step, lead + turn + duration, lead=lead, back_at=lead + turn, start=start)
     t, position, output = _fly(problem, model, settings, scenario, lead)
     first = int(np.searchsorted(t, turn - 1e-9))
     return (

@@ -9,6 +9,7 @@ from dataclasses import astuple, dataclass, field
 import numpy as np
 
 from gcs_autotune.control import REFERENCE_MODELS
+from gcs_autotune.design.laws import LoopStart
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
@@ -105,6 +106,8 @@ class Spec:
     settled_least : value [s] that replaces ``settled_time`` if signal and output are at rest by then.
     hold : time [s] for which the craft is held before the step, by a loop whose integral is zero at first. 0: a settled
         loop.
+    start : state in which a velocity loop with the present gains began the flown step; None: a settled loop. Reported
+        metrics of the present gains start from it.
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
     jitter_std : standard deviation [rad or m] of the noise component that changes from sample to sample and therefore
         moves the actuator. None: all of ``noise_std``.
@@ -134,6 +137,7 @@ class Spec:
     settled_time: float = math.inf
     settled_least: float = math.inf
     hold: float = 3.0
+    start: LoopStart | None = None
     noise_std: float = 0.0
     jitter_std: float | None = None
     noise_bandwidth: float = 5.0

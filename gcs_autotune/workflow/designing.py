@@ -6,7 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from gcs_autotune.design import Proposal, Spec, StepMetrics, design, design_from, style_of
+import numpy as np
+
+from gcs_autotune.axes import SIGNAL_FORCES
+from gcs_autotune.design import LoopStart, Proposal, Spec, StepMetrics, design, design_from, style_of
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import Fit, Model
@@ -123,6 +126,7 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
         settled_time=flown.enough,
         settled_least=flown.least_enough,
         hold=min(flown.hold, flown.least_hold),
+        start=_start_of(before) if context.law.controls_velocity else None,
         noise_std=criteria.noise,
         jitter_std=criteria.jitter,
         quantum=criteria.grain,
@@ -132,6 +136,31 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
         throttle=context.throttle if by_thrust else 0.0,
         beyond_ranges=s.beyond_ranges,
     )
+
+
+START_WINDOW = 1.0
+"""Time [s] before a step over which velocity and output are averaged. Project choice: ten samples of the velocity."""
+
+
+def _start_of(step: Trial) -> LoopStart | None:
+    """Return the state of a velocity loop at the start of the flown *step*; None if it was not recorded.
+
+    A speed loop with slow gains does not come to rest in the space there is. The prediction of such a step must start
+    where the flown step did.
+    """
+    targets = [mark for mark in step.marks if mark.kind == "target"]
+    if len(targets) < 2:
+        return None
+    until, base, signal = targets[1].t, float(targets[0].detail["value"]), str(step.meta["signal"])
+    side = math.copysign(1.0, float(step.meta["size"]))
+    means = []
+    for name in (signal, SIGNAL_FORCES[signal]):
+        channel = step.channels.get(name)
+        before = None if channel is None else channel.between(until - START_WINDOW, until).values
+        if before is None or len(before) == 0:
+            return None
+        means.append(float(np.mean(before)))
+    return LoopStart(side * (means[0] - base), side * means[1])
 
 
 def _design_extended(found: Fit[Model], axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:

@@ -21,7 +21,7 @@ from gcs_autotune.design import (
     pulse_of,
     throttle_of,
 )
-from gcs_autotune.design.laws import SKID, THROTTLE
+from gcs_autotune.design.laws import SKID, THROTTLE, LoopStart
 from gcs_autotune.design.open_loop import Rational, constant, open_loop
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.models import SingleDof
@@ -95,6 +95,20 @@ def test_a_step_back_returns_to_the_base_speed() -> None:
     down = SPEED.simulate(model, ROVER_SPEED_DEFAULTS, Scenario(-0.6, 40.0), 0.9, 0.0)
     assert down.output[0] == pytest.approx(model.beta * 1.5, abs=0.01)
     assert down.output[-1] == pytest.approx(model.beta * 0.9, abs=0.01)
+
+
+def test_a_step_from_a_loop_that_is_not_at_rest_continues_its_motion() -> None:
+    model, square, top = BOATS["catamaran, plain propellers"]
+    gains = {**ROVER_SPEED_DEFAULTS, **FREE, "CRUISE_SPEED": top, "CRUISE_THROTTLE": 80.0, "MOT_THST_EXPO": 0.3}
+    base, step, after = 0.6 * top, 0.4 * top, 3.0
+    whole = SPEED.simulate(model, gains, Scenario(-step, 40.0, back_at=after), base, 0.0, Actuator(square=square))
+    k = int(np.searchsorted(whole.t, after))
+    start = LoopStart(whole.position[k] + step, whole.output[k - 1])
+    assert abs(start.ahead) > 0.1 * step  # not at rest
+    flown = SPEED.simulate(model, gains, Scenario(step, 30.0, start=start), base, 0.0, Actuator(square=square))
+    n = len(flown.t)
+    np.testing.assert_allclose(flown.position, whole.position[k : k + n] + step, atol=0.01 * step)
+    np.testing.assert_allclose(flown.output, whole.output[k : k + n], atol=0.02)
 
 
 def test_the_speed_loop_includes_acceleration_limit_slew_rate_and_largest_throttle() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from gcs_autotune.design.laws.law import SKID, THROTTLE, Law, LoopMotion, Scenario, Settings
+from gcs_autotune.design.laws.law import SKID, THROTTLE, Law, LoopMotion, LoopStart, Scenario, Settings
 from gcs_autotune.design.laws.rover_heading import RoverHeading, alike
 from gcs_autotune.design.laws.rover_speed import RoverSpeed
 from gcs_autotune.design.laws.rover_steering import most_feed_forward
@@ -15,7 +15,19 @@ from gcs_autotune.design.laws.sub_tilt import SubTilt
 from gcs_autotune.design.laws.sub_yaw import SubYaw
 from gcs_autotune.models import SingleDof
 
-__all__ = ["ALIKE", "CEILINGS", "LAWS", "OTHER_MODE", "SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings"]
+__all__ = [
+    "ALIKE",
+    "CEILINGS",
+    "LAWS",
+    "OTHER_MODE",
+    "SKID",
+    "THROTTLE",
+    "Law",
+    "LoopMotion",
+    "LoopStart",
+    "Scenario",
+    "Settings",
+]
 
 LAWS: Mapping[str, Law] = {
     law.name: law

@@ -87,13 +87,14 @@ class GyroFilter(NamedTuple):
 
 
 class StartingVelocity(NamedTuple):
-    """Initial state of a velocity loop: the ``velocity``, and the ``output`` that keeps this velocity for
-    ``before`` loops.
+    """Initial state of a velocity loop: the ``velocity`` to keep for ``before`` loops, the ``output`` at their
+    beginning, and by how much the craft is ``ahead`` of that velocity.
     """
 
     velocity: float
     output: float
     before: float
+    ahead: float = 0.0
 
 
 AT_REST = StartingVelocity(0.0, 0.0, 0.0)
@@ -322,7 +323,8 @@ def _fly(
         smoothing(loop.slope_cutoff, dt),
     )
     x = lead = slope = error = velocity_error = velocity_integral = acceleration = integral = 0.0
-    v = x1 = x2 = y1 = y2 = demand = target = v0
+    v = x1 = x2 = y1 = y2 = v0 + start.ahead
+    demand = target = v0
     lead_rate = v0 if shaped else 0.0
     if on_position:
         # It has stood here for long: the integral holds the craft's constant force as far as it may, and the craft
@@ -341,7 +343,9 @@ def _fly(
     else:
         sending = start.output
         if before > 0 and loop.i > 0.0 and not frozen:
-            integral = clip(sending / loop.scale - (loop.cruise + loop.ff) * v0, -loop.imax, loop.imax)
+            proportional = (loop.cruise + loop.ff) * v0 - loop.p * start.ahead
+            integral = clip(sending / loop.scale - proportional, -loop.imax, loop.imax)
+            error = -start.ahead
     trim = shape(sending, loop.least, loop.expo)
     limited = frozen
     for j in range(len(sent)):

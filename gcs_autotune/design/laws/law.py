@@ -15,7 +15,7 @@ from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.models import SingleDof
 
-__all__ = ["SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings", "setting"]
+__all__ = ["SKID", "THROTTLE", "Law", "LoopMotion", "LoopStart", "Scenario", "Settings", "setting"]
 
 Settings = Mapping[str, float]
 """Parameter name -> value: the autopilot's present limits and filters, with the gains being evaluated."""
@@ -28,12 +28,25 @@ THROTTLE = "throttle"
 
 
 @dataclass(frozen=True, slots=True)
+class LoopStart:
+    """State of a velocity loop at the start of a flown step. Its integral follows from both values.
+
+    - ``ahead`` [m/s or rad/s]: velocity, relative to the target before the step.
+    - ``output``: output to the actuator [fraction of full].
+    """
+
+    ahead: float
+    output: float
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """A step of size *step* [rad or m], and a constant force *push* [fraction of full] from the time ``push_at`` [s].
 
     Without ``lead``, the step is at t = 0, and the loop already compensates the craft's own constant force. With
     ``lead``, the loop starts on a craft at rest, with an integral of zero, and the step starts ``lead`` [s] later. At
-    ``back_at`` [s] the step is reversed. The integral is not reset.
+    ``back_at`` [s] the step is reversed. The integral is not reset. A velocity loop begins the step at ``start``, if
+    that is given, instead of at rest.
     """
 
     step: float
@@ -42,6 +55,7 @@ class Scenario:
     push_at: float = math.inf
     lead: float = 0.0
     back_at: float = math.inf
+    start: LoopStart | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -226,6 +226,10 @@ class VelocityLoop(Loop):
         """Return the controller's output [fraction] that keeps *model* at *velocity*, limited to full output."""
         return min(max(holding(model, velocity), -1.0), 1.0)
 
+    def output_behind(self, settings: Settings, sent: float) -> float:
+        """Return the controller's output [fraction] for which the firmware sends *sent* [fraction] to the actuator."""
+        return sent
+
     def simulate(
         self,
         model: SingleDof,
@@ -239,8 +243,11 @@ class VelocityLoop(Loop):
         dt = self.loop_period(settings)
         velocity = start_of(scenario.step, self.base(scenario.step, speed))
         before = round(self.hold / dt) if scenario.lead == 0.0 else 0
-        held = self.holding_output(model, actuator, settings, velocity)
-        start = StartingVelocity(velocity, held, before)
+        if scenario.start is None:
+            start = StartingVelocity(velocity, self.holding_output(model, actuator, settings, velocity), before)
+        else:
+            output = self.output_behind(settings, scenario.start.output)
+            start = StartingVelocity(velocity, output, 1, scenario.start.ahead)
         craft = plant_of(model, scenario, dt, delay)
         return self.fly(settings, speed, scenario.duration, craft, actuator.step(dt), start)
 

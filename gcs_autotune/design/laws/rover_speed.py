@@ -140,6 +140,10 @@ class RoverSpeed(VelocityLoop):
         """Return the result of :meth:`throttle_for`, because the loop's output is throttle, not force."""
         return self.throttle_for(model, actuator, settings, velocity)
 
+    def output_behind(self, settings: Settings, sent: float) -> float:
+        """Return the throttle [fraction] for which the firmware sends *sent* [fraction]."""
+        return throttle_of(sent, settings)
+
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
         """Return the stages: both accelerations, PID and cruise, braking, slew rate, throttle limits, thrust curve."""
         least, expo = throttle_shape(settings)
