@@ -34,6 +34,10 @@ STEADY_SHARE = 0.03
 """Change of speed over :data:`STEADY_WINDOW` below which the speed counts as steady, as a fraction of the speed; at
 least 2 cm/s. Project choice.
 """
+STEADY_SPEED = 0.015
+"""Change of mean speed from one :data:`STEADY_WINDOW` to the next at which an approach ends, as a fraction of the
+speed. A craft that gains speed exponentially is then within about as much of its final speed. Project choice.
+"""
 STEADY_RATE = 0.02
 """Change of turn rate over the window below which a turn counts as steady, as a fraction of the largest turn rate
 measured. Project choice.
@@ -195,23 +199,32 @@ class UnderWay(Manoeuvre):
         }
 
     def _approached(self, now: Observation) -> Part:
-        """Go straight ahead until the speed is steady, and then for as long again, since it still increases slowly.
+        """Go straight ahead until the speed is steady, then for as long again, since it still increases slowly, and
+        until its mean no longer changes from one window to the next.
 
+        One steady window is not enough: a craft that slowed down for a sign check is about to gain speed again.
         A low-gain heading hold steers a craft that steers only under way. Afterwards ``_course`` is the mean heading
         [rad].
         """
         self.phase, throttle, start, steady_at = "approach", self._steering.throttle, now.t, math.inf
-        heading = Steadiness(COURSE_WINDOW)
+        heading, speeds, last, due, at_speed = Steadiness(COURSE_WINDOW), Steadiness(), math.nan, -math.inf, False
         self._approach.start(now)
         self._heading_hold.start(now)
         while True:
             self._approach.update(now.t, now.value(self.signal), now.speed)
             heading.update(now.t, now.psi)
+            speeds.update(now.t, now.speed)
             self._course = heading.mean
             if self._approach.done:
+                if not throttle:
+                    return now
                 steady_at = min(steady_at, now.t)
-            if now.t - start >= (2.0 if throttle else 1.0) * (steady_at - start):
-                return now
+                if now.t >= due:
+                    change, last, due = abs(speeds.mean - last), speeds.mean, now.t + STEADY_WINDOW
+                    self._approach.speed = last
+                    at_speed = change <= STEADY_SPEED * last
+                if now.t - start >= (2.0 * (steady_at - start) if at_speed else 2.0 * LONGEST_TIME):
+                    return now
             now = yield self._command(self._heading_hold.steer(now) if throttle else 0.0, now)
 
     def _execute(self, phase: str, share: float, now: Observation) -> None:

@@ -65,6 +65,10 @@ WIDEST, MOST = math.radians(100.0), 0.75
 
 BEND = 3
 """Degree of the polynomials in time that approximate the track of the first turn. Project choice."""
+APPROACH = 3.0
+"""Longest time [s] before the first execute from which the approach speed is calculated. Project choice: the craft may
+gain speed until then.
+"""
 UNEVEN = 0.15
 """Relative spread of the headings at the executes above which a doubt is reported. Project choice."""
 
@@ -82,7 +86,7 @@ class ZigZagFigures:
     - ``reach`` [s]: from the first execute until the heading is back at the initial one.
     - ``period`` [s]: between executes of the same sign.
     - ``distance`` [m]: along the track from the first to the second execute.
-    - ``approach`` [m/s]: speed before the first execute.
+    - ``approach`` [m/s]: speed just before the first execute.
     - ``L`` [m]: length of the craft.
     - ``approach_psi`` [rad]: initial heading.
     - ``peaks``: time [s] and heading [rad] of the extremes that ``overshoots`` lead to.
@@ -174,7 +178,7 @@ def read_zigzag(log: ShipLog) -> ZigZagFigures:
         reach=_reach(log, executes, psi_0) if from_approach else _time(math.nan),
         period=_period(executes),
         distance=_distance(log, first.t, reversals[0].t) if from_approach else Reading(math.nan, math.nan, "m"),
-        approach=log.speed(log.t[0], first.t) if from_approach else math.nan,
+        approach=log.speed(max(log.t[0], first.t - APPROACH), first.t) if from_approach else math.nan,
         approach_psi=psi_0,
         peaks=tuple((p[0].value, p[1].value) for p in peaks if p is not None),
         doubts=(*log.doubts, *_doubts(log, changes, executes, from_approach)),

@@ -111,6 +111,10 @@ def test_a_craft_that_needs_headway_approaches_twice_as_long_with_light_heading_
     assert {c.X for c in before} == {0.4}
     assert {round(c.N, 6) for c in before} == {-0.02}
     assert ahead._course == pytest.approx(0.1)
+    slowed = Ahead(Steering(0.5, throttle=0.4))
+    rows = answered(slowed, lambda t, c: at_rest(t=t, speed=1.2 - 0.2 * math.exp(-max(t - 2.0, 0.0) / 4.0)), tick=0.1)
+    speed = next(row.speed for row, _ in rows if row.t >= slowed.approached)
+    assert speed == pytest.approx(1.2, rel=0.015), "a craft that gains speed again after a sign check is waited for"
     drifting = Ahead(Steering(0.5))
     rows = answered(drifting, lambda t, c: at_rest(t=t, psi=0.1 * (t > 0.0)), tick=0.1)
     assert drifting.approached == pytest.approx(LEAST_TIME, abs=0.11)
