@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["EXACT", "UNKNOWN", "counted", "format_number", "format_value", "rounded", "rounded_to"]
+__all__ = ["EXACT", "UNKNOWN", "counted", "format_digits", "format_number", "format_value", "rounded", "rounded_to"]
 
 UNKNOWN = "?"
 """Text for NaN, an unknown number."""
@@ -80,3 +80,13 @@ def format_number(value: float, digits: int = 4) -> str:
         return "unlimited" if value > 0 else "-unlimited"
     text = f"{value + 0.0:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text and abs(value) < _POWERS else text
+
+
+def format_digits(value: float, digits: int) -> str:
+    """Return *value* as text with exactly *digits* significant digits, for a column of one quantity:
+    ``format_digits(1.2, 3)`` is ``"1.20"``. Zero and a number that is not finite are as :func:`format_number`.
+    """
+    if not math.isfinite(value) or value == 0.0:
+        return format_number(value, digits)
+    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
+    return rounded(value, exponent - digits + 1)

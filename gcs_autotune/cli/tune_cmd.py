@@ -231,10 +231,15 @@ def carry_out(
     from gcs_autotune.workflow import job_of, tune_all
 
     if args.what == ALL:
-        job = tune_all(settings, operator, observer, when)
+        job = tune_all(settings, operator, observer, _moment)
         return job_document(job), job.directory, tuple(step.ending for step in job.steps)
     story = job_of(args.what).run(settings, operator, observer, when)
     return tune_document(story), story.directory, (story.ending,)
+
+
+def _moment() -> str:
+    """Return the present local date and time, ISO 8601."""
+    return datetime.now().isoformat(timespec="seconds")
 
 
 def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:

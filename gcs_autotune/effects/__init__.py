@@ -35,7 +35,7 @@ from gcs_autotune.effects.extended import STEP, ExtendedModel, ExtendedSimulator
 from gcs_autotune.effects.narrow_band import rung
 from gcs_autotune.effects.sensor_noise import grid_step
 from gcs_autotune.effects.summary import DataSummary, force_unit
-from gcs_autotune.effects.table import CRAFT, EFFECTS, effect_at, effect_words, usual_bounds
+from gcs_autotune.effects.table import CRAFT, EFFECTS, effect_at, effect_words, parameter_words, usual_bounds
 from gcs_autotune.effects.velocity_products import (
     VELOCITY_PRODUCT,
     ProductTerm,
@@ -75,6 +75,7 @@ __all__ = [
     "horizon",
     "in_order",
     "name_of",
+    "parameter_words",
     "passage_of",
     "product_terms",
     "rung",

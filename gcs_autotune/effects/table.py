@@ -47,7 +47,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["CRAFT", "EFFECTS", "GROUP", "effect_at", "effect_words", "usual_bounds"]
+__all__ = ["CRAFT", "EFFECTS", "GROUP", "effect_at", "effect_words", "parameter_words", "usual_bounds"]
 
 
 GROUP = "gcs_autotune.effects"
@@ -163,6 +163,15 @@ def effect_words(slug: str) -> str:
 def effect_at(effect: EffectInstance) -> str:
     """Return an effect and its place as words: ``dead zone (N)``."""
     return f"{effect_words(effect.slug)} ({effect.place})"
+
+
+def parameter_words(label: str) -> str:
+    """Return a parameter's label as words: ``dead-zone@N.width`` is ``width of the dead zone (N)``. A name of the base
+    model, such as ``N_r``, stays as it is.
+    """
+    slug, at, rest = label.partition("@")
+    place, _, name = rest.rpartition(".")
+    return f"{name} of the {effect_words(slug)} ({place})" if at else label
 
 
 CRAFT = "largest command 1, time constant 1 s, signals of standard deviation 1, one run of 60 s at 10 Hz"

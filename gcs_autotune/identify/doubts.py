@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune import chi_square
-from gcs_autotune.effects import EFFECTS, effect_at
+from gcs_autotune.effects import EFFECTS, effect_at, parameter_words
 from gcs_autotune.identify.axis.evidence import UNDECIDED
 from gcs_autotune.identify.axis.form import ExplicitForm, Structure
 from gcs_autotune.identify.axis.run_comparison import RunComparison
@@ -304,11 +304,11 @@ def _at_bound(solution: Solution) -> Iterator[Facts]:
     held = [n for n in solution.at_bound if n not in none]
     causes, cures = [], []
     if none:
-        causes.append(f"{', '.join(none)} stopped at zero, the limit of damping. These runs show no such damping")
+        causes.append(f"{_words(none)} stopped at zero, the limit of damping. These runs show no such damping")
         cures.append("no action if other damping was identified. Otherwise fly slower and faster runs")
     if held:
         causes.append(
-            f"{', '.join(held)} stopped at a bound and was fixed there. A value beyond the bound fits the runs better"
+            f"{_words(held)} stopped at a bound and was fixed there. A value beyond the bound fits the runs better"
         )
         cures.append("widen the bound, or omit the parameter")
     yield {"causes": "; ".join(causes), "cures": "; ".join(cures)}
@@ -316,7 +316,7 @@ def _at_bound(solution: Solution) -> Iterator[Facts]:
 
 def _not_excited(solution: Solution) -> Iterator[Facts]:
     if solution.blind and _named(solution):
-        yield {"names": ", ".join(solution.blind)}
+        yield {"names": _words(solution.blind)}
 
 
 def _together(solution: Solution) -> Iterator[Facts]:
@@ -330,7 +330,12 @@ def _together(solution: Solution) -> Iterator[Facts]:
     pairs = [(float(rho[i, j]), solution.names[i], solution.names[j]) for i, j in np.argwhere(rho > TOGETHER)]
     if pairs:
         worst = sorted(pairs, reverse=True)[:3]
-        yield {"pairs": "; ".join(f"{a} and {b} ({value:.4f})" for value, a, b in worst)}
+        yield {"pairs": "; ".join(f"{_words([a])} and {_words([b])} ({value:.4f})" for value, a, b in worst)}
+
+
+def _words(labels: Sequence[str]) -> str:
+    """Return the labels of parameters as a list in words."""
+    return ", ".join(map(parameter_words, labels))
 
 
 def _poor_solution(solution: Solution) -> Iterator[Facts]:

@@ -23,7 +23,17 @@ from gcs_autotune.errors import EXIT_CODES, AutotuneError
 from gcs_autotune.web.live import Live
 from gcs_autotune_files import Refused, conform, read
 
-__all__ = ["JOB", "CommandLine", "Job", "how_it_ended", "how_the_undo_ended", "is_settled", "page_of", "read_json"]
+__all__ = [
+    "JOB",
+    "CommandLine",
+    "Job",
+    "how_it_ended",
+    "how_the_undo_ended",
+    "how_to_continue",
+    "is_settled",
+    "page_of",
+    "read_json",
+]
 
 _LONGEST_LINE = 1 << 22
 _STDERR = 8000
@@ -39,6 +49,8 @@ _NEVER_ARMED = "The run ended before arming. Nothing was moved or written."
 _UNDONE: Mapping[int, str] = {_STOPPED: "stopped or declined, so not everything was restored"}
 _RESULT = re.compile(r"^\S+: \S+ -> |verified by reading back")
 """Sentences of a restore that state what was written."""
+_RESUME = re.compile(r"(?P<text>.*): (?P<command>gcs-autotune (?:tune|fly) .*--resume .*)")
+"""Sentence of a run that ends with the command that continues it."""
 JOB = "job.json"
 """File of a guided run with its steps."""
 _ENDINGS: Mapping[str, str] = {
@@ -100,6 +112,7 @@ class Job:
             end = how_the_undo_ended(code, self._errors, self._live.said)
         else:
             end = await asyncio.to_thread(how_it_ended, code, self._errors, self._directory, left)
+            end["resume"] = how_to_continue(self._live.said)
         self._live.put("question", None)
         self._live.put("end", end)
 
@@ -161,6 +174,18 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
         "report": page_of(directory),
         "put_back": [craft, *(_as_to_parameters(directory) if flown else ())],
     }
+
+
+def how_to_continue(said: Sequence[str]) -> dict[str, str]:
+    """Return the ``command`` that continues an interrupted run, with the ``text`` before it; empty if there is none.
+    *said* are the sentences of the run.
+    """
+    found = next(filter(None, map(_RESUME.fullmatch, reversed(said))), None)
+    return (
+        {}
+        if found is None
+        else {"text": f"{found['text'][:1].upper()}{found['text'][1:]}:", "command": found["command"]}
+    )
 
 
 def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str, Any]:

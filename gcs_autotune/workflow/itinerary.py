@@ -305,3 +305,7 @@ class MissionLog:
 
     def abort(self, error: BaseException) -> None:
         """Record the reason why the mission ended early."""
+
+    def offer_way_on(self, text: str) -> None:
+        """Report how to continue after an early end: a sentence that ends with the command."""
+        self.say(text)

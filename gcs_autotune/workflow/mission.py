@@ -171,7 +171,7 @@ def run_mission(
         log.abort(error)
         way_on = "" if mission is None else mission.way_on(error)
         if way_on:
-            log.say(way_on)
+            log.offer_way_on(way_on)
         raise
     return onboard
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -87,8 +87,10 @@ class _Plan:
     vehicle: str
 
 
-def tune_all(settings: TuneSettings, operator: Operator, observer: Observer, when: str) -> JobStory:
+def tune_all(settings: TuneSettings, operator: Operator, observer: Observer, moment: Callable[[], str]) -> JobStory:
     """Tune all loops of a vehicle and return the record. ``settings.resume``: directory of a job to continue.
+
+    moment : returns the present date and time, ISO 8601, for the report of the job and of each step.
 
     Raises
     ------
@@ -101,7 +103,7 @@ def tune_all(settings: TuneSettings, operator: Operator, observer: Observer, whe
     settings = replace(settings, connection=replace(settings.connection, opened=link))
     link.stays_open = True
     try:
-        return _Job(settings, operator, observer, when, link).run()
+        return _Job(settings, operator, observer, moment, link).run()
     finally:
         link.stays_open = False
 
@@ -110,9 +112,15 @@ class _Job:
     """One job: its plan, and the steps as far as they are done."""
 
     def __init__(
-        self, settings: TuneSettings, operator: Operator, observer: Observer, when: str, link: Transport
+        self,
+        settings: TuneSettings,
+        operator: Operator,
+        observer: Observer,
+        moment: Callable[[], str],
+        link: Transport,
     ) -> None:
-        self._settings, self._operator, self._observer, self._when = settings, operator, observer, when
+        self._settings, self._operator, self._observer = settings, operator, observer
+        self._moment, self._when = moment, moment()
         self._link = link
         self._path = settings.directory if settings.resume is None else settings.resume
         self._earlier = None if settings.resume is None else _read(settings)
@@ -353,7 +361,7 @@ class _Job:
                 return self._rechecked(step, path)
             row = TUNABLES[step.name]
             settings = replace(self._of(row), directory=path, resume=self._interrupted(step.name))
-            job_of(row.name).run(settings, self._operator, self._observer, self._when)
+            job_of(row.name).run(settings, self._operator, self._observer, self._moment())
         except GOES_ON as error:
             self._observer.say(f"{step.name}: {error}")
             return replace(_summarised(step, path), ending="aborted", reason=str(error))
@@ -368,7 +376,7 @@ class _Job:
         axis = AXES[step.name.removeprefix("recheck ")]
         common = replace(self._of(TUNABLES[axis.name]), directory=path, resume=None)
         plan = FlightPlan.of(FlySettings("set-point-relay", common, {}, 1, None, None, axis.names.force))
-        found = recheck(plan, axis_kind(axis.name), self._operator, self._observer, self._when, self._path)
+        found = recheck(plan, axis_kind(axis.name), self._operator, self._observer, self._moment(), self._path)
         metrics = (
             None if n is None else {"overshoot": n.overshoot, "settling": n.settling} for n in (found.then, found.now)
         )

@@ -11,7 +11,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, effect_at, effect_words
+from gcs_autotune.effects import (
+    EFFECTS,
+    DataSummary,
+    Drive,
+    EffectInstance,
+    effect_at,
+    effect_words,
+    parameter_words,
+)
 from gcs_autotune.effects.actuator import quickest
 from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.trial import Channel
@@ -566,5 +574,7 @@ def test_the_quickest_craft_is_estimated_from_the_base_with_a_margin(tau: float)
 
 def test_effects_are_described_in_words_and_not_by_slug() -> None:
     assert effect_at(EffectInstance("quadratic-actuator", "N", {})) == "quadratic thrust curve (N)"
+    assert parameter_words("quadratic-actuator@Z.share") == "share of the quadratic thrust curve (Z)"
+    assert parameter_words("N_r") == "N_r"
     assert effect_words("N_u") == "velocity product (N_u)"
     assert not [slug for slug in EFFECTS if "-" in effect_words(slug)]

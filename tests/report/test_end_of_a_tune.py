@@ -25,12 +25,13 @@ def change(name: str, reason: str) -> Change:
     return Change(name, 0.2, 0.4, 0.0, 2.0, reason)
 
 
-def test_the_verdict_is_the_last_thing_on_the_terminal():
+def test_the_verdict_and_the_undo_command_below_it_end_the_terminal():
     text = render_text(tune_document(stories.kept()))
     verdict = text.index("The new heading gains are better in a measured step and are kept.")
-    for earlier in ("How to undo", "lower is better", "ATC_", "doubt"):
+    for earlier in ("lower is better", "ATC_", "doubt"):
         assert text.index(earlier) < verdict
-    assert text.count("are better in a measured step") == 1
+    assert text.count("are better in a measured step") == text.count("params restore") == 1
+    assert text.splitlines()[-1].startswith("  gcs-autotune params restore ")
 
 
 def test_a_screen_of_24_lines_shows_gains_verdict_and_undo_at_any_number_of_doubts():
@@ -39,6 +40,14 @@ def test_a_screen_of_24_lines_shows_gains_verdict_and_undo_at_any_number_of_doub
     screen = render_text(doubtful).splitlines()[-(24 - REPORT_AND_PROMPT) :]
     for needed in ("gcs-autotune params restore ", "are better in a measured step", " -> "):
         assert any(needed in line for line in screen), needed
+
+
+def test_a_screen_of_24_lines_shows_the_end_of_a_heading_tune_with_all_its_sentences():
+    kept = stories.kept()
+    turning = replace(kept.metrics_before, itae=22.7), replace(kept.metrics_after, itae=15.6)
+    lines = render_text(tune_document(replace(kept, beside=turning))).splitlines()
+    screen = lines[-(24 - REPORT_AND_PROMPT) :]
+    assert any(line.startswith("╭") for line in screen) and "params restore" in screen[-1]
 
 
 def test_the_verdict_of_the_page_links_to_the_undo_command():

@@ -19,6 +19,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_value,
     pretty_unit,
 )
+from gcs_autotune.rounding import format_digits
 
 VALUES = st.floats(-1e9, 1e9, allow_subnormal=False)
 ERRORS = st.floats(1e-12, 1e9)
@@ -104,6 +105,17 @@ def test_a_time_that_was_never_reached_is_called_never():
 def test_a_large_number_is_not_shown_as_a_power_of_ten():
     assert format_quantity(math.radians(103.0), "rad", 2) == "100°"
     assert [format_number(v, 2) for v in (-123456.0, 0.000123, 2.5e7)] == ["-120000", "0.00012", "2.5e+07"]
+
+
+def test_numbers_of_a_column_have_the_same_significant_digits():
+    assert [format_digits(v, 3) for v in (1.2, 0.953, 193.0, 9.996, -0.05)] == [
+        "1.20",
+        "0.953",
+        "193",
+        "10.0",
+        "-0.0500",
+    ]
+    assert [format_digits(v, 3) for v in (0.0, math.nan, math.inf)] == ["0", "?", "unlimited"]
 
 
 def test_angles_are_shown_in_degrees_and_lengths_in_metres():

@@ -34,12 +34,20 @@ def test_the_undo_of_a_simulated_vehicle_names_no_link(simulated: bool) -> None:
 def test_no_gain_name_is_truncated_and_every_error_has_its_unit() -> None:
     shown = " ".join(text(simulated=True).split())
     assert "ATC_STR_RAT_FF 0.2 -> 1.93" in shown and "…" not in shown
-    assert "193 -> 16.3 s²" in shown and "6.9 -> 3.5 m" in shown
+    assert "193 -> 16.3 s²" in shown and "6.90 -> 3.50 m" in shown
+
+
+def test_every_measured_number_of_a_column_has_the_same_digits() -> None:
+    small = replace(KEPT, name="depth", before={"itae": 1.2, "overshoot": 0.1}, after={"itae": 0.953, "overshoot": 0.1})
+    document = job_document(JobStory("", "boat", True, "sitl:blueboat", "j", (KEPT, small, LINE)))
+    shown = " ".join(render_text(document).split())
+    for error in ("193 -> 16.3 s²", "1.20 -> 0.953 s²", "6.90 -> 3.50 m"):
+        assert error in shown
 
 
 def test_an_unsettled_step_is_reported_in_words() -> None:
     document = job_document(JobStory("", "boat", True, "sitl:blueboat", "j", (KEPT,)))
-    assert "not settled \u2192\u00a014\u00a0s" in to_html(document)
+    assert "not settled \u2192\u00a014.0\u00a0s" in to_html(document)
 
 
 def test_gains_of_an_aborted_step_are_not_shown_as_changed() -> None:

@@ -178,6 +178,10 @@ PROOF = {
 LOST = "Lost contact with ArduRover 4.6.0 on udpin:0.0.0.0:14550 (30 s). Check power and the radio."
 NO_PORT = "cannot open /dev/ttyUSB0: no such file"
 OPENED = {"event": "opened", "time": "2026-11-26T21:19:09+00:00", "schema": 1}
+WAY_ON = (
+    "these records of the run can be used again: step-before. To continue from there, change --max-speed and keep the "
+    "other options: gcs-autotune tune heading --connect /dev/ttyUSB0 --resume runs/lake"
+)
 WORSE = "the measured comparison failed: tracking error 14 % higher"
 
 STORIES: Mapping[str, Story] = {
@@ -209,7 +213,12 @@ STORIES: Mapping[str, Story] = {
         [*FLYING, ("proposal", PROPOSAL)], False, 1, 8, "", HOLD, "restored", FLOWN[:1], OLD, "closed", PROOF
     ),
     "aborted": Story(
-        FLYING, False, 1, 5, "speed 3.1 m/s: more than the limit of 3 m/s (--max-speed)", journal="closed"
+        [*FLYING, ("say", WAY_ON)],
+        False,
+        1,
+        5,
+        "speed 3.1 m/s: more than the limit of 3 m/s (--max-speed)",
+        journal="closed",
     ),
     "lost": Story(FLYING, False, 1, 3, LOST, None, after=None, journal="open"),
     "differs": Story(FLYING, False, 1, 9, "mode is MANUAL, not HOLD", NOT_HOLD, journal="open"),

@@ -25,7 +25,7 @@ from gcs_autotune.web.access import TOKEN_HEADER
 from gcs_autotune.web.app import FILES, STATIC
 from gcs_autotune.web.archive import loop_of
 from gcs_autotune.web.desk import VERBS
-from gcs_autotune.web.job import Job, how_it_ended, how_the_undo_ended
+from gcs_autotune.web.job import Job, how_it_ended, how_the_undo_ended, how_to_continue
 from gcs_autotune.web.live import Live
 from gcs_autotune.web.orders import fields, make_order
 
@@ -86,6 +86,16 @@ def test_a_run_is_started_viewed_and_stopped_and_the_restored_values_are_reporte
     assert "mode HOLD, disarmed, as before the run" in end["put_back"][0]
     assert "all 2 as before the run" in end["put_back"][1]
     assert client.post("/stop", headers=OURS).json() == {"stopping": False}
+
+
+def test_an_interrupted_run_ends_with_the_command_that_continues_it(client: TestClient) -> None:
+    with client.websocket_connect("ws://127.0.0.1:8090/live") as socket:
+        viewer = Viewer(socket)
+        client.post("/start", json={**HEADING, "connect": "story:aborted"}, headers=OURS)
+        resume = viewer.until("end")["end"]["resume"]
+    assert resume["command"] == "gcs-autotune tune heading --connect /dev/ttyUSB0 --resume runs/lake"
+    assert resume["text"].endswith("change --max-speed and keep the other options:")
+    assert how_to_continue(["connected", "done"]) == {}
 
 
 def test_the_key_of_a_joystick_stops_a_run(tmp_path: Path) -> None:

@@ -195,7 +195,7 @@ STATES: Mapping[str, State] = {
     "restored": State(
         shown("restored", ENDED, "restored"), (AS_BEFORE, "the new gains were not better in every respect"), GONE
     ),
-    "aborted": State(shown("aborted", ENDED, "aborted"), (AS_BEFORE, "--max-speed"), GONE),
+    "aborted": State(shown("aborted", ENDED, "aborted"), (AS_BEFORE, "--max-speed", "--resume runs/lake"), GONE),
     "lost contact": State(
         shown("lost", ENDED, "failed"),
         ("The state of the craft is unknown. Take over by hand", NOT_READ, "Restore the vehicle"),

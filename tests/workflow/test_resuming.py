@@ -60,6 +60,12 @@ def test_the_resume_command_is_shown_with_the_reusable_records(ended_early: Sitl
     ]
 
 
+def test_the_report_shows_the_resume_command_without_unfolding(ended_early: SitlHarness) -> None:
+    page = (ended_early.directory / "report.html").read_text()
+    assert page.index('class="verdict') < page.index('<a href="#resume">') < page.index("<details")
+    assert page.index('id="resume"') < page.index("--resume") < page.index("<details")
+
+
 def test_reusable_records_are_used_and_only_the_rest_is_flown(ended_early: SitlHarness, tmp_path: Path) -> None:
     again = Again(ended_early, tmp_path)
     with pytest.raises(OperatorStopped):

@@ -24,7 +24,7 @@ from gcs_autotune.workflow import (
 )
 from gcs_autotune.workflow.tune import TuneJob, job_of
 
-from .sitl_harness import SLOW_LOOP, WHEN, Answers, Ear, SitlHarness
+from .sitl_harness import SLOW_LOOP, Answers, Ear, SitlHarness
 
 Ending = str | BaseException
 ROV = "bluerov2"
@@ -38,9 +38,9 @@ class Scripted:
         self.flown: list[str] = []
 
     def of(self, name: str) -> TuneJob:
-        return TuneJob(lambda settings, *_: self._run(name, settings), job_of(name).declare)
+        return TuneJob(lambda settings, *more: self._run(name, settings, more[-1]), job_of(name).declare)
 
-    def _run(self, name: str, settings: TuneSettings) -> Any:
+    def _run(self, name: str, settings: TuneSettings, when: str) -> Any:
         assert settings.agreed
         self.flown.append(name)
         ending = self.endings.get(name, "kept")
@@ -48,6 +48,7 @@ class Scripted:
         reported = {
             "ending": ending if isinstance(ending, str) else "aborted",
             "reason": "scripted",
+            "when": when,
             "gains": {"GAIN_OF_" + name.upper(): [0.2, 0.8]},
             "metrics": {
                 "before": {"itae": 4.0, "overshoot": 0.3, "settling": 9.0},
@@ -70,10 +71,11 @@ class Bench:
         self.link.is_simulated = True
         self.job = tmp_path / "job"
         self.said: list[str] = []
+        self.moments = (f"2026-11-20T20:{minute:02d}:00" for minute in range(60))
 
     def tune(self, operator: Any = None, **changes: Any) -> JobStory:
         settings = TuneSettings(Connection("memory", opened=self.link), self.job, axis="heading", **changes)
-        return tune_all(settings, operator or Unattended(), Ear(self.said), WHEN)
+        return tune_all(settings, operator or Unattended(), Ear(self.said), lambda: next(self.moments))
 
     @property
     def summary(self) -> Any:
@@ -111,6 +113,13 @@ def test_an_rov_is_tuned_in_table_order_after_one_announcement(tmp_path, scripte
     assert "GAIN_OF_HEADING" in page and "params restore" in page
     assert (bench.job / "parameters_before.param").read_text().count("PSC_") >= 4
     assert not bench.link.stays_open
+
+
+def test_each_step_is_dated_by_its_own_start(tmp_path, scripted) -> None:
+    bench, _ = Bench(tmp_path, ROV), scripted(depth="restored")
+    bench.tune()
+    steps = [json.loads(path.read_text())["when"] for path in sorted(bench.job.glob("*/summary.json"))]
+    assert [bench.summary["when"], *steps] == [f"2026-11-20T20:0{minute}:00" for minute in range(3)]
 
 
 def test_roll_pitch_and_position_are_tuned_when_requested(tmp_path, scripted) -> None:

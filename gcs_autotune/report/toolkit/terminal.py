@@ -26,8 +26,11 @@ STYLES: Mapping[Tone, str] = {"good": "bold green", "neutral": "bold", "bad": "b
 
 DOUBTFUL = "bold yellow"
 
-LAST = ("next", "resume", "undo")
-"""Sections that stand directly above the verdict, to be on a screen of 24 lines with it. Project choice."""
+LAST = ("next",)
+"""Sections that stand directly above the verdict."""
+
+COMMANDS = ("resume", "undo")
+"""Sections directly below the verdict, without their titles, because a screen of 24 lines holds them with it."""
 
 BOX = 80
 """Width of the box with the verdict [characters], if the terminal is not narrower. Project choice."""
@@ -36,9 +39,8 @@ BOX = 80
 def to_terminal(document: Document) -> Group:
     """Return *document* as a ``rich`` renderable, without figures and details. Print it with :func:`print_document`.
 
-    Contradictions come first. The document ends with its lead and verdict in a box, so that they are the last thing on
-    the screen. What to do next, and the commands that undo or continue, stand directly above the box, because doubts
-    may have any length.
+    Contradictions come first. The document ends with its lead and verdict in a box, and the commands that continue or
+    undo below it, because doubts may have any length. What to do next stands directly above the box.
     """
     return Group(*_pieces(document))
 
@@ -63,7 +65,7 @@ def _pieces(document: Document) -> Iterator[RenderableType]:
         yield _title("Columns that contradict each other", STYLES["bad"])
         yield from (_bullet(text) for text in document.contradictions)
     for section in document.sections:
-        if section.slug not in LAST:
+        if section.slug not in (*LAST, *COMMANDS):
             yield from _section(section)
     if document.doubts:
         yield _title("Doubts" if document.doubted == "fit" else f"Doubts about the {document.doubted}", DOUBTFUL)
@@ -74,6 +76,9 @@ def _pieces(document: Document) -> Iterator[RenderableType]:
         if section.slug in LAST:
             yield from _section(section)
     yield from _verdict(document)
+    for section in document.sections:
+        if section.slug in COMMANDS and not section.detail:
+            yield from (piece for part in section.parts for piece in _part(part))
 
 
 def _verdict(document: Document) -> Iterator[RenderableType]:

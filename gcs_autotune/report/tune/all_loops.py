@@ -13,13 +13,15 @@ from typing import Any
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, Tone, Verdict, bullets
 from gcs_autotune.report.toolkit.wording import format_moment, format_number, format_seconds, format_share, sentence
 from gcs_autotune.report.tune.wording import SIMULATED_UNDO
-from gcs_autotune.rounding import counted
+from gcs_autotune.rounding import counted, format_digits
 
 __all__ = ["JobStep", "JobStory", "job_document"]
 
 FLOWN = ("kept", "restored", "unchanged", "dry-run", "declined")
 """Endings of a step that is done. A step with any other ending is flown when the job is resumed."""
 RECHECK = "recheck "
+DIGITS = 3
+"""Significant digits of a measured number, the same in the whole column. Project choice."""
 WORSE = ("degraded", "poorly damped", "oscillates")
 """Verdicts of a recheck that call for another tune."""
 UNDECIDED = ("undecided", "not identifiable")
@@ -270,6 +272,4 @@ def _cell(metrics: Mapping[str, Any], name: str, of_line: str) -> str:
     if not math.isfinite(value):
         unknown = "not settled" if name == "settling" else "unknown"
         return unknown if name in metrics or of_line in metrics else ""
-    if name not in metrics:
-        return format_number(value, 2)
-    return format_share(value) if name == "overshoot" else format_number(value, 3)
+    return format_share(value) if name == "overshoot" and name in metrics else format_digits(value, DIGITS)

@@ -77,6 +77,9 @@ from gcs_autotune.report.tune.wording import (
 
 __all__ = ["tune_document"]
 
+COMMAND = ": gcs-autotune "
+"""Text between a sentence and the command that ends it."""
+
 MOST_PARAMETERS = 24
 """Largest number of parameters listed without folding them. Project choice."""
 
@@ -201,6 +204,14 @@ def _proof(story: TuneStory) -> Iterator[Section]:
         yield Section("proof", "How to apply and test the new gains", (command,), facts=IN_RESULT)
 
 
+def _resume(story: TuneStory) -> Iterator[Section]:
+    """Yield the command that continues an interrupted tune."""
+    told, _, command = story.way_on.partition(COMMAND)
+    if command:
+        how = Note(f"{COMMAND.strip(': ')} {command}", f"{sentence(told).rstrip('.')}:", kind="command")
+        yield Section("resume", "How to continue", (how,), facts=IN_RESULT)
+
+
 def _undo(story: TuneStory) -> Iterator[Section]:
     """Yield the command that restores the old parameters. On the terminal it is shown only if new gains stay."""
     if story.parameters_before:
@@ -297,8 +308,10 @@ def _files(story: TuneStory) -> Iterator[Section]:
     yield from files_section(story.directory, story.files)
 
 
-FRONT = (_gains, _line, _position, _thrust, _step, _proof, _undo)
-"""Functions that return the sections that a reader sees first: what changed, the one figure, and how to undo it."""
+FRONT = (_resume, _gains, _line, _position, _thrust, _step, _proof, _undo)
+"""Functions that return the sections that a reader sees first: how to continue, what changed, the one figure, and how
+to undo it.
+"""
 
 SECTIONS = (_reasons, _design, _model, _relays, _fit, _margins, _track, _vehicle, _events, _parameters, _files)
 """Functions that return all other sections, folded on the page. To add a section, add its function here."""

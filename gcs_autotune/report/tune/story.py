@@ -61,6 +61,7 @@ class TuneStory:
     parameters_before, parameters_after : as read from the vehicle; empty if not read.
     events : (vehicle time [s] or NaN, what happened).
     ending : ``kept``, ``restored``, ``dry-run``, ``declined``, ``unchanged`` or ``aborted``; ``reason`` in words.
+    way_on : how to continue after an early end, a sentence that ends with the command; empty if nothing can be reused.
     given : data of the model used for the design, if it came from a file instead of a fit.
     given_changes : changes by gains from a file, if none were designed.
     proving : the command that proves the gains of a file by the same step, without the file.
@@ -101,6 +102,7 @@ class TuneStory:
     events: tuple[tuple[float, str], ...] = ()
     ending: str = "aborted"
     reason: str = ""
+    way_on: str = ""
     doubts: tuple[str, ...] = ()
     directory: str = ""
     files: tuple[str, ...] = ()

@@ -260,6 +260,10 @@ function showEnd() {
   $("end-report").hidden = !end.report;
   say("end-report-link", `The ${end.report.split(".")[0]} of this run`);
   $("end-report-link").href = `files/${state.run.name}/${end.report}`;
+  const resume = end.resume || {};
+  $("end-resume").hidden = !resume.command;
+  say("end-resume-text", resume.text || "");
+  write("end-resume-command", resume.command || "");
   say("end-reason", end.meaning.startsWith(end.reason) ? "" : end.reason);
   if ($("put-back").dataset.of === state.run.begun) return;
   $("put-back").dataset.of = state.run.begun;

@@ -11,7 +11,7 @@ from towed_boats import DRAG, INERTIA, NOISE, yaw_run
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile, UnknownName, UsageError
-from gcs_autotune.identify import Fit, fit, load_model, save_model, validate
+from gcs_autotune.identify import Fit, doubts, fit, load_model, save_model, validate
 
 HIDDEN = {"dead-zone@N": {"width": 0.2}, "input-bias@yaw": {"bias": 0.1}}
 TRUTH = {"N_rdot": -INERTIA, "N_r": -DRAG, "dead-zone@N.width": 0.2, "input-bias@yaw.bias": 0.1}
@@ -66,6 +66,12 @@ def test_an_absent_effect_is_reported_as_not_needed() -> None:
     found = fit([yaw_run(1, {})], effects=["dead-zone"])
     assert "effect-not-needed" in {d.slug for d in found.doubts}
     assert abs(found.parameters["dead-zone@N.width"].value) < 0.01
+
+
+def test_a_doubt_names_the_parameter_of_an_effect_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doubts, "TOGETHER", 0.01)
+    correlated = next(d for d in fit(yaw_run(1, HIDDEN), effects=["dead-zone"]).doubts if d.slug == "correlated")
+    assert "width of the dead zone (N)" in correlated.cause and "@" not in correlated.cause
 
 
 def test_a_saved_model_is_the_start_of_the_next_fit(found: Fit, tmp_path: Path) -> None:
