@@ -19,10 +19,10 @@ from gcs_autotune.diagnose.process_noise_starts import Say, at_the_right_interva
 from gcs_autotune.diagnose.result import ErrorReduction, Value
 from gcs_autotune.diagnose.run_to_run import differing
 from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, commanded
-from gcs_autotune.diagnose.score import FAR_MORE, MIN_HELD_OUT_GAIN, CandidateScore, SearchStep, key_of, may_be_none
+from gcs_autotune.diagnose.score import FAR_MORE, MIN_HELD_OUT_GAIN, CandidateScore, SearchStep, key_of
 from gcs_autotune.diagnose.search import add_one_by_one, fits_of, judge
 from gcs_autotune.diagnose.shares import shares_of
-from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
+from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, may_be_none, name_of
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, thinned_to
 from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.identify.signals import Segment

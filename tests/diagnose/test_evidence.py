@@ -15,9 +15,9 @@ from benchmarks.blind.case import draw_case
 from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, search_with_noise, strategies
 from gcs_autotune.diagnose.evidence import chance_of, equivalent_gain, weak_among
 from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
-from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.effects import EffectInstance, name_of
+from gcs_autotune.effects import EffectInstance, may_be_none, name_of
 from gcs_autotune.identify.kalman import NoisyFit
 
 MANY = [
