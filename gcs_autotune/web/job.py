@@ -97,7 +97,7 @@ class Job:
         code = await self._process.wait()
         left = self._live.get("left")
         if self._is_undo:
-            end = how_the_undo_ended(code, self._errors, self._live.said)
+            end = how_the_undo_ended(code, self._errors, self._live.sentences)
         else:
             end = await asyncio.to_thread(how_it_ended, code, self._errors, self._directory, left)
         self._live.put("question", None)
@@ -163,8 +163,8 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     }
 
 
-def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str, Any]:
-    """Return the page's summary of a finished undo, as :func:`how_it_ended`; *said* are its sentences.
+def how_the_undo_ended(code: int, errors: str, sentences: Sequence[str]) -> dict[str, Any]:
+    """Return the page's summary of a finished undo, as :func:`how_it_ended`; *sentences* are those of the tool.
 
     ``undone``: whether nothing is left to undo.
     """
@@ -176,7 +176,7 @@ def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str,
         "fine": code == 0,
         "report": "",
         "undone": code == 0,
-        "put_back": [text for text in said if _RESULT.search(text) and not text.startswith("answered ")],
+        "put_back": [text for text in sentences if _RESULT.search(text) and not text.startswith("answered ")],
     }
 
 
