@@ -86,6 +86,25 @@ def searched(*named: str) -> NoiseSearch:
     return NoiseSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
 
 
+def test_with_process_noise_a_cause_gets_also_the_share_of_the_one_it_replaces() -> None:
+    """A constant force, then backlash; a dead zone then replaces the constant."""
+    constant, backlash, zone = (EffectInstance(slug, "N", {}) for slug in ("input-bias", "backlash", "dead-zone"))
+
+    def fit(variance: float, *effects: EffectInstance) -> NoisyFit:
+        return cast(NoisyFit, SimpleNamespace(effects=effects, noise=SimpleNamespace(size=math.sqrt(variance))))
+
+    def step(present: NoisyFit, own: EffectInstance, fit: NoisyFit) -> SearchStep[NoisyFit]:
+        won = replace(scored(own, 20.0, (9.0, 9.0), 6.4), fit=fit)
+        return SearchStep(present, (won,), won)
+
+    plain, one, two = fit(1.0), fit(0.5, constant), fit(0.3, constant, backlash)
+    without, last = fit(0.7, backlash), fit(0.2, backlash, zone)
+    steps = step(plain, constant, one), step(one, backlash, two), step(without, zone, last)
+    search = replace(searched(), plain=plain, fit=last, steps=steps)
+    assert search.shares(()) == pytest.approx({("backlash", "N"): 0.3, ("dead-zone", "N"): 0.5})
+    assert replace(search, fit=fit(0.6, zone)).shares(()) == pytest.approx({("dead-zone", "N"): 0.4})
+
+
 def test_a_cause_that_does_not_reduce_the_held_out_prediction_error_is_rejected(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
