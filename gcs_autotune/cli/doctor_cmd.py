@@ -41,7 +41,7 @@ def _doctor(args: argparse.Namespace) -> int:
     if not args.json:
         for finding in findings:
             _print(SIGNS[finding.state], finding.what, finding.told + (f". {finding.cure}" if finding.cure else ""))
-    ports = _listen(args, told=not args.json)
+    ports = _listen(args, print_each=not args.json)
     wrong = sum(f.state == "wrong" for f in findings)
     if args.json:
         sys.stdout.write(json_text({"schema": 1, "findings": [asdict(f) for f in findings], "ports": ports}))
@@ -53,7 +53,7 @@ def _doctor(args: argparse.Namespace) -> int:
 
 
 def _ports(args: argparse.Namespace) -> int:
-    ports = _listen(args, told=not args.json)
+    ports = _listen(args, print_each=not args.json)
     if args.json:
         sys.stdout.write(json_text({"schema": 1, "ports": ports}))
     else:
@@ -81,8 +81,11 @@ def _next(ports: Sequence[Mapping[str, object]]) -> tuple[str, str]:
     return f"{heard} Next", f" --connect {visible(shlex.quote(uris[0]))}"
 
 
-def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
-    """Listen on each port in turn and print the result of each. A terminal shows what is being listened to."""
+def _listen(args: argparse.Namespace, *, print_each: bool) -> list[dict[str, object]]:
+    """Listen on each port in turn and return the results. A terminal shows what is being listened to.
+
+    print_each : whether to print each result as it arrives.
+    """
     from rich.console import Console
 
     with waiting(args, "looking for ports"):
@@ -92,7 +95,7 @@ def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:
     uris: Iterable[str] | None = args.connect
     with Console(stderr=True).status("looking for ports") as status:
         for name, heard in listened_to(args.listen, uris, say=lambda text: status.update(visible(text))):
-            if told:
+            if print_each:
                 link = f"; --connect {heard.uri}" if heard.autopilots else ""
                 _print(" ", "port", f"{name}: {heard.description}{link}")
             found.append(

@@ -76,7 +76,7 @@ class RemoteObserver:
         self._stream = stream
         self._ticks: deque[Progress] = deque(maxlen=MOST_TICKS)
         self._facts: deque[tuple[str, Any]] = deque(maxlen=MOST_FACTS)
-        self._told = self._sent = 0
+        self._queued = self._sent = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="remote", daemon=True)
 
@@ -91,7 +91,7 @@ class RemoteObserver:
     def update(self, progress: Progress) -> None:
         """Queue the progress at a control tick for the next line."""
         self._ticks.append(progress)
-        self._told += 1
+        self._queued += 1
 
     def say(self, text: str) -> None:
         """Queue a sentence for the next line."""
@@ -104,7 +104,7 @@ class RemoteObserver:
     def put(self, key: str, value: object) -> None:
         """Queue any entry for the next line."""
         self._facts.append((key, value))
-        self._told += 1
+        self._queued += 1
 
     def _run(self) -> None:
         last = False
@@ -127,8 +127,8 @@ class RemoteObserver:
         if ticks:
             yield "now", asdict(ticks[-1])
         self._sent += len(ticks) + len(facts)
-        if self._told > self._sent + len(self._ticks) + len(self._facts):
-            yield "dropped", {"count": self._told - self._sent - len(self._ticks) - len(self._facts)}
+        if self._queued > self._sent + len(self._ticks) + len(self._facts):
+            yield "dropped", {"count": self._queued - self._sent - len(self._ticks) - len(self._facts)}
 
 
 def _line(key: str, value: object) -> bytes:
@@ -186,11 +186,11 @@ class RemoteOperator(ConsoleOperator):
 
     def _take(self, line: bytes) -> None:
         try:
-            told = parse(line)
-            if told.get("stop"):
+            order = parse(line)
+            if order.get("stop"):
                 self._stop = True
-            if "answer" in told:
-                self._answers.setdefault(int(told["answer"]["id"]), told["answer"]["yes"] is True)
+            if "answer" in order:
+                self._answers.setdefault(int(order["answer"]["id"]), order["answer"]["yes"] is True)
         except (ValueError, KeyError, TypeError, AttributeError):
             self._observer.say("Ignored a line on standard input that is not a stop or an answer (docs/serve.md).")
 

@@ -23,11 +23,19 @@ from gcs_autotune.diagnose.score import (
     key_of,
     lack_by_parts,
     lasts,
-    may_be_none,
     needed_of,
     plainest,
 )
-from gcs_autotune.effects import EFFECTS, DataSummary, Effect, EffectInstance, columns_of, name_of, twins_of
+from gcs_autotune.effects import (
+    EFFECTS,
+    DataSummary,
+    Effect,
+    EffectInstance,
+    columns_of,
+    may_be_none,
+    name_of,
+    twins_of,
+)
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, Tangent
 from gcs_autotune.slow_imports import scipy_stats
 

@@ -12,8 +12,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.heldout_score import Folds, gains_ahead, unseen_of
 from gcs_autotune.diagnose.noise_scorer import WithProcessNoise, choices_of
@@ -21,9 +19,10 @@ from gcs_autotune.diagnose.process_noise_starts import Say, at_the_right_interva
 from gcs_autotune.diagnose.result import ErrorReduction, Value
 from gcs_autotune.diagnose.run_to_run import differing
 from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, commanded
-from gcs_autotune.diagnose.score import FAR_MORE, MIN_HELD_OUT_GAIN, CandidateScore, SearchStep, key_of, may_be_none
+from gcs_autotune.diagnose.score import FAR_MORE, MIN_HELD_OUT_GAIN, CandidateScore, SearchStep, key_of
 from gcs_autotune.diagnose.search import add_one_by_one, fits_of, judge
-from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
+from gcs_autotune.diagnose.shares import shares_of
+from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, may_be_none, name_of
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, thinned_to
 from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.identify.signals import Segment
@@ -143,14 +142,16 @@ class NoiseSearch:
         return numbers
 
     def shares(self, order: Sequence[EffectInstance]) -> dict[tuple[str, str], float]:
-        """Return for each cause the relative reduction of the drifting force's variance."""
-        shares, before = {}, self.plain
-        first = before.noise.size
-        for a in self.accepted:
-            drop = (before.noise.size**2 - a.fit.noise.size**2) / first**2
-            shares[key_of(a.effect)] = float(np.clip(drop, 0.0, 1.0))
-            before = a.fit
-        return shares
+        """Return for each cause the relative reduction of the drifting force's variance (:func:`.shares_of`)."""
+        first, before = self.plain.noise.size, {key_of(e) for e in self.plain.effects}
+        taken = [fit for s in self.steps if s.accepted is not None for fit in (s.present, s.accepted.fit)]
+        return shares_of(
+            (
+                [key_of(e) for e in fit.effects if key_of(e) not in before],
+                1.0 - (fit.noise.size / first) ** 2 if first > 0.0 else math.nan,
+            )
+            for fit in (*taken, self.fit)
+        )
 
     def gain_over(self, other: NoisyFit) -> ErrorReduction | None:
         """Return the held-out error ahead of *other* and of the model with all causes; None if unknown.

@@ -196,7 +196,8 @@ class Cause(Displayed):
     parameters: Mapping[str, Value]
     meaning: str
     share: float
-    """Fraction of the held-out mean square error above noise that this cause removed."""
+    """Fraction of the held-out mean square error above noise that this cause removed. The fractions of all causes add
+    up to what they removed together; 0 for a cause that helps only together with a later one."""
     curve: EffectCurve | None = None
     gain: ErrorReduction | None = None
     """Reduction of the held-out error relative to the model without the cause; None if it was not measured."""

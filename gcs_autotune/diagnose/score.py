@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -38,7 +38,6 @@ __all__ = [
     "lack_by_error",
     "lack_by_parts",
     "lasts",
-    "may_be_none",
     "needed_of",
     "ordered",
     "plainest",
@@ -282,22 +281,6 @@ def further(fitted: Fitted, present: Fitted) -> int:
     from the residuals.
     """
     return fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)
-
-
-HALF_WIDTH = 1.96
-"""Half-width of a 95 % interval in standard errors."""
-
-
-def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:
-    """Return whether the 95 % intervals of an effect's numbers include the case of no effect.
-
-    std : standard errors of the fitted numbers. A standard error that is not finite means that the number is unknown.
-    """
-    entry = EFFECTS[effect.slug]
-    growing = set(entry.grows_with) & set(effect.values)
-    if not growing or set(std) & growing != growing:
-        return False
-    return not any(abs(effect[n] - entry.neutral.get(n, 0.0)) > HALF_WIDTH * std[n] for n in growing)
 
 
 def alike_of(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT]]:

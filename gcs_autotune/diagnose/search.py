@@ -87,7 +87,7 @@ class Search(Protocol):
         """Return the numbers of an effect in *fit*; None: in the model with all causes."""
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[Cause, float]:
-        """Return, for each cause, the fraction of the base model's error that it removed."""
+        """Return, for each cause, the fraction of the base model's error that it removed (:func:`.shares_of`)."""
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
         """Return the held-out error of every signal without causes and with all causes."""

@@ -11,8 +11,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.adequacy import tests_of, whiteness_of
 from gcs_autotune.diagnose.candidates import Attempt, candidates
@@ -23,6 +21,7 @@ from gcs_autotune.diagnose.question import Question
 from gcs_autotune.diagnose.result import ErrorReduction, Numbers, Value
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, key_of
 from gcs_autotune.diagnose.search import fits_of, judge
+from gcs_autotune.diagnose.shares import shares_of
 from gcs_autotune.diagnose.starting_points import lost, without_one_signal
 from gcs_autotune.effects import EffectInstance, name_of, twins_of
 from gcs_autotune.identify import Doubt
@@ -61,8 +60,9 @@ class SearchState:
     ``alone``: fits of the base without each of the signals, once needed. ``renamed``: pairs of names
     (:func:`.name_of`), of the reported cause and of one that fits as well. ``pieces`` [s]: length of the pieces in
     which causes were found, if the search chose it. ``with_noise``: result of a search with process noise, if it
-    replaced the other. ``noise_search``: that search and its problem, once needed. ``cut``: where the search was
-    stopped, and what was not begun, in words.
+    replaced the other. ``noise_search``: that search and its problem, once needed. ``models``: for each present model
+    so far, its causes and the held-out residuals of the base and of the model. ``cut``: where the search was stopped,
+    and what was not begun, in words.
     """
 
     question: Question
@@ -86,6 +86,7 @@ class SearchState:
     numbers: Numbers | None = None
     with_noise: NoiseSearch | None = None
     noise_search: tuple[Problem, NoiseSearch | None] | None = None
+    models: tuple[tuple[tuple[EffectInstance, ...], HeldOut, HeldOut], ...] = ()
     cut: tuple[str, ...] = ()
 
     @property
@@ -112,7 +113,8 @@ class SearchState:
 
         unseen : its held-out residuals, if known.
         """
-        return replace(self, fitted=fitted, present_unseen=unseen or self.unseen(fitted))
+        now = replace(self, fitted=fitted, present_unseen=unseen or self.unseen(fitted))
+        return replace(now, models=(*now.models, (now.causes, now.base_unseen, now.present_unseen)))
 
     def with_better(self, better: Fitted) -> SearchState:
         """Return the state with a better fit of the present model; if the base is the present model, it is replaced
@@ -257,22 +259,18 @@ class SearchState:
         return own_gains
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[tuple[str, str], float]:
-        """Return for each cause the fraction that it removed of the mean square error above noise, over all signals."""
-        fractions: dict[tuple[str, str], float] = {}
-        base, before = rms_of(self.base_unseen.rests), self.base_unseen
-        for won in (s.accepted for s in self.steps if s.accepted is not None):
-            key, unseen = key_of(won.effect), won.unseen
-            if unseen is None:
-                fractions.setdefault(key, math.nan)
-                continue
-            shares, old, new = [], rms_of(before.rests), rms_of(unseen.rests)
-            for n, level in self.fitted.levels.items():
-                above = base.get(n, 0.0) ** 2 - level**2
-                if above > 0.05 * level**2 and n in old and n in new:
-                    shares.append((old[n] ** 2 - new[n] ** 2) / above)
-            fractions.setdefault(key, float(np.clip(max(shares), 0.0, 1.0)) if shares else math.nan)
-            before = unseen
-        return fractions
+        """Return for each cause the fraction that it removed of the mean square error above noise.
+
+        They add up to the fraction that all causes removed (:func:`.shares_of`), in the signal in which it is largest.
+        """
+        now = (self.causes, self.base_unseen, self.present_unseen)
+        total = _explained(self.base_unseen, self.present_unseen, self.fitted.levels)
+        signal = max(total, key=lambda n: total[n], default="")
+        models = [
+            ([key_of(e) for e in causes], _explained(base, unseen, self.fitted.levels).get(signal, math.nan))
+            for causes, base, unseen in (*self.models, now)
+        ]
+        return shares_of(models)
 
     def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
         """Return groups of causes that the runs do not distinguish."""
@@ -322,6 +320,14 @@ def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: F
     except OutOfTime as over:
         cut = (str(over),)
     return SearchState(question, problem, fitted, fitted, parts, unseen, unseen, given, given_unseen, cut=cut)
+
+
+def _explained(base: HeldOut, unseen: HeldOut, levels: Mapping[str, float]) -> dict[str, float]:
+    """Return signal -> fraction of the base's mean square error above noise (*levels*) that a model removed."""
+    old, new = rms_of(base.rests), rms_of(unseen.rests)
+    above = {n: old.get(n, 0.0) ** 2 - level**2 for n, level in levels.items()}
+    removed = {n: (old[n] ** 2 - new[n] ** 2) / above[n] for n in new if above.get(n, 0.0) > 0.05 * levels[n] ** 2}
+    return {n: fraction for n, fraction in removed.items() if math.isfinite(fraction)}
 
 
 def _contradicts(present: Sequence[EffectInstance], effect: EffectInstance) -> bool:

@@ -38,14 +38,13 @@ from gcs_autotune.diagnose.score import (
     is_form_of,
     is_needed,
     key_of,
-    may_be_none,
     ordered,
 )
 from gcs_autotune.diagnose.search import add_one_by_one, judge
 from gcs_autotune.diagnose.search_with_noise import needs_process_noise
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of, effect_words, name_of
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of, effect_words, may_be_none, name_of
 from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.sname import DOFS
 

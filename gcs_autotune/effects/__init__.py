@@ -35,7 +35,15 @@ from gcs_autotune.effects.extended import STEP, ExtendedModel, ExtendedSimulator
 from gcs_autotune.effects.narrow_band import rung
 from gcs_autotune.effects.sensor_noise import grid_step
 from gcs_autotune.effects.summary import DataSummary, force_unit
-from gcs_autotune.effects.table import CRAFT, EFFECTS, effect_at, effect_words, parameter_words, usual_bounds
+from gcs_autotune.effects.table import (
+    CRAFT,
+    EFFECTS,
+    effect_at,
+    effect_words,
+    may_be_none,
+    parameter_words,
+    usual_bounds,
+)
 from gcs_autotune.effects.velocity_products import (
     VELOCITY_PRODUCT,
     ProductTerm,
@@ -74,6 +82,7 @@ __all__ = [
     "grid_step",
     "horizon",
     "in_order",
+    "may_be_none",
     "name_of",
     "parameter_words",
     "passage_of",

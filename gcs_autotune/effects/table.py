@@ -181,6 +181,22 @@ NOISE = 0.01
 _UNITS = {**dict.fromkeys("XYZ", "N"), "N": "N m", "delta": "rad"}
 
 
+HALF_WIDTH = 1.96
+"""Half-width of a 95 % interval in standard errors."""
+
+
+def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:
+    """Return whether the 95 % intervals of an effect's numbers include the case of no effect.
+
+    std : standard errors of the fitted numbers. A standard error that is not finite means that the number is unknown.
+    """
+    entry = EFFECTS[effect.slug]
+    growing = set(entry.grows_with) & set(effect.values)
+    if not growing or set(std) & growing != growing:
+        return False
+    return not any(abs(effect[n] - entry.neutral.get(n, 0.0)) > HALF_WIDTH * std[n] for n in growing)
+
+
 def usual_bounds(effect: Effect) -> Mapping[str, tuple[float, float]]:
     """Return parameter -> (smallest, largest) of *effect* at its first place on a reference craft.
 

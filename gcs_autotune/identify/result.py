@@ -10,7 +10,7 @@ from typing import Any, Generic, Literal, Protocol, TypeAlias, TypeGuard, TypeVa
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EffectInstance, ExtendedModel
+from gcs_autotune.effects import EffectInstance, ExtendedModel, may_be_none
 from gcs_autotune.identify.axis.form import Structure, as_extended
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.signals.whiteness import Remainder, remainder_of
@@ -249,6 +249,19 @@ class Fit(Displayed, Generic[ModelT]):
     def unexplained(self) -> float:
         """Fraction of the motion that the model does not explain [%]."""
         return 100.0 - self.fit_percent
+
+    @property
+    def significant_effects(self) -> tuple[EffectInstance, ...]:
+        """The ``effects`` whose 95 % intervals exclude the case of no effect, so no thrust curve that may be
+        straight."""
+        return tuple(
+            own
+            for own in self.effects
+            if not may_be_none(
+                own,
+                {n: self.parameters[label].std for n in own.values if (label := own.label_of(n)) in self.parameters},
+            )
+        )
 
     @property
     def whole_model(self: Fit[Model]) -> Model:

@@ -109,10 +109,10 @@ class Job:
         code = await self._process.wait()
         left = self._live.get("left")
         if self._is_undo:
-            end = how_the_undo_ended(code, self._errors, self._live.said)
+            end = how_the_undo_ended(code, self._errors, self._live.sentences)
         else:
             end = await asyncio.to_thread(how_it_ended, code, self._errors, self._directory, left)
-            end["resume"] = how_to_continue(self._live.said)
+            end["resume"] = how_to_continue(self._live.sentences)
         self._live.put("question", None)
         self._live.put("end", end)
 
@@ -176,11 +176,11 @@ def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any
     }
 
 
-def how_to_continue(said: Sequence[str]) -> dict[str, str]:
+def how_to_continue(sentences: Sequence[str]) -> dict[str, str]:
     """Return the ``command`` that continues an interrupted run, with the ``text`` before it; empty if there is none.
-    *said* are the sentences of the run.
+    *sentences* are those of the run.
     """
-    found = next(filter(None, map(_RESUME.fullmatch, reversed(said))), None)
+    found = next(filter(None, map(_RESUME.fullmatch, reversed(sentences))), None)
     return (
         {}
         if found is None
@@ -188,8 +188,8 @@ def how_to_continue(said: Sequence[str]) -> dict[str, str]:
     )
 
 
-def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str, Any]:
-    """Return the page's summary of a finished undo, as :func:`how_it_ended`; *said* are its sentences.
+def how_the_undo_ended(code: int, errors: str, sentences: Sequence[str]) -> dict[str, Any]:
+    """Return the page's summary of a finished undo, as :func:`how_it_ended`; *sentences* are those of the tool.
 
     ``undone``: whether nothing is left to undo.
     """
@@ -201,7 +201,7 @@ def how_the_undo_ended(code: int, errors: str, said: Sequence[str]) -> dict[str,
         "fine": code == 0,
         "report": "",
         "undone": code == 0,
-        "put_back": [text for text in said if _RESULT.search(text) and not text.startswith("answered ")],
+        "put_back": [text for text in sentences if _RESULT.search(text) and not text.startswith("answered ")],
     }
 
 

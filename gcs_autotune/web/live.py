@@ -76,7 +76,7 @@ class Live:
         return self._state.get(key)
 
     @property
-    def said(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """The latest sentences of the tool, without those of the vehicle."""
         return [words["text"] for words in self._words if words["severity"] is None]
 
@@ -96,8 +96,8 @@ class Live:
     def take(self, line: bytes) -> None:
         """Process one line of a job. A line with an unknown key is ignored."""
         try:
-            told = json.loads(line)
-            ((key, value),) = told.items()
+            message = json.loads(line)
+            ((key, value),) = message.items()
             if key == "samples":
                 self._sample(value)
             elif key == "say":
@@ -151,10 +151,10 @@ class Live:
         try:
             yield self._again(queue)
             while True:
-                told = await queue.get()
-                if told == _OVER:
+                message = await queue.get()
+                if message == _OVER:
                     return
-                yield self._again(queue) if told is None else told
+                yield self._again(queue) if message is None else message
         finally:
             self._viewers.pop(queue, None)
 

@@ -102,8 +102,8 @@ def _journals() -> Iterator[Finding]:
 
 
 def _programs() -> Finding:
-    told = f"gcs-autotune {gcs_autotune.__version__}, Python {platform.python_version()}, {platform.platform()}"
-    return Finding("program", "fine", f"{told}, {os.cpu_count()} processors ({sys.executable})")
+    program = f"gcs-autotune {gcs_autotune.__version__}, Python {platform.python_version()}, {platform.platform()}"
+    return Finding("program", "fine", f"{program}, {os.cpu_count()} processors ({sys.executable})")
 
 
 def _packages() -> Iterator[Finding]:
@@ -127,14 +127,16 @@ def _date() -> Finding:
     """Check the date. A computer without a battery-backed clock (a Raspberry Pi) may be years off, and run directories
     would sort wrongly."""
     now, ours = time.time(), Path(gcs_autotune.__file__).stat().st_mtime
-    told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
+    local_time = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
     if now < ours:
         return Finding(
-            "clock", "wrong", f"{told}, which is before this program was installed", "Set this computer's clock"
+            "clock", "wrong", f"{local_time}, which is before this program was installed", "Set this computer's clock"
         )
     synced = _synchronised()
     return Finding(
-        "clock", "fine", told + {None: "", True: ", set over the network", False: ", not set over a network"}[synced]
+        "clock",
+        "fine",
+        local_time + {None: "", True: ", set over the network", False: ", not set over a network"}[synced],
     )
 
 
@@ -144,10 +146,10 @@ def _synchronised() -> bool | None:
         return None
     asked = ["timedatectl", "show", "--property=NTPSynchronized", "--value"]
     try:
-        said = subprocess.run(asked, capture_output=True, text=True, timeout=2.0, check=False).stdout.strip()
+        answer = subprocess.run(asked, capture_output=True, text=True, timeout=2.0, check=False).stdout.strip()
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return {"yes": True, "no": False}.get(said)
+    return {"yes": True, "no": False}.get(answer)
 
 
 def _ticks() -> Finding:
@@ -157,10 +159,10 @@ def _ticks() -> Finding:
         begun = time.monotonic()
         time.sleep(WAIT)
         late = max(late, time.monotonic() - begun - WAIT)
-    told = f"largest timing error of {WAITS} waits: {1000.0 * late:.1f} ms"
+    lateness = f"largest timing error of {WAITS} waits: {1000.0 * late:.1f} ms"
     if late > LATEST_TICK:
-        return Finding("timing", "note", told, "Close other programs: relay switches are delayed by as much")
-    return Finding("timing", "fine", told)
+        return Finding("timing", "note", lateness, "Close other programs: relay switches are delayed by as much")
+    return Finding("timing", "fine", lateness)
 
 
 def _disk(folder: Path) -> Finding:
@@ -177,14 +179,14 @@ def _disk(folder: Path) -> Finding:
         return Finding(
             "disk", "wrong", f"{there} cannot be written to: {error}", "Work in another folder, or use --out DIR"
         )
-    told = f"{free / 1e9:.1f} GB free at {there}, disk write in {1000.0 * took:.0f} ms"
+    space = f"{free / 1e9:.1f} GB free at {there}, disk write in {1000.0 * took:.0f} ms"
     if free < LEAST_DISK:
         return Finding(
-            "disk", "wrong", told, "Free some disk space: the journal needed to restore the vehicle is stored there"
+            "disk", "wrong", space, "Free some disk space: the journal needed to restore the vehicle is stored there"
         )
     if took > LEAST_SYNC:
-        return Finding("disk", "note", told, "The disk is slow. Use another one")
-    return Finding("disk", "fine", told)
+        return Finding("disk", "note", space, "The disk is slow. Use another one")
+    return Finding("disk", "fine", space)
 
 
 def _cache() -> Finding:
@@ -193,13 +195,13 @@ def _cache() -> Finding:
     named = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(named) if named else package
     count = sum(1 for _ in home.rglob("*.nbi")) if home.is_dir() else 0
-    told = f"{count} compiled kernels stored in {home}"
+    kernels = f"{count} compiled kernels stored in {home}"
     if count == 0:
         return Finding(
             "cache",
             "note",
-            told,
+            kernels,
             "Do a dry run on a simulated vehicle before going on the water: the first command "
             "compiles for up to a minute",
         )
-    return Finding("cache", "fine", told)
+    return Finding("cache", "fine", kernels)

@@ -51,7 +51,7 @@ from gcs_autotune.workflow.identification import delay_of
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit
 from gcs_autotune.workflow.operator import Operator
-from gcs_autotune.workflow.preflight import await_position
+from gcs_autotune.workflow.preflight import STAGE, await_position, check_signs, sign_check_for
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tune_loop
@@ -127,9 +127,10 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     size = abs(tune.step) if tune.step is not None else BOAT_STEP if boat else STEP
     duration = tune.step_duration or (BOAT_DURATION if boat else DURATION)
     relays = [Leg(f"first {dof} self-oscillation", pace_of("rov").relay, kind="relay") for dof in DOFS]
+    checks = [] if boat else [Leg(STAGE, pace_of("rov").check)]
     relays = [] if boat else relays
     before, after = (_legs(gains, duration, boat=boat) for gains in STAGES.values())
-    itinerary = Itinerary([*before, *relays, *([] if tune.dry_run else after)])
+    itinerary = Itinerary([*checks, *before, *relays, *([] if tune.dry_run else after)])
 
     def keep(trial: Trial) -> None:
         visit.keep(trial)
@@ -146,7 +147,8 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     movements = (
         f"{size:g} m ahead in {firmware.position_mode}, stay there, and back, {times}"
         if boat
-        else f"a step of {size:g} m ahead and to starboard in {firmware.position_mode}, and back. Pushes by the "
+        else f"a short push to each side in {firmware.manual_mode}, to check that the vehicle moves sideways. Then a "
+        f"step of {size:g} m ahead and to starboard in {firmware.position_mode}, and back. Pushes by the "
         f"thrusters in {firmware.push_mode}. Step and pushes are flown {times}. After the first ones a relay ahead "
         f"and one sideways in {firmware.manual_mode}"
     )
@@ -275,6 +277,17 @@ class _Flights:
             return step, None
         return step, self._fly(PushPosition(PUSH_SETTLE, PUSHING, f"push-{when}"), when, "push")
 
+    def check_sideways(self) -> None:
+        """Check by a short push to each side that the craft moves sideways. Its frame shows only what it should do.
+
+        Raises
+        ------
+        PreconditionFailed
+            It does not, or moves to the wrong side.
+        """
+        self.visit.log.say(f"{STAGE}: sway")
+        check_signs(sign_check_for("sway", self.visit.craft, 0.0), self.runner.attempt)
+
     def relay(self, dof: str) -> Trial:
         """Return a relay oscillation of *dof* at rest, as ``hold position`` flies it."""
         relays = Relays.of(replace(self.settings, axis=DOFS[dof]), dof, self.visit.craft, 0.0)
@@ -308,7 +321,8 @@ class _Position:
         return lend_parameters(self._craft, journal)
 
     def experiment(self) -> None:
-        """Fly step and push with the present gains."""
+        """Check that the craft moves sideways, then fly step and push with the present gains."""
+        self._flights.check_sideways()
         self._before, push = self._flights.fly("before")
         self._log.position_before = _measured(self._before, push)
         if math.isnan(self._log.position_before.push):

@@ -317,8 +317,8 @@ def turn_sentence(step: StepSettings, limit: float) -> str:
     )
 
 
-STRAIGHT = 0.2
-"""Curvature of the thrust curve below which it is not reported."""
+SLIGHT_CURVATURE = 0.2
+"""Quadratic fraction of the thrust below which a significant thrust curve is too slight to correct. Project choice."""
 
 
 def reduction_of(fit: AxisFit) -> Reduction | None:
@@ -332,7 +332,8 @@ def reduction_of(fit: AxisFit) -> Reduction | None:
         f"{square:.0%} of the thrust grows with the square of the throttle. The margins cover both ends of the step",
         f"MOT_THST_EXPO about {min(max(square, -1.0), 1.0):.2f} would linearise the thrust. Then tune again",
     )
-    remarks = (curve,) if abs(square) > STRAIGHT else ()
+    matters = bool(fit.significant_effects) and abs(square) > SLIGHT_CURVATURE
+    remarks = (curve,) if matters else ()
     return Reduction(fit.model, fit.model.axis.force, fit.craft_covariance, Actuator(square=square), remarks=remarks)
 
 

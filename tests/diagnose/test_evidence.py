@@ -15,9 +15,9 @@ from benchmarks.blind.case import draw_case
 from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, search_with_noise, strategies
 from gcs_autotune.diagnose.evidence import chance_of, equivalent_gain, weak_among
 from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
-from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
+from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts
 from gcs_autotune.diagnose.state import SearchState
-from gcs_autotune.effects import EffectInstance, name_of
+from gcs_autotune.effects import EffectInstance, may_be_none, name_of
 from gcs_autotune.identify.kalman import NoisyFit
 
 MANY = [
@@ -84,6 +84,25 @@ def searched(*named: str) -> NoiseSearch:
     steps = tuple(SearchStep(cast(NoisyFit, plain), (one,), one) for one in causes)
     plain_search: dict[str, Any] = {"dof": "yaw", "calm": 50.0, "tried": 9, "words": "", "folds": ()}
     return NoiseSearch(problem=problem, plain=plain, fit=fit, steps=steps, **plain_search)  # type: ignore[arg-type]
+
+
+def test_with_process_noise_a_cause_gets_also_the_share_of_the_one_it_replaces() -> None:
+    """A constant force, then backlash; a dead zone then replaces the constant."""
+    constant, backlash, zone = (EffectInstance(slug, "N", {}) for slug in ("input-bias", "backlash", "dead-zone"))
+
+    def fit(variance: float, *effects: EffectInstance) -> NoisyFit:
+        return cast(NoisyFit, SimpleNamespace(effects=effects, noise=SimpleNamespace(size=math.sqrt(variance))))
+
+    def step(present: NoisyFit, own: EffectInstance, fit: NoisyFit) -> SearchStep[NoisyFit]:
+        won = replace(scored(own, 20.0, (9.0, 9.0), 6.4), fit=fit)
+        return SearchStep(present, (won,), won)
+
+    plain, one, two = fit(1.0), fit(0.5, constant), fit(0.3, constant, backlash)
+    without, last = fit(0.7, backlash), fit(0.2, backlash, zone)
+    steps = step(plain, constant, one), step(one, backlash, two), step(without, zone, last)
+    search = replace(searched(), plain=plain, fit=last, steps=steps)
+    assert search.shares(()) == pytest.approx({("backlash", "N"): 0.3, ("dead-zone", "N"): 0.5})
+    assert replace(search, fit=fit(0.6, zone)).shares(()) == pytest.approx({("dead-zone", "N"): 0.4})
 
 
 def test_a_cause_that_does_not_reduce_the_held_out_prediction_error_is_rejected(

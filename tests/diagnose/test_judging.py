@@ -10,6 +10,8 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from open_loop_runs import towed
 from scipy import stats
 
@@ -26,6 +28,7 @@ from gcs_autotune.diagnose.score import (
     error_ratio,
     is_material,
     is_needed,
+    key_of,
     lack_by_error,
     needed_of,
     ordered,
@@ -385,3 +388,57 @@ def test_a_brief_correlation_time_is_reported_as_a_possible_time_constant(
     found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=weather)
     (doubt,) = report_builder._weightless(cast(SearchState, found))
     assert ("(or 0.4 s, the correlation time of the disturbance" in doubt.cause) is result
+
+
+# --- shares ----------------------------------------------------------------------------------
+
+CAUSES = [EffectInstance(slug, "N", {}) for slug in ("dead-zone", "backlash", "input-delay", "saturation")]
+
+
+def shares_after(*models: tuple[Sequence[EffectInstance], float]) -> dict[str, float]:
+    """Return slug -> share after *models*: their causes, and the fraction of the error that each leaves."""
+
+    def unseen(left: float) -> HeldOut:
+        return held(rest([math.sqrt(1.0 + 99.0 * left)] * 10))
+
+    def fitted(causes: Sequence[EffectInstance]) -> Fitted:
+        return cast(Fitted, SimpleNamespace(effects=tuple(causes), levels={"r": 1.0}))
+
+    base, before = fitted(()), unseen(1.0)
+    nothing = cast(Any, None)
+    state = SearchState(nothing, nothing, base, base, nothing, before, before)
+    for causes, left in models:
+        state = state.with_model(fitted(causes), unseen(left))
+    shares = state.shares(state.causes)
+    assert set(shares) == {key_of(e) for e in state.causes}
+    assert sum(shares.values()) == pytest.approx(1.0 - models[-1][1] if state.causes else 0.0)
+    return {slug: share for (slug, _), share in shares.items()}
+
+
+def test_a_cause_gets_also_the_share_of_the_one_it_replaces() -> None:
+    zone, backlash, delay, _ = CAUSES
+    shares = shares_after(([zone], 0.4), ([zone, backlash], 0.1), ([backlash, delay], 0.05))
+    assert shares == pytest.approx({"backlash": 0.3, "input-delay": 0.65})
+
+
+def test_the_share_of_a_removed_cause_goes_to_the_others() -> None:
+    zone, backlash, delay, _ = CAUSES
+    three = ([zone], 0.8), ([zone, backlash], 0.4), ([zone, backlash, delay], 0.1)
+    assert shares_after(*three) == pytest.approx({"dead-zone": 0.2, "backlash": 0.4, "input-delay": 0.3})
+    assert shares_after(*three, ([zone, backlash], 0.1)) == pytest.approx({"dead-zone": 0.3, "backlash": 0.6})
+    assert shares_after(*three, ([], 1.0), ([delay], 0.5)) == pytest.approx({"input-delay": 0.5})
+
+
+def test_of_causes_that_help_only_together_the_last_has_the_share() -> None:
+    zone, backlash, _, _ = CAUSES
+    assert shares_after(([zone, backlash], 0.1)) == pytest.approx({"dead-zone": 0.0, "backlash": 0.9})
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.lists(st.sampled_from(CAUSES), unique_by=key_of), st.floats(0.0, 1.0)), min_size=1, max_size=8
+    )
+)
+def test_shares_add_up_to_what_all_causes_explain(models: list[tuple[list[EffectInstance], float]]) -> None:
+    assert all(share >= 0.0 for share in shares_after(*models).values())

@@ -143,7 +143,10 @@ def test_a_model_with_a_thrust_curve_is_named_so_and_its_numbers_are_in_the_tabl
     ).rows
     flown = replace(bent, effects=(replace(curve, constants={"u_ref": 0.965}),))
     assert "quadratic fraction of the thrust at the largest command" in {row[3] for row in model_table(flown).rows}
-    straight = replace(bent, parameters={**bent.parameters, share.name: replace(share, value=-0.01)})
+    slight = replace(share, value=-0.01)
+    straight = replace(
+        bent, effects=(curve.with_values({"share": -0.01}),), parameters={**bent.parameters, share.name: slight}
+    )
     assert model_words(straight) == "quadratic damping"
 
 

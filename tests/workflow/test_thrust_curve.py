@@ -11,13 +11,14 @@ import pytest
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Parameter, fit_axis
-from gcs_autotune.identify.thrust import describe_thrust_curve, fit_slow_actuator, fit_thrust_curve, thrust_curve
+from gcs_autotune.identify import AxisFit, Fit, Parameter, fit_axis
+from gcs_autotune.identify.thrust import CURVE, describe_thrust_curve, fit_slow_actuator, fit_thrust_curve, thrust_curve
+from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import identification
 from gcs_autotune.workflow.extra_relay import extra_relay
 from gcs_autotune.workflow.identification import Identified, again_with_step
-from gcs_autotune.workflow.proof import reduction_of_extended
+from gcs_autotune.workflow.proof import reduction_of, reduction_of_extended
 
 ALPHA, DRAG, DT = 0.026, 0.065, 0.002
 DEAD_BAND = 0.12
@@ -105,6 +106,26 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
         None, tuple(EffectInstance(slug.replace("_", "-"), "X", {"width": v}) for slug, v in numbers.items())
     )
     return SimpleNamespace(fit_percent=explained, unexplained=100.0 - explained, parameters=parameters, model=model)
+
+
+@pytest.mark.parametrize(("square", "std", "reported"), [(0.6, 0.1, True), (0.6, 0.4, False), (0.1, 0.01, False)])
+def test_a_thrust_curve_is_reported_if_it_is_significant_and_not_slight(square: float, std: float, reported: bool):
+    curve = EffectInstance("quadratic-actuator", "X", {"share": square}, {"u_ref": 1.0})
+    label = curve.label_of("share")
+    fit = Fit(
+        dof="surge",
+        structure="linear",
+        method="surge",
+        model=SingleDof("surge", "1", 0.8, 0.25),
+        parameters={label: Parameter(label, square, "1", std)},
+        covariance=np.zeros((6, 6)),
+        fit_percent=95.0,
+        used=(),
+        extra={CURVE: {"square": square, "std": std}},
+        effects=(curve,),
+    )
+    reduction = reduction_of(fit)
+    assert reduction is not None and bool(reduction.remarks) is reported
 
 
 @pytest.mark.parametrize(("sizes", "step", "found"), [(3, None, True), (2, None, False), (3, "a step", False)])

@@ -93,6 +93,14 @@ def test_a_craft_that_cannot_stay_in_one_place_is_refused(name: str, why: str, t
         position(SitlHarness(tmp_path, name))
 
 
+def test_an_rov_that_does_not_move_sideways_ends_at_the_sign_check(tmp_path: Path) -> None:
+    harness = rov(tmp_path, name="bluerov2")
+    with pytest.raises(PreconditionFailed, match=r"sign check: .*Y output.*dead or too weak"):
+        position(harness)
+    assert [path.stem for path in (harness.directory / "trials").glob("*.csv")] == ["01-sign-check"]
+    harness.assert_as_found()
+
+
 def test_in_a_current_a_boat_holds_closer_with_a_smaller_radius(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     harness.vehicle.plant.water.V_x, harness.vehicle.plant.water.V_y = 0.2, 0.2

@@ -37,7 +37,7 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
     if cause.gain is not None and cause.is_slight:
         text = "The cause is slight: adding it to the model hardly changes the prediction. "
         yield Note(text + gain_sentence(cause.gain), "Effect in practice")
-    if math.isfinite(cause.share):
+    if cause.share > 0.0:  # 0 of a cause that helps only together with a later one
         partly = diagnosis.verdict == "partly-explained" and cause.share > NEARLY_ALL
         share = "nearly all" if partly else format_share(cause.share)
         if diagnosis.missing is None:

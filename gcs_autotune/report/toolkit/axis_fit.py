@@ -64,15 +64,9 @@ def structure_words(structure: str) -> str:
 def model_words(fit: AxisFit) -> str:
     """Return the structure of a fitted model in words: its damping and its actuator effects.
 
-    A thrust curve that cannot be distinguished from a straight line is not an effect of the actuator.
+    An effect that cannot be distinguished from none is left out, such as a thrust curve that may be straight.
     """
-    return structure_words(fit.structure) + with_effects([own for own in fit.effects if not _is_straight(fit, own)])
-
-
-def _is_straight(fit: AxisFit, own: EffectInstance) -> bool:
-    """Return whether the 95 % interval of a thrust curve's quadratic fraction includes 0."""
-    parameter = fit.parameters.get(own.label_of("share")) if own.slug == "quadratic-actuator" else None
-    return parameter is not None and abs(parameter.value) <= 1.96 * parameter.std
+    return structure_words(fit.structure) + with_effects(fit.significant_effects)
 
 
 def with_effects(effects: Sequence[EffectInstance]) -> str:

@@ -155,7 +155,7 @@ class TerminalObserver:
         self._kept = verbose or not console.is_terminal
         self._clock = clock or WallClock()
         self._drawn = -math.inf
-        self._told = -math.inf
+        self._printed_at = -math.inf
         self._leg = ("", "")
         self._line_open = False
         self._busy: tuple[Text, Live] | None = None
@@ -178,7 +178,7 @@ class TerminalObserver:
         if not math.isfinite(progress.elapsed):
             progress = replace(progress, elapsed=progress.t - self._began)
         if self._kept:
-            self._tell(progress)
+            self._print_progress(progress)
         if self._console.is_terminal:
             self._redraw(progress)
 
@@ -192,11 +192,11 @@ class TerminalObserver:
         if text.startswith(BUSY) and self._console.is_terminal:
             self._spin(Text(self._typeset(text)))
             return
-        told, introduces, command = self._typeset(text).partition(": gcs-autotune ")
+        text, introduces, command = self._typeset(text).partition(": gcs-autotune ")
         if not introduces:
-            self._console.print(Group(TiedText(told)))
+            self._console.print(Group(TiedText(text)))
             return
-        self._console.print(Group(TiedText(f"{told}:")))  # a command is copied: it stays one line, whatever its length
+        self._console.print(Group(TiedText(f"{text}:")))  # a command is copied: it stays one line, whatever its length
         self._console.print(Text(f"  gcs-autotune {command}"), soft_wrap=True)
 
     def _typeset(self, text: str) -> str:
@@ -271,12 +271,12 @@ class TerminalObserver:
             self._console.control(Control((ControlType.CARRIAGE_RETURN,), (ControlType.ERASE_IN_LINE, 2)))
             self._line_open = False
 
-    def _tell(self, progress: Progress) -> None:
+    def _print_progress(self, progress: Progress) -> None:
         leg = (progress.stage, progress.manoeuvre)
-        since = progress.t - self._told
+        since = progress.t - self._printed_at
         if leg == self._leg and 0.0 <= since < PLAIN_EVERY:
             return
-        self._leg, self._told = leg, progress.t
+        self._leg, self._printed_at = leg, progress.t
         self._erase()
         self._console.print(Text(visible(describe_progress(progress))), soft_wrap=True)
 

@@ -257,7 +257,7 @@ _HOW_TO_READ_CYCLES = (
 
 def _relays(story: TuneStory) -> Iterator[Section]:
     fit = story.fit
-    heading = "Throttle steps" if story.swung.position == "u" else "Relay experiments"
+    heading = "Throttle steps" if story.experiment_signals.position == "u" else "Relay experiments"
     parts: list[Part] = list(relay_figures(story))
     if parts and fit is not None and fit.iso:
         estimates = (estimate_table(fit), Note(_HOW_TO_READ_CYCLES, kind="quiet"))

@@ -242,7 +242,7 @@ def fit_figures(story: TuneStory) -> Iterator[Figure]:
         model = story.fit.model if story.fit else None
         below = " and the input" if inputs_of(model, flown.get(trace.run)) else ""
         caption = f"Model and measurement of '{trace.run}', with the 95 % band. Below: the residual{below}."
-        noun = PLOTTED_SIGNALS.get(trace.signal, story.swung).noun
+        noun = PLOTTED_SIGNALS.get(trace.signal, story.experiment_signals).noun
         yield Figure(f"fit-{i}", caption, partial(draw_fit, trace, flown.get(trace.run), model, noun))
 
 
@@ -399,16 +399,16 @@ def _predicted(prediction: Prediction, name: str) -> Curve:
 
 
 def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
-    swung = relay.signals
+    plotted = relay.signals
     figure, (top, bottom) = new_axes((1.9, 0.9))
-    scale = _people(swung)
-    what, unit, _ = _noun(swung)
+    scale = _people(plotted)
+    what, unit, _ = _noun(plotted)
     if np.isfinite(relay.hysteresis):
         for sign in (-1.0, 1.0):
             label = "switching value" if sign > 0 else None
             axes_level = sign * scale * relay.hysteresis
             top.axhline(axes_level, color=FAINT, lw=0.9, ls="--", label=label)
-    _line(top, relay.position, swung, AFTER, what)
+    _line(top, relay.position, plotted, AFTER, what)
     if len(relay.switches):
         top.plot(
             relay.switches.t,
@@ -422,25 +422,25 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
         )
         top.axvspan(relay.last_from, float(relay.position.t[-1]), color=BAND, alpha=0.18, lw=0)
     top.set_ylabel(f"{what} from reference [{unit}]")
-    if SIGNALS[swung.position].down:
+    if SIGNALS[plotted.position].down:
         top.invert_yaxis()  # depth grows downwards
     _draw_output(bottom, relay.output, story, INK)
-    _label_output(bottom, story, swung.force)
+    _label_output(bottom, story, plotted.force)
     bottom.set_xlabel("time [s] (shaded: the last periods, at most five)" if len(relay.switches) else "time [s]")
     legend(top)
     return figure
 
 
-def _draw_cycles(relays: Sequence[RelaySeries], swung: PlottedSignals) -> Drawing | None:
+def _draw_cycles(relays: Sequence[RelaySeries], plotted: PlottedSignals) -> Drawing | None:
     shown = [relay for relay in relays if relay.rate is not None and len(relay.rate)]
     if not shown:
         return None
     figure, (axes,) = new_axes((3.0,), share=False)
-    what, unit, rate_unit = _noun(swung)
+    what, unit, rate_unit = _noun(plotted)
     for relay, colour in zip(shown, COLOURS, strict=False):
         assert relay.rate is not None
         rate = np.interp(relay.position.t, relay.rate.t, relay.rate.y)
-        x, y = _people(swung) * relay.position.y, _people(swung) * rate
+        x, y = _people(plotted) * relay.position.y, _people(plotted) * rate
         last = relay.position.t >= relay.last_from
         every = max(1, len(x) // 1500)
         axes.plot(x[::every], y[::every], color=colour, lw=0.6, alpha=0.35)

@@ -123,7 +123,7 @@ class TuneStory:
         return PLOTTED_SIGNALS.get(signal, _plain(self.dof))
 
     @property
-    def swung(self) -> PlottedSignals:
+    def experiment_signals(self) -> PlottedSignals:
         """The signals plotted for the experiments: a boat's speed for throttle steps, else the position."""
         return next((self.signals_of(trial) for trial in self.relays if "signal" in trial.meta), self._of(self.dof))
 
