@@ -75,7 +75,7 @@ class WeakCandidate:
 
     ``size``: its log-likelihood gain, converted to one parameter. ``chance``: probability that noise alone produces
     this gain.
-    ``lacks``: the condition of a cause that it does not meet. ``alike``: slugs of the other candidates within
+    ``lacks``: the condition of a cause that it does not meet. ``alike``: names of the other candidates within
     :data:`ALIKE`, whether hints or not.
     """
 
@@ -120,8 +120,8 @@ def _ranked(candidates: Sequence[WeakCandidate]) -> list[WeakCandidate]:
     enough = []
     for own in (w for w in candidates if w.size >= _least(w.one.effect) and w.chance <= RARE):
         near = [w for w in candidates if w is not own and abs(w.size - own.size) < ALIKE]
-        names = (w.one.effect.slug for w in sorted(near, key=lambda w: -w.size))
-        enough.append(replace(own, alike=tuple(n for n in dict.fromkeys(names) if n != own.one.effect.slug)))
+        names = (name_of(w.one.effect) for w in sorted(near, key=lambda w: -w.size))
+        enough.append(replace(own, alike=tuple(n for n in dict.fromkeys(names) if n != name_of(own.one.effect))))
     return sorted(enough, key=lambda w: (-w.size, len(slugs & set(EFFECTS[w.one.effect.slug].yields_to))))
 
 

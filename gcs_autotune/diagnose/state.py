@@ -58,10 +58,11 @@ class SearchState:
     ``parts``: what is left out in turn. ``..._unseen``: held-out residuals of each model. ``former``: the base that a
     better one replaced. The better one may be wrong, so candidates are tried from both.
 
-    ``alone``: fits of the base without each of the signals, once needed. ``renamed``: pairs of slugs, the reported one
-    and one that fits as well. ``pieces`` [s]: length of the pieces in which causes were found, if the search chose it.
-    ``with_noise``: result of a search with process noise, if it replaced the other. ``noise_search``: that search and
-    its problem, once needed. ``cut``: where the search was stopped, and what was not begun, in words.
+    ``alone``: fits of the base without each of the signals, once needed. ``renamed``: pairs of names
+    (:func:`.name_of`), of the reported cause and of one that fits as well. ``pieces`` [s]: length of the pieces in
+    which causes were found, if the search chose it. ``with_noise``: result of a search with process noise, if it
+    replaced the other. ``noise_search``: that search and its problem, once needed. ``cut``: where the search was
+    stopped, and what was not begun, in words.
     """
 
     question: Question

@@ -45,7 +45,7 @@ from gcs_autotune.diagnose.search import add_one_by_one, judge
 from gcs_autotune.diagnose.search_with_noise import needs_process_noise
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of, effect_words
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of, effect_words, name_of
 from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.sname import DOFS
 
@@ -437,13 +437,15 @@ def tie_break(state: SearchState) -> SearchState:
         effect = next(e for e in state.causes if (e.slug, e.place) == key)
         usual = _as_likely(state.problem, state.fitted, effect, EFFECTS[effect.slug].yields_to)
         if usual is not None:
-            renamed = (*state.renamed, (usual[0].slug, effect.slug))
+            renamed = (*state.renamed, (name_of(usual[0]), name_of(effect)))
             state = replace(state, renamed=renamed).with_model(usual[1])
     for effect in state.causes:
         for slug, entry in EFFECTS.items():
-            rival = effect.slug in entry.yields_to
-            if rival and _as_likely(state.problem, state.fitted, effect, (slug,)) is not None:
-                state = replace(state, renamed=(*state.renamed, (effect.slug, slug)))
+            if effect.slug not in entry.yields_to:
+                continue
+            rival = _as_likely(state.problem, state.fitted, effect, (slug,))
+            if rival is not None:
+                state = replace(state, renamed=(*state.renamed, (name_of(effect), name_of(rival[0]))))
     return state
 
 

@@ -154,10 +154,10 @@ EFFECTS = Effects()
 
 
 def effect_words(slug: str) -> str:
-    """Return the slug of an effect as words: ``dead-zone`` is ``dead zone``, ``N_u`` is ``derivative N_u``."""
+    """Return the slug of an effect as words: ``dead-zone`` is ``dead zone``, ``N_u`` is ``velocity product (N_u)``."""
     if slug in EFFECTS and EFFECTS[slug].words:
         return EFFECTS[slug].words
-    return slug.replace("-", " ") if slug.islower() else f"derivative {slug}"
+    return slug.replace("-", " ") if slug.islower() else f"velocity product ({slug})"
 
 
 def effect_at(effect: EffectInstance) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.case import draw_case
-from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, search_with_noise
+from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, search_with_noise, strategies
 from gcs_autotune.diagnose.evidence import chance_of, equivalent_gain, weak_among
 from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
+from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EffectInstance, name_of
 from gcs_autotune.identify.kalman import NoisyFit
 
@@ -208,3 +209,30 @@ def test_an_external_force_needs_more_evidence_with_a_drifting_force() -> None:
     assert hinted(weak("tether-pull", "yaw", "stiffness", 7.0)) == []
     assert hinted(weak("tether-pull", "yaw", "stiffness", 11.0)) == [("tether-pull", ())]
     assert hinted(weak("input-bias", "yaw", "bias", 7.0)) == [("input-bias", ())]
+
+
+def test_hints_of_velocity_products_are_distinguished_by_their_derivatives() -> None:
+    one, other = (weak("velocity-product", place, "coefficient", 12.0) for place in ("N_u", "N_|v|r"))
+    assert [alike for _, alike in hinted(one, other)] == [("N_|v|r",), ("N_u",)]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A state with one cause."""
+
+    causes: tuple[EffectInstance, ...]
+    problem: object = None
+    fitted: object = None
+    renamed: tuple[tuple[str, str], ...] = ()
+
+
+def test_a_velocity_product_that_fits_as_well_is_named_by_its_derivative(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Groups of equal causes have this name too. Under two names one cause looked like two."""
+    product = EffectInstance("velocity-product", "N_u", {"coefficient": 0.1})
+
+    def as_likely(problem: object, now: object, effect: EffectInstance, slugs: Sequence[str]) -> object:
+        return (product, None) if product.slug in slugs else None
+
+    monkeypatch.setattr(strategies, "_as_likely", as_likely)
+    bias = Found((EffectInstance("input-bias", "yaw", {"bias": 0.1}),))
+    assert strategies.tie_break(cast(SearchState, bias)).renamed == (("input-bias", "N_u"),)

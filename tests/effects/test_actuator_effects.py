@@ -566,5 +566,5 @@ def test_the_quickest_craft_is_estimated_from_the_base_with_a_margin(tau: float)
 
 def test_effects_are_described_in_words_and_not_by_slug() -> None:
     assert effect_at(EffectInstance("quadratic-actuator", "N", {})) == "quadratic thrust curve (N)"
-    assert effect_words("N_u") == "derivative N_u"
+    assert effect_words("N_u") == "velocity product (N_u)"
     assert not [slug for slug in EFFECTS if "-" in effect_words(slug)]
