@@ -500,6 +500,10 @@ class WaveDisturbance(Effect):
         white *= settled
         return white[:, 0], white[:, 1:], 2.0 * float(np.sum(np.log(deviation / settled)))
 
+    def turns(self, effect: EffectInstance) -> bool:
+        """Return whether there is a band in yaw. The track then follows the heading that the waves cause."""
+        return effect.place == "yaw" and any(v > 0.0 for n, v in effect.constants.items() if n.startswith("ratio "))
+
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
         """Return name -> standard error, from the curvature of the likelihood.
 
