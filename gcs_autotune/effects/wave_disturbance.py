@@ -452,7 +452,7 @@ class WaveDisturbance(Effect):
 
     No simulation predicts the phase of the force. The force is estimated from the residuals of position and velocity,
     and judged by predicting one sample ahead. A sea of many frequencies is one band. ``drift`` is estimated if a slow
-    force beside the band is supported.
+    force beside the band is supported. Waves in yaw also move the track, which then follows the measured heading.
 
     The mean of the second-order force is not part of this effect. On one heading it enters the equation of motion as
     the constant force ``X_0`` does, whatever the speed. So no run distinguishes it from ``input-bias``, and on
