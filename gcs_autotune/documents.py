@@ -8,8 +8,11 @@ The loader itself, with its limits on size, is :mod:`gcs_autotune_files`.
 from __future__ import annotations
 
 import os
+import shlex
 from pathlib import Path
 from typing import Any, TypeVar
+
+from msgspec import Struct
 
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune_files import Refused, conform, read
@@ -18,10 +21,12 @@ __all__ = [
     "MODEL",
     "REPORT_MARK",
     "SETTING_OUT",
+    "SettingOut",
     "check_run_folder",
     "conformed",
     "is_report",
     "load_json",
+    "load_setting_out",
     "load_toml",
     "model_file",
 ]
@@ -34,6 +39,15 @@ REPORT_MARK = '<meta name="generator" content="gcs-autotune">'
 """Element in the head of every report page that the program writes."""
 
 T = TypeVar("T")
+
+
+class SettingOut(Struct, frozen=True):
+    """The start of a run: its settings, the vehicle's board, its fingerprint and its parameters."""
+
+    settings: dict[str, float | str | bool | None] = {}
+    vehicle: dict[str, int | str | None] = {}
+    fingerprint: dict[str, float] = {}
+    parameters: dict[str, float] = {}
 
 
 def is_report(path: Path) -> bool:
@@ -65,8 +79,16 @@ def model_file(path: Path) -> Path:
     if not path.is_dir():
         return path
     if not (path / MODEL).is_file():
-        raise BadFile(f"{path} contains no {MODEL}. Identify it first: gcs-autotune identify {path} --save FILE")
+        raise BadFile(
+            f"{path} contains no {MODEL}. Identify it first: gcs-autotune identify {shlex.quote(str(path))} --save FILE"
+        )
     return path / MODEL
+
+
+def load_setting_out(run: Path) -> SettingOut:
+    """Return the start settings of the run directory *run*; it raises the errors of :func:`load_json`."""
+    path = run / SETTING_OUT
+    return conformed(load_json(path, "the start settings of a run"), SettingOut, path)
 
 
 def load_toml(path: Path, what: str) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.link import Transport
 from gcs_autotune.observer import stopping
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.workflow import Connection, is_settled, restore_run
+from gcs_autotune.workflow import Connection, is_settled, restore_run, settled_words
 
 try:
     from MAVProxy.modules.lib.mp_module import MPModule
@@ -203,7 +203,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def _restore(self, words: Sequence[str]) -> None:
         run = Path(words[0]) if words else None
         if is_settled(run):
-            _print("Nothing to restore: this run has already restored everything.")
+            _print(settled_words(run))
             return
 
         def work(connection: Connection) -> None:

@@ -7,9 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["moves", "noise_of", "quantum"]
+__all__ = ["INDEPENDENT", "moves", "noise_of", "quantum"]
 
 Array = NDArray[np.float64]
+
+INDEPENDENT = 0.05
+"""Correlation of the errors of two neighbouring samples below which they count as independent. Project choice."""
 
 
 def noise_of(values: Array) -> float:

@@ -27,12 +27,12 @@ def check_vehicle(path: Path) -> list[str]:
     """
     try:
         text = read_text(path)
-        own = parse(text, "toml")
+        tables = parse(text, "toml")
     except Unreadable as error:
         return [f"{path}: cannot be read: {error}"]
     except Refused as error:
         return [_located(path, "" if isinstance(error, Unreadable) else _text_of(path), str(error))]
-    faults = [_located(path, text, fault) for fault in _faults(own)]
+    faults = [_located(path, text, fault) for fault in _faults(tables)]
     if faults:
         return faults
     try:

@@ -87,7 +87,7 @@ class Estimator:
         times a second. The turn rate comes from the compass and a model of yaw with ``time_constant`` [s] and ``gain``
         [rad/s], the turn rate at full steering (Charlie: Miskovic2010, section 3.3). Empty: the craft has a gyro.
 
-    ``aided``: whether the position can be used.
+    ``aided``: whether the position can be used. ``has_gps``: whether the autopilot uses a GPS on board.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Estimator:
         self._helped = self._placed = -math.inf
         self._t = 0.0
         self._moves, self._tilts = bool({"gps", "dvl"} & set(instruments)), start.tilts
-        self.aided = True
+        self.aided = self.has_gps = True
 
     def update(self, t: float, reading: SensorReading, steering: float = 0.0) -> None:
         """Replace in *reading* what the instruments measure, at *t* [s]; the rest of it stays.
@@ -173,13 +173,15 @@ class Estimator:
 
     def _correct(self, heading: str, use: Callable[[Instrument, Sample, _Past], None]) -> None:
         """Let *use* see a new valid measurement of the instrument, with the estimate of the time it was taken."""
-        own = self._own.get(heading)
-        if own is None or own.sample is None or own.count == self._counts[heading]:
+        instrument = None if heading == "gps" and not self.has_gps else self._own.get(heading)
+        if instrument is None or instrument.sample is None or instrument.count == self._counts[heading]:
             return
-        self._counts[heading] = own.count
-        if own.sample.valid:
-            then = next((past for past in reversed(self._past) if past.t <= own.sample.taken + 1e-9), self._past[0])
-            use(own, own.sample, then)
+        self._counts[heading] = instrument.count
+        if instrument.sample.valid:
+            then = next(
+                (past for past in reversed(self._past) if past.t <= instrument.sample.taken + 1e-9), self._past[0]
+            )
+            use(instrument, instrument.sample, then)
 
     def _compass(self, own: Instrument, sample: Sample, then: _Past) -> None:
         phi, theta, psi = angles_of(then.attitude)
@@ -235,13 +237,13 @@ class Estimator:
         self._lift -= bias * off
 
     def _fill(self, reading: SensorReading) -> None:
-        own = self._own
+        instruments = self._own
         phi, theta, psi = angles_of(self._q)
-        if "compass" in own:
+        if "compass" in instruments:
             reading.psi = psi
         if self._rate > 0.0:
             reading.r = self._rates[2]
-        elif "imu" in own:
+        elif "imu" in instruments:
             reading.r = self._rates[2]
             if self._tilts:
                 reading.phi, reading.theta = phi, theta
@@ -250,9 +252,9 @@ class Estimator:
             c, s = math.cos(reading.psi), math.sin(reading.psi)
             reading.u, reading.v = c * self._v[0] + s * self._v[1], c * self._v[1] - s * self._v[0]
             reading.x, reading.y = self._p[0], self._p[1]
-        if "pressure" in own:
+        if "pressure" in instruments:
             reading.z, reading.w = self._p[2], self._v[2]
-            if "imu" in own:
+            if "imu" in instruments:
                 reading.az = self._down
 
 

@@ -208,11 +208,11 @@ class Compass(Instrument):
     heading = "compass"
 
     def _measure(self, motion: Motion) -> tuple[float, ...]:
-        own, (w, x, y, z) = self.numbers, motion.attitude
+        numbers, (w, x, y, z) = self.numbers, motion.attitude
         psi = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        ahead, aside = (own.get(f"iron_{k}", 0.0) + motion.current * own.get(f"current_{k}", 0.0) for k in "xy")
-        shown = math.atan2(math.sin(psi) - aside, math.cos(psi) + ahead) + self._random.gauss(0.0, own["noise"])
-        quantum = own.get("quantum", 0.0)
+        ahead, aside = (numbers.get(f"iron_{k}", 0.0) + motion.current * numbers.get(f"current_{k}", 0.0) for k in "xy")
+        shown = math.atan2(math.sin(psi) - aside, math.cos(psi) + ahead) + self._random.gauss(0.0, numbers["noise"])
+        quantum = numbers.get("quantum", 0.0)
         if quantum > 0.0:
             shown = round(shown / quantum) * quantum
         turned = shown - psi  # the field is that of a craft with the shown heading and the true tilt

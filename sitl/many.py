@@ -95,13 +95,13 @@ def zig_zags(
     steps, pilot = _steps(plant.propellers, TICK), _Pilot(craft, math.copysign(heading, steering))
     plant.steer_copies(bodies, commands, wrenches, pilot, dt=TICK / steps, steps=steps)
     whole = pilot.executes >= EXECUTES
-    found = {
+    figures = {
         "overshoot_1": pilot.extremes[1] - heading,
         "overshoot_2": pilot.extremes[2] - heading,
         "initial_turning": pilot.times[1] - pilot.times[0],
         "period": pilot.times[3] - pilot.times[1],
     }
-    return {"craft": float(craft), "executed": float(np.mean(whole)), **_quantiles(found, whole)}
+    return {"craft": float(craft), "executed": float(np.mean(whole)), **_quantiles(figures, whole)}
 
 
 class _Pilot:
@@ -190,14 +190,14 @@ def _figures(out: Array, straight: int) -> dict[str, float]:
     speed = np.hypot(out[:, :, 7], out[:, :, 8])
     rate = np.abs(out[:, -1, 12])
     whole = np.max(turned, axis=1) >= math.pi
-    found = {
+    figures = {
         "diameter": _at(turned, aside, math.pi),
         "steady_diameter": 2.0 * speed[:, -1] / np.maximum(rate, 1e-12),
         "advance": _at(turned, ahead, 0.5 * math.pi),
         "rate": rate,
         "speed_loss": 1.0 - speed[:, -1] / np.maximum(speed[:, straight - 1], 1e-12),
     }
-    return {"craft": float(len(out)), "turned": float(np.mean(whole)), **_quantiles(found, whole)}
+    return {"craft": float(len(out)), "turned": float(np.mean(whole)), **_quantiles(figures, whole)}
 
 
 def _quantiles(found: Mapping[str, Array], whole: NDArray[np.bool_]) -> dict[str, float]:
@@ -221,5 +221,5 @@ def _at(turned: Array, values: Array, angle: float) -> Array:
     rows = np.arange(len(turned))
     low, high = turned[rows, k - 1], turned[rows, k]
     part = (angle - low) / np.where(high > low, high - low, 1.0)
-    found: Array = values[rows, k - 1] + part * (values[rows, k] - values[rows, k - 1])
-    return found
+    crossing: Array = values[rows, k - 1] + part * (values[rows, k] - values[rows, k - 1])
+    return crossing

@@ -107,10 +107,10 @@ def _model_from(data: ModelData) -> FlownModel:
     used = {str(g).lstrip("-") for pairs in form.inputs.values() for g in pairs.values()}
     dofs: tuple[str, ...] = tuple(form.dofs)
     axes = {dof: _axis(dof, values) for dof in dofs}
-    left = {n: v for n, v in values.items() if v and n not in used and n not in _SPECIAL and not _is_plain(n, dofs)}
-    coupling = _coupling(left, values, form.coriolis) if "sway" in dofs else None
-    if coupling is None and left:
-        raise BadModel(f"the simulator cannot simulate {', '.join(left)} without sway")
+    unused = {n: v for n, v in values.items() if v and n not in used and n not in _SPECIAL and not _is_plain(n, dofs)}
+    coupling = _coupling(unused, values, form.coriolis) if "sway" in dofs else None
+    if coupling is None and unused:
+        raise BadModel(f"the simulator cannot simulate {', '.join(unused)} without sway")
     effects = [*_built_in(values, amplitude), *(_effect_from(e, amplitude) for e in data.effects)]
     forces = {_FORCES[dof]: values.get(f"{_FORCES[dof]}_0", 0.0) for dof in dofs}
     return FlownModel(axes, forces, gains, tuple(effects), coupling, amplitude)
@@ -173,22 +173,22 @@ def _coupling(left: dict[str, float], values: Mapping[str, float], coriolis: boo
 
 def _built_in(values: Mapping[str, float], amplitude: Mapping[str, float]) -> list[HiddenEffect]:
     """Return the delays, lags, current, sensor and compass data of the base model as effects."""
-    found = []
+    effects = []
     for channel in (name for name in amplitude if name != "Y"):
         if values.get("delay", 0.0) > 0.0:
-            found.append(make_effect("input-delay", channel, {"delay": values["delay"]}))
+            effects.append(make_effect("input-delay", channel, {"delay": values["delay"]}))
         if values.get("lag", 0.0) > 0.0:
-            found.append(make_effect("actuator-lag", channel, {"time_constant": values["lag"]}))
+            effects.append(make_effect("actuator-lag", channel, {"time_constant": values["lag"]}))
     current = {name: values[name] for name in ("V_x", "V_y") if values.get(name)}
     if current:
-        found.append(make_effect("steady-current", "", current))
+        effects.append(make_effect("steady-current", "", current))
     arm = {name: values[name] for name in ("x_P", "y_P") if values.get(name)}
     if arm:
-        found.append(make_effect("sensor-position", "", arm))
+        effects.append(make_effect("sensor-position", "", arm))
     card = {name: values[f"{name}_psi"] for name in "ABC" if values.get(f"{name}_psi")}
     if card:
-        found.append(make_effect("compass-deviation", "psi", card))
-    return found
+        effects.append(make_effect("compass-deviation", "psi", card))
+    return effects
 
 
 def _effect_from(entry: EffectData, amplitude: Mapping[str, float]) -> HiddenEffect:

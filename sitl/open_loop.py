@@ -406,11 +406,11 @@ def _current(heun: _Heun, t: Array, truth: Array) -> tuple[Array, Array]:
     """Return the water's velocity north and east (k,) at the times *t* (k,), where the hull is."""
     if not heun.flows:
         return np.full(len(t), heun.plant.water.V_x), np.full(len(t), heun.plant.water.V_y)
-    found = np.empty((len(t), 2))
-    for row, when, state in zip(found, t.tolist(), truth.tolist(), strict=True):
+    velocity = np.empty((len(t), 2))
+    for row, when, state in zip(velocity, t.tolist(), truth.tolist(), strict=True):
         water = heun.flowing(when, state)
         row[:] = water.V_x, water.V_y
-    return found[:, 0], found[:, 1]
+    return velocity[:, 0], velocity[:, 1]
 
 
 def _alter(

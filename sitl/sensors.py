@@ -94,8 +94,8 @@ class Rangefinder:
 
     def _beam(self, side: float, turned: float, gone: float) -> float:
         towards = math.cos(turned + side * self.aside)
-        left = self.wall - gone + 0.5 * side * self.apart * math.sin(turned)
-        return left / towards + self._noise() if towards > 0.1 else math.nan
+        distance = self.wall - gone + 0.5 * side * self.apart * math.sin(turned)
+        return distance / towards + self._noise() if towards > 0.1 else math.nan
 
 
 class Sensors:

@@ -102,6 +102,11 @@ class Vehicle:
         """Seconds since the simulation began, as a fraction."""
         return self.tick / self.rate
 
+    @property
+    def has_motion_sensor(self) -> bool:
+        """Whether a GPS or DVL measures position or velocity. Without one ArduPilot's filter reports zero for both."""
+        return self.autopilot.has_gps or "dvl" in self.suite.instruments
+
     def move(self) -> None:
         """Advance the plant by one tick under the pulses of the last loop, and sample the sensors."""
         self.tick += 1
@@ -121,11 +126,13 @@ class Vehicle:
         if self.suite.instruments:
             self._estimator.update(t, self._reading, self.actuators.read(pwm).get("N", 0.0))
         self.craft.alter(t, self._reading)
+        if not self.has_motion_sensor:
+            self._reading.x = self._reading.y = self._reading.u = self._reading.v = 0.0
 
     def control(self) -> None:
         """Run the autopilot's loop on the last sample."""
         voltage = self.battery.voltage(self.parameters["SIM_BATT_VOLTAGE"])
-        self.autopilot.aided = self._estimator.aided
+        self.autopilot.aided = self.has_motion_sensor and self._estimator.aided
         self.autopilot.tick(self.ms, self._reading, voltage, self.battery.consumed_mah)
 
     def reboot(self) -> None:
@@ -138,4 +145,5 @@ class Vehicle:
     def _boot(self) -> Autopilot:
         autopilot = self._make_autopilot(self.parameters, self._dt, round(1000.0 * self.data.ready_time))
         autopilot.tilts = self.plant.state.tilts
+        self._estimator.has_gps = autopilot.has_gps
         return autopilot

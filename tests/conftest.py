@@ -119,11 +119,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
 
 
+_FEW = {"EVALUATIONS": 8, "EVALUATIONS_OF_FIRST": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}
+
+
 @contextmanager
 def in_few_evaluations() -> Iterator[None]:
     """Refine in a few evaluations: what holds of a proposal holds of any; ``test_refinement`` asks for the best."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, number in {"EVALUATIONS": 8, "SCATTER": 3, "ROUNDS": 1, "DESCENTS": 1}.items():
+        for name, number in _FEW.items():
             patch.setattr(f"gcs_autotune.design.refinement.{name}", number)
         yield
 
@@ -132,6 +135,16 @@ def serve_in_few_evaluations(pipe: Any) -> None:
     """Serve as a kept process of the executor does, in few evaluations."""
     with in_few_evaluations():
         executor._serve_apart(pipe)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Programs that several tests share record open runs outside the home folder, where a killed test would leave
+    them.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.getbasetemp() / "state" / "shared"))
+        yield
 
 
 @pytest.fixture(autouse=True)

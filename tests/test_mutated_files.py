@@ -19,7 +19,7 @@ from jsonschema import Draft202012Validator
 from referencing import Registry, Resource
 
 from gcs_autotune.cli import read_config
-from gcs_autotune.documents import conformed, load_json
+from gcs_autotune.documents import SettingOut, conformed, load_json
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import load_model
 from gcs_autotune.identify.plan import load_plan
@@ -29,7 +29,6 @@ from gcs_autotune.mavlink import load_params
 from gcs_autotune.models import load_form
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import CommonSettings, Connection, load_flight_plan
-from gcs_autotune.workflow.resuming import _SetOut
 from gcs_autotune_files import Refused, parse
 from sitl import BadVehicle, load_vehicle
 from sitl.modelfile import BadModel, read_model
@@ -193,7 +192,7 @@ KINDS: Mapping[str, Kind] = {
             schema="trial-file",
             torn="schema",
         ),
-        Kind("setting_out.json", lambda p: conformed(load_json(p, "it"), _SetOut, p), SET_OUT, free=("settings",)),
+        Kind("setting_out.json", lambda p: conformed(load_json(p, "it"), SettingOut, p), SET_OUT, free=("settings",)),
         Kind("parameters.json", load_params, PARAMETERS, free=("schema", "comment")),
         Kind("journal.jsonl", read_journal, JOURNAL, free=("time",), torn="5."),
         Kind("mine.toml", lambda path: load_vehicle(str(path)), text=VEHICLE),

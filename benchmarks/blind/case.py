@@ -375,7 +375,8 @@ def _scaled_on_track(rng: Rng, plan: FlightPlan, hidden: Sequence[Hidden], sizes
     with_speeds = craft.measuring("u", "v", "r", *craft.signals)
     perfect = {**{n: with_speeds.scale[n] for n in with_speeds.signals}, **sizes}
     files = fly(replace(plan, craft=with_speeds), hidden)
-    error = misfit(with_speeds, files[:-1], files[-1:], perfect, drag=plan.plain != "none", of=craft.signals)
+    drag = plan.plain != "none"
+    error = misfit(errors_of(with_speeds, files[:-1], files[-1:], perfect, drag=drag, of=craft.signals))
     noise = error / np.sqrt(log_uniform(rng, LEAST_RATIO, MOST_RATIO) ** 2 - 1.0)
     if not LEAST_NOISE <= noise <= MOST_NOISE:
         return None
@@ -385,7 +386,7 @@ def _scaled_on_track(rng: Rng, plan: FlightPlan, hidden: Sequence[Hidden], sizes
 
 
 def _misfit(plan: FlightPlan, files: Sequence[File], sizes: Mapping[str, float]) -> float:
-    return misfit(plan.craft, files[:-1], files[-1:], sizes, drag=plan.plain != "none")
+    return misfit(errors_of(plan.craft, files[:-1], files[-1:], sizes, drag=plan.plain != "none"))
 
 
 def _is_visible(plan: FlightPlan, hidden: Sequence[Hidden], levels: Mapping[str, float]) -> bool:

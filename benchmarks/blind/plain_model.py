@@ -89,17 +89,9 @@ class _Axis:
         return np.array([best.x[0], best.x[1] if self.drag else 0.0])
 
 
-def misfit(
-    craft: Craft,
-    train: Sequence[File],
-    unseen: Sequence[File],
-    sizes: Mapping[str, float],
-    *,
-    drag: bool = True,
-    of: Collection[str] | None = None,
-) -> float:
-    """Return the rms held-out error of the plain model over all signals, or those of *of*, each over its size."""
-    return _rms(errors_of(craft, train, unseen, sizes, drag=drag, of=of))
+def misfit(errors: Sequence[Array]) -> float:
+    """Return the rms of all *errors*, which :func:`errors_of` returns."""
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
 def whitened(errors: Sequence[Array], noise: float = 0.0) -> float:
@@ -114,11 +106,7 @@ def whitened(errors: Sequence[Array], noise: float = 0.0) -> float:
     for e in noisy:
         past = np.column_stack([e[MEMORY - k - 1 : len(e) - k - 1] for k in range(MEMORY)])
         left.append(e[MEMORY:] - past @ np.linalg.lstsq(past, e[MEMORY:], rcond=None)[0])
-    return _rms(noisy) / max(_rms(left), 1e-300)
-
-
-def _rms(errors: Sequence[Array]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+    return misfit(noisy) / max(misfit(left), 1e-300)
 
 
 def errors_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from datetime import datetime
 from pathlib import Path
 
@@ -23,7 +24,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="model files (of identify --save, tune or diagnose) or run directories of one craft: a heading and a "
         "speed run, further heading runs at other speeds, or one coupled model",
     )
-    add_number(parser, "throttle", meaning="working throttle (fraction of full throttle; default CRUISE_THROTTLE)")
+    add_number(parser, "throttle", meaning="working throttle (fraction of full throttle)", unset="CRUISE_THROTTLE")
     add_parameters(parser.add_argument_group("vehicle"))
     parser.add_argument(
         "--full-scale",
@@ -60,7 +61,8 @@ def _run(args: argparse.Namespace) -> int:
         rules = "\n".join(f"{row.name}: {row.rule}" for row in limits)
         save_params(args.save, {row.name: row.value for row in limits}, comment=f"gcs-autotune authority\n{rules}")
         lines.append(
-            f"Parameters: {args.save}{replaced}. To write them: gcs-autotune params restore {args.save} --connect URI"
+            f"Parameters: {args.save}{replaced}. To write them: gcs-autotune params restore "
+            f"{shlex.quote(str(args.save))} --connect URI"
         )
     if args.page is not None:
         lines.append(write_page(document, args.page, *args.models, args.parameters, args.save))

@@ -96,16 +96,19 @@ def add_number(
     *,
     limit: str = "",
     meaning: str = "",
+    unset: str = "",
     default: float | None = None,
     const: float | None = None,
     marked: bool = False,
 ) -> None:
     """Add the option *name* (without dashes) for a number; range and help come from the table of limits.
 
-    limit : its name in the table, if different; meaning : help text, instead of the table's; const : value of the
-    option without an argument; marked : whether an absent option gives None, whatever the default. Ranges that differ
-        by
-    axis are checked by :func:`check_axis_limits`.
+    limit : its name in the table, if different.
+    meaning, unset : help text and words on an absent option, both instead of the table's.
+    const : value of the option without an argument.
+    marked : whether an absent option gives None, whatever the default.
+
+    Ranges that differ by axis are checked by :func:`check_axis_limits`.
     """
     rows = axes_of(limit or name)
     row = rows[0]
@@ -115,11 +118,11 @@ def add_number(
             type=_typed(rows),
             metavar=metavar,
             default=row.default if len(rows) == 1 and default is None and not marked else default,
-            help=_help(rows, meaning),
+            help=_help(rows, meaning, unset),
         )
     else:
         group.add_argument(
-            f"--{name}", type=_typed(rows), metavar=metavar, nargs="?", const=const, help=_help(rows, meaning)
+            f"--{name}", type=_typed(rows), metavar=metavar, nargs="?", const=const, help=_help(rows, meaning, unset)
         )
 
 
@@ -136,9 +139,10 @@ def _typed(rows: Sequence[Limit]) -> Callable[[str], float]:
     return read
 
 
-def _help(rows: Sequence[Limit], meaning: str) -> str:
+def _help(rows: Sequence[Limit], meaning: str, unset: str) -> str:
     if len(rows) == 1:
-        return replace(rows[0], meaning=meaning or rows[0].meaning).help.replace("%", "%%")
+        row = replace(rows[0], meaning=meaning, unset=unset) if meaning else rows[0]
+        return row.help.replace("%", "%%")
     return "; ".join(dict.fromkeys(row.help for row in rows)).replace("%", "%%")
 
 
@@ -228,7 +232,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="DIR",
-        help="run directory to create (default runs/<date>-<time>-<vehicle>-<axis>)",
+        help="run directory to create (default runs/<date>-<time>-<link>-<axis>)",
     )
 
 

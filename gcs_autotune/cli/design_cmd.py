@@ -7,14 +7,14 @@ import math
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files, waiting
 from gcs_autotune.cli.hold_cmd import LAWS
 from gcs_autotune.cli.tune_cmd import FUNCTIONS, STYLES, add_style, check_style
 from gcs_autotune.cli.writing import fresh, on_replacing, page_file, put_out, write_page
-from gcs_autotune.documents import SETTING_OUT, conformed, load_json
+from gcs_autotune.documents import SETTING_OUT, load_setting_out
 from gcs_autotune.errors import BadFile, UsageError
 
 if TYPE_CHECKING:
@@ -67,8 +67,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(what, "approach", "DEG")
     craft = parser.add_argument_group("craft")
     add_number(craft, "full-scale", meaning="model input at full output, in the unit of the model, if not 1")
-    add_number(craft, "speed", "M_S", meaning="speed at which a boat was identified")
-    add_number(craft, "throttle", meaning="throttle of a speed loop (fraction of full throttle)")
+    add_number(
+        craft,
+        "speed",
+        "M_S",
+        meaning="speed at which a boat was identified",
+        unset="that of the runs in the run directory; required for a model file",
+    )
+    add_number(craft, "throttle", meaning="throttle of a speed loop (fraction of full throttle)", unset="0.5")
     asked = parser.add_argument_group("specification (default: the best loop that keeps its margins)")
     add_style(asked)
     asked.add_argument("--function", choices=FUNCTIONS, default="bessel", help="model function (default bessel)")
@@ -168,9 +174,7 @@ def _write_styles(settings: DeskSettings, file: Path) -> int:
 
 def _loop_of(source: Path) -> str:
     """Return the loop that the run directory at *source* tuned."""
-    start = source / SETTING_OUT
-    contents = load_json(start, "the start settings of a run") if start.is_file() else {}
-    axis = conformed(contents, dict[str, dict[str, Any]], start).get("settings", {}).get("axis")
+    axis = load_setting_out(source).settings.get("axis") if (source / SETTING_OUT).is_file() else None
     if axis not in LOOPS:
         raise UsageError(f"add what to design: --for {', '.join(LOOPS[:-1])} or {LOOPS[-1]}")
     return str(axis)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shlex
 from datetime import datetime
 from pathlib import Path
 
@@ -148,7 +149,7 @@ def _run(args: argparse.Namespace) -> int:
             page = write_diagnosis(told, directory, datetime.now().isoformat(timespec="seconds"), runs)
         lines.append(f"Report: {page}{replaced}")
     if told.verdict == "unfinished":
-        lines.append(f"Not finished. Run the same command with --resume {directory} to continue.")
+        lines.append(f"Not finished. Run the same command with --resume {shlex.quote(str(directory))} to continue.")
     put_out(diagnosis_document(told), *lines, as_json=args.json)
     return 0
 

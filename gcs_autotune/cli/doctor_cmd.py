@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -77,7 +78,7 @@ def _next(ports: Sequence[Mapping[str, object]]) -> tuple[str, str]:
         text = f"No vehicle was found. To connect one, check its power and the {check}. To try a simulated vehicle"
         return text, ""
     heard = "A vehicle was found." if len(uris) == 1 else f"Vehicles were found on {len(uris)} links."
-    return f"{heard} Next", f" --connect {visible(uris[0])}"
+    return f"{heard} Next", f" --connect {visible(shlex.quote(uris[0]))}"
 
 
 def _listen(args: argparse.Namespace, *, told: bool) -> list[dict[str, object]]:

@@ -194,7 +194,7 @@ def _list() -> int:
     for kind in MANOEUVRES.values():
         excites = f"Excites {', '.join(sorted(kind.excites))}. " if kind.excites and kind.identifies else ""
         if kind.for_force:
-            excites = "Excites the driven force. "
+            excites = "Excites the motion of the driven force. "
         options = (*(["force"] if kind.for_force else []), *kind.options)
         takes = f" Takes {', '.join(f'--{n}' for n in options)}." if options else ""
         how = takes if kind.make else f" Flown by {kind.command}."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 
 from gcs_autotune.cli.command import Command, add_number, check_files
@@ -65,7 +66,7 @@ def _run(args: argparse.Namespace) -> int:
     put_out(
         navigation_document(found.to_dict()),
         f"Runs: {folder}",
-        f"Next: gcs-autotune identify {folder}",
+        f"Next: gcs-autotune identify {shlex.quote(str(folder))}",
         as_json=args.json,
     )
     return 0

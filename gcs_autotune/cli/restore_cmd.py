@@ -42,10 +42,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(args: argparse.Namespace) -> int:
     check_files(args.run)
     with waiting(args, "starting"):
-        from gcs_autotune.workflow import is_settled, link_of, restore_run
+        from gcs_autotune.workflow import is_settled, link_of, restore_run, settled_words
 
     if is_settled(args.run) and not args.remote:
-        sys.stdout.write("Nothing to restore: this run has already restored everything.\n")
+        sys.stdout.write(f"{visible(settled_words(args.run))}\n")
         return 0
     connection = connection_of(args, args.connect or link_of(args.run))
     with attending(args) as (operator, observer):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 import sys
 from pathlib import Path
 
@@ -62,7 +63,7 @@ def _run(args: argparse.Namespace) -> int:
     name = visible(str(args.out))
     sys.stdout.write(f"{len(seen.t)} positions; {seen.lost} pictures without the marker.\n")
     sys.stdout.write(f"The log's clock is {found.offset:+.3f} s from the video's{match}.\n")
-    sys.stdout.write(f"Run: {name}{replaced}\nNext: gcs-autotune identify {name} --dof horizontal\n")
+    sys.stdout.write(f"Run: {name}{replaced}\nNext: gcs-autotune identify {shlex.quote(name)} --dof horizontal\n")
     return 0
 
 

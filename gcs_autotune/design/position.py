@@ -77,9 +77,8 @@ class PositionDesign(Displayed):
 
     def changes(self, present: Mapping[str, float], gains: Sequence[Gain]) -> list[Change]:
         """Return what differs from *present* by 2 % or more; *gains* has the ranges."""
-        why = f"margins {self.margins.gain:.1f} in gain, {math.degrees(self.margins.phase):.0f} deg in phase"
         return [
-            Change(g.parameter, present[g.parameter], new, g.low, g.high, f"{g.meaning}: {why}")
+            Change(g.parameter, present[g.parameter], new, g.low, g.high, g.meaning)
             for g in gains
             if not math.isclose(new := self.gains[g.parameter], present[g.parameter], rel_tol=0.02)
         ]

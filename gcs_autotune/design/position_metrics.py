@@ -24,7 +24,7 @@ and is shorter than an ROV's step."""
 RISEN = 0.9
 """Share of the step at which it counts as done."""
 RATIO = 0.95
-"""Largest ratio of the new to the old figures: at least 5 % lower on the mean. Project choice, as for steps."""
+"""Largest ratio of the new to the old figures: at least 5 % lower on average. Project choice, as for steps."""
 EACH = 1.1
 """Largest ratio of each of the figures. Project choice: two steps with the same gains differ by that much."""
 OVERSHOOT, MORE = 0.15, 0.05
@@ -126,7 +126,7 @@ def _rms(values: Array) -> float:
 
 
 def holds_better(before: PositionMetrics, after: PositionMetrics, *, pushed: bool = True) -> Verdict:
-    """Compare two flights: step and push must be better on the mean, and nothing clearly worse.
+    """Compare two flights: step and push must be better on average, and nothing clearly worse.
 
     pushed : whether pushes are flown. Otherwise the distance while holding is compared, as for a boat, which current
     and wind carry away.
@@ -147,7 +147,7 @@ def holds_better(before: PositionMetrics, after: PositionMetrics, *, pushed: boo
         lines.append((ratio <= EACH, f"{what} {old:.3g} -> {new:.3g} {unit}{tail}"))
     mean = fmean(ratios)
     tail = "" if mean <= RATIO else f"; at least {1.0 - RATIO:.0%} lower is required"
-    lines.append((mean <= RATIO, f"on the mean {abs(1.0 - mean):.0%} {'lower' if mean <= 1.0 else 'higher'}{tail}"))
+    lines.append((mean <= RATIO, f"on average {abs(1.0 - mean):.0%} {'lower' if mean <= 1.0 else 'higher'}{tail}"))
     most = max(OVERSHOOT, before.overshoot + MORE)
     tail = "" if after.overshoot <= most else f", more than the {most:.0%} allowed"
     lines.append(

@@ -75,8 +75,16 @@ Project choice.
 """
 HOPELESS = 3.0
 """Predicted ITAE, relative to the smallest so far, above which gains are not examined further. Project choice."""
-EVALUATIONS = 25
-"""Number of cost evaluations of one descent, per gain. Project choice."""
+EVALUATIONS, EVALUATIONS_OF_FIRST = 25, 12
+"""Largest number of cost evaluations of a descent, per gain: in general, and of the first descents.
+
+Project choice. The best of the first descents is continued. Over 63 crafts, the error with 25 evaluations in all
+descents was 0.1 % lower on average, for 1.4 times as many evaluations.
+"""
+NEAR, FLAT = 1e-2, 1e-3
+"""Size of a simplex, in square roots of fractions of the ranges, and spread of its costs, relative to the cost at the
+start, at which a descent ends early. Project choice.
+"""
 ROUNDS = 2
 """Number of successive descents.
 
@@ -191,7 +199,7 @@ def refine_briefly(
         begins = [np.sqrt(problem.as_fractions(candidate.settings))]
         if everywhere and not lenient:
             begins = [min([*begins, *sobol(len(problem.gains), SCATTER)], key=cost)]
-        settings = _rounded(problem, cost.settings(_descend(cost, begins[0])))
+        settings = _rounded(problem, cost.settings(_descend(cost, begins[0], EVALUATIONS)))
         candidate = judge(problem, near.wanted, settings, duration)
         if not candidate.objections:
             break
@@ -249,7 +257,7 @@ def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -
     lenient = bool(before.objections)
     cost = _Cost(_Aims(problem, before.wanted, duration, lenient=lenient), before.settings)
     best = sorted(sobol(len(problem.gains), SEARCHED), key=cost)[:CLOSER]
-    for x in (*(_descend(cost, begin) for begin in best[:DESCENTS]), *best):
+    for x in (*(_descend(cost, begin, EVALUATIONS) for begin in best[:DESCENTS]), *best):
         found = judge(problem, before.wanted, _rounded(problem, cost.settings(x)), duration)
         if is_tolerable(found) and (lenient or not found.objections) and _passes(problem, before, found):
             return found
@@ -282,11 +290,11 @@ def _refined(
     best, least = chosen, ratio * before
     scatter = sobol(len(problem.gains), SCATTER)
     begins = sorted((*(np.sqrt(problem.as_fractions(s)) for s in starts), *scatter), key=cost)[:DESCENTS]
-    x = min((_descend(cost, begin) for begin in begins), key=cost)
+    x = min((_descend(cost, begin, EVALUATIONS_OF_FIRST) for begin in begins), key=cost)
     for descents in range(ROUNDS):
         if descents:
             cost = _Cost(aims, settings)
-            x = _descend(cost, x)
+            x = _descend(cost, x, EVALUATIONS)
         settings = _rounded(problem, cost.settings(x))
         found = judge(problem, chosen.wanted, settings, aims.duration)
         acceptable = is_tolerable(found) and (aims.lenient or len(found.objections) <= len(chosen.objections))
@@ -408,8 +416,11 @@ class _Cost:
         return PRICE * (missed + least) + REGRET * shortfall
 
 
-def _descend(cost: Callable[[Array], float], start: Array) -> Array:
-    """Return the minimum found by a bounded Nelder-Mead search from *start* (n,), in a fixed number of evaluations."""
+def _descend(cost: Callable[[Array], float], start: Array, evaluations: int) -> Array:
+    """Return the minimum found by a bounded Nelder-Mead search from *start* (n,).
+
+    evaluations : largest number of cost evaluations, per gain.
+    """
     n = len(start)
     simplex = np.tile(np.clip(start, 0.0, 1.0), (n + 1, 1))
     for i in range(n):
@@ -419,7 +430,12 @@ def _descend(cost: Callable[[Array], float], start: Array) -> Array:
         start,
         method="Nelder-Mead",
         bounds=[(0.0, 1.0)] * n,
-        options={"initial_simplex": simplex, "maxfev": EVALUATIONS * n, "xatol": 1e-3, "fatol": 1e-4},
+        options={
+            "initial_simplex": simplex,
+            "maxfev": evaluations * n,
+            "xatol": NEAR,
+            "fatol": FLAT * cost(simplex[0]),
+        },
     )
     lowest: Array = np.clip(np.asarray(found.x, dtype=np.float64), 0.0, 1.0)
     return lowest

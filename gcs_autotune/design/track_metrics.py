@@ -102,7 +102,7 @@ def follows_better(before: TrackMetrics, after: TrackMetrics) -> Verdict:
     lines = [_rms_line(before, after), _settled_line(before, after), _corners_line(before, after)]
     most = TIME_RATIO * before.seconds
     slow = "" if after.seconds <= most else f", more than the {most:.0f} s allowed"
-    lines.append((not slow, f"time {before.seconds:.0f} -> {after.seconds:.0f} s{slow}"))
+    lines.append((not slow, f"time from first to last waypoint {before.seconds:.0f} -> {after.seconds:.0f} s{slow}"))
     return Verdict(tuple(lines))
 
 

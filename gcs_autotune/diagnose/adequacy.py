@@ -164,13 +164,13 @@ def _normal(fitted: Fitted, name: str) -> list[Array]:
     mine = [e for e in judging if EFFECTS[e.slug].is_rounding and name in columns_of(e.place)]
     if not mine or not all(EFFECTS[e.slug].is_rounding for e in judging):
         return _series(fitted, name)
-    found, level = [], fitted.levels[name]
+    residuals, level = [], fitted.levels[name]
     for r in fitted.rests:
         if r.signal == name:
             left = EffectResidual("", name, r.t, r.measured - r.predicted, r.measured, level)
             noise = EFFECTS[mine[0].slug].normal(mine[0], left)
-            found.append(noise[np.isfinite(noise)])
-    return found
+            residuals.append(noise[np.isfinite(noise)])
+    return residuals
 
 
 def _tails(series: list[Array], name: str) -> Test:
@@ -276,14 +276,14 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
     rows, at = [], 0
     for i, segment in enumerate(problem.segments):
         passage = segment.passage_at(fitted.shift)
-        found = simulator.run(theta, fitted.effects, fitted.initial[i], passage, sensitivities=True)
-        if found is None:
+        predicted = simulator.run(theta, fitted.effects, fitted.initial[i], passage, sensitivities=True)
+        if predicted is None:
             return None
         for name in segment.signals:
             rest, level = fitted.rests[at], fitted.levels[name]
             at += 1
             left = EffectResidual(segment.run, name, rest.t, rest.measured - rest.predicted, rest.measured, level)
-            _, columns, _ = judged_by(fitted.effects, left, found[name][1])
+            _, columns, _ = judged_by(fitted.effects, left, predicted[name][1])
             rows.append(columns[np.isfinite(rest.judged)] / level)
     return np.vstack(rows)
 

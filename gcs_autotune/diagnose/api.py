@@ -88,8 +88,10 @@ def diagnose(
     begun = clock.now()
     effort = Budget(work, None if math.isinf(max_seconds) else Deadline(clock, begun + max_seconds))
     with limited_to(effort):
-        found = _diagnosed(runs, unseen, dof, use, form, model, simulations, effects, progress, horizon, jobs, effort)
-    return replace(found, seconds=clock.now() - begun, work=min(effort.done, work))
+        diagnosis = _diagnosed(
+            runs, unseen, dof, use, form, model, simulations, effects, progress, horizon, jobs, effort
+        )
+    return replace(diagnosis, seconds=clock.now() - begun, work=min(effort.done, work))
 
 
 def _diagnosed(

@@ -85,7 +85,7 @@ def candidates(
     starts : values to use instead of the effect's own.
     """
     taken = {(e.slug, e.place) for e in present}
-    found = []
+    choices = []
     for slug in slugs:
         entry = EFFECTS[slug]
         for place in entry.places(data):
@@ -93,8 +93,8 @@ def candidates(
                 continue
             constants = dict(entry.constants(place, data))
             own = entry.starts(place, data) if starts is None else starts(entry, place)
-            found.append([EffectInstance(slug, place, dict(s), constants) for s in own])
-    return found
+            choices.append([EffectInstance(slug, place, dict(s), constants) for s in own])
+    return choices
 
 
 def screen(
@@ -135,16 +135,16 @@ def _best_of(
     entry = EFFECTS[choice[0].slug]
 
     def calculated() -> list[Promise]:
-        found = []
+        likely = []
         for k, ground in enumerate(grounds if entry.family == "data errors" else grounds[:begun]):
             promises = (ground.promise(entry, own) for own in choice)
-            found += [(k, p.effect, p.promised, p.adapted) for p in promises if p is not None]
-        return sorted(found, key=lambda f: f[2])[: 1 + ALSO]
+            likely += [(k, p.effect, p.promised, p.adapted) for p in promises if p is not None]
+        return sorted(likely, key=lambda f: f[2])[: 1 + ALSO]
 
     return recalled(
         lambda: ("promise", *known, begun, [e.to_dict() for e in choice]),
         calculated,
-        lambda found: [(k, own.to_dict(), promised, adapted.tolist()) for k, own, promised, adapted in found],
+        lambda likely: [(k, own.to_dict(), promised, adapted.tolist()) for k, own, promised, adapted in likely],
         lambda kept: [(int(k), EffectInstance(**own), float(p), np.array(a, float)) for k, own, p, a in kept],
     )
 
@@ -170,12 +170,12 @@ class _TangentSpace:
         self.traced: set[tuple[object, ...]] = set()
 
     def _slices(self) -> list[tuple[str, slice]]:
-        found, at = [], 0
+        slices, at = [], 0
         for rest in self.fitted.rests:
             n = int(np.isfinite(rest.judged).sum())
-            found.append((rest.signal, slice(at, at + n)))
+            slices.append((rest.signal, slice(at, at + n)))
             at += n
-        return found
+        return slices
 
     def _rest(self, r: Array) -> Array:
         left: Array = r - self.Q @ (self.Q.T @ r)
@@ -252,14 +252,14 @@ class _TangentSpace:
         rows = []
         at = 0
         for i, segment in enumerate(self.problem.segments):
-            found = self._predicted(simulator, effects, own, i)
-            if found is None:
+            predicted = self._predicted(simulator, effects, own, i)
+            if predicted is None:
                 return None
             for name in segment.signals:
                 rest = self.fitted.rests[at]
                 at += 1
                 level = self.fitted.levels[name]
-                error = rest.measured - found[name]
+                error = rest.measured - predicted[name]
                 left = EffectResidual(segment.run, name, rest.t, error, rest.measured, level)
                 error, _, _ = judged_by(self.fitted.effects, left, np.empty((len(error), 0)))
                 rows.append(error[np.isfinite(rest.judged)] / level)
@@ -275,8 +275,8 @@ class _TangentSpace:
         """
         passage, initial = self.problem.segments[i].passage_at(self.fitted.shift), self.fitted.initial[i]
         if EFFECTS[own.slug].acts_on - {"sensors"}:
-            found = simulator.run(self.fitted.theta, effects, initial, passage)
-            return None if found is None else {n: y for n, (y, _) in found.items()}
+            simulated = simulator.run(self.fitted.theta, effects, initial, passage)
+            return None if simulated is None else {n: y for n, (y, _) in simulated.items()}
         if i not in self.truths:
             alone = ExtendedSimulator(self.problem.form, self.fitted.effects)
             self.truths[i] = alone.truth(self.fitted.theta, self.fitted.effects, initial, passage)

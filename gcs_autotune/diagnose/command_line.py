@@ -183,8 +183,8 @@ def _by_switches(pairs: Sequence[Pair], guess: Guess, steady: bool) -> Line | No
     rows = math.sqrt(sum(t.row**2 + (scale * o.row) ** 2 for t, o in pairs) / len(pairs) / 12.0)
     line, anchor = None, ours
     for _ in range(ROUNDS):
-        found = [_paired(t, o, (scale, ours, theirs), line, near, anchor, reach) for t, o in pairs]
-        ts, tr = np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
+        paired = [_paired(t, o, (scale, ours, theirs), line, near, anchor, reach) for t, o in pairs]
+        ts, tr = np.concatenate([f[0] for f in paired]), np.concatenate([f[1] for f in paired])
         if len(tr) >= FEWEST:
             before: Line | None = line
             line = _line(ts, tr, rows, steady)

@@ -126,9 +126,9 @@ def match_commands(simulation: Trial, run: Trial, *, steady: bool = False) -> Co
         return CommandMatch("constant")
     theirs, ours = both
     for pair in _candidates(theirs, ours):
-        found = _matched_pair(pair, _natural(simulation, run, pair), steady)
-        if found is not None:
-            return _whole(found, theirs, ours, steady)
+        matched = _matched_pair(pair, _natural(simulation, run, pair), steady)
+        if matched is not None:
+            return _whole(matched, theirs, ours, steady)
     few = max(max(len(c.times) for c in side.values()) for side in both) < FEWEST
     even = any(_is_even(theirs[n].times) and _is_even(ours[n].times) for n in theirs if n in ours)
     return CommandMatch("constant" if few else "repeating" if even else "different")
@@ -199,12 +199,12 @@ def _by_correlation(pair: Pair, steady: bool) -> list[Guess]:
     starts = [float(ours.t[0])]
     if lasts > 1.2 * width:
         starts += [float(ours.t[0]) + 0.5 * (lasts - width), float(ours.t[-1]) - width]
-    found: list[tuple[float, Guess]] = []
+    scored: list[tuple[float, Guess]] = []
     for start in starts:
-        found += _in_window(theirs, ours, start, width, usual / FINE, steady)
-    found.sort(key=lambda f: -f[0])
+        scored += _in_window(theirs, ours, start, width, usual / FINE, steady)
+    scored.sort(key=lambda f: -f[0])
     chosen: list[Guess] = []
-    for _, guess in found:
+    for _, guess in scored:
         if all(
             abs(g.scale / guess.scale - 1.0) > 0.3 * usual / width or abs(g.theirs - guess.theirs) > usual
             for g in chosen
@@ -226,15 +226,15 @@ def _in_window(
     apart = 0.5 * ours.usual / width
     many = 1 if steady else int(math.log(MARGIN**2 * FASTEST / SLOWEST) / apart) + 2
     scales = np.array([1.0]) if steady else np.geomspace(SLOWEST / MARGIN, FASTEST * MARGIN, many)
-    found = []
+    guesses = []
     for scale in scales.tolist():
         at = float(theirs.t[0]) + scale * step * np.arange(max(int(np.ptp(theirs.t) / (scale * step)), 2))
         x = theirs.at(at)
         score, lag = _best_lag(x - x.mean(), _busy(theirs.times, at), y, busy)
         if score > 0.0:
             middle = 0.5 * (t[0] + t[-1])
-            found.append((score, Guess(scale, middle, float(theirs.t[0] + scale * (middle - t[0] - lag * step)))))
-    return found
+            guesses.append((score, Guess(scale, middle, float(theirs.t[0] + scale * (middle - t[0] - lag * step)))))
+    return guesses
 
 
 def _busy(times: Array, t: Array) -> Array:
@@ -365,7 +365,7 @@ def _equals(line: Line, pair: Pair) -> list[Line]:
     width = max(4.0 * line.scatter / clock.scale, 2.0 * ours.row, 0.02 * ours.usual)
     tried, counts = np.unique(np.round(apart / width).astype(int), return_counts=True)
     often = tried[counts >= 0.5 * counts.max(initial=0)]
-    found = []
+    lines = []
     for shift in (width * often[np.argsort(np.abs(often), kind="stable")]).tolist()[:60]:
         guess: Guess = Guess(clock.scale, clock.ours, clock.theirs + clock.scale * shift)
         other = fitted_line([pair], guess, steady=clock.scale == 1.0)
@@ -379,18 +379,18 @@ def _equals(line: Line, pair: Pair) -> list[Line]:
             and paired >= max(FREE, 0.9 * there, 0.5 * len(line.t))
             and agreement(compared_commands(*pair, other)) >= least
         ):
-            found.append(other)
-    return found
+            lines.append(other)
+    return lines
 
 
 # -- all channels
 
 
 def _whole(
-    found: tuple[Line, Pair], theirs: Mapping[str, Command], ours: Mapping[str, Command], steady: bool
+    matched: tuple[Line, Pair], theirs: Mapping[str, Command], ours: Mapping[str, Command], steady: bool
 ) -> CommandMatch:
     """Return the match of all channels, starting from the clock of one channel."""
-    line, pair = found
+    line, pair = matched
     channels = _ordered(theirs, ours, line)
     pairs = [(theirs[c.theirs], ours[c.ours]) for c in channels] or [pair]
     others = _on_other_clocks(pairs, line, theirs, ours, steady)

@@ -104,12 +104,12 @@ def weak_among(search: Search) -> list[WeakCandidate]:
     """
     last = search.steps[-1].judged if search.steps and search.steps[-1].accepted is None else ()
     beside = [a for a in last if name_of(a.effect) not in search.names]
-    found = []
+    weak = []
     for one in {key_of(a.effect): a for a in (*beside, *search.refused)}.values():
         if one.gain > 0.0 and one.lacks is not None and one.lacks != "uncertain":
             chance = chance_of(one.gained, one.numbers, search.tried)
-            found.append(WeakCandidate(one, equivalent_gain(one.gained, one.numbers), chance, one.lacks))
-    ranked = _ranked(found)
+            weak.append(WeakCandidate(one, equivalent_gain(one.gained, one.numbers), chance, one.lacks))
+    ranked = _ranked(weak)
     held = [w for w in ranked if any(w.one is a for a in search.refused)]
     return [*held, *(w for w in ranked if w not in held)]
 

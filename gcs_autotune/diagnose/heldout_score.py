@@ -50,11 +50,11 @@ def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFi
 
     plain : the model without any cause. It determines the prediction horizon at which refits are compared.
     """
-    seconds, found = prediction_horizon(problem, plain), []
+    seconds, judged = prediction_horizon(problem, plain), []
     for train, test in folds:
         again = refitted(problem.on(train), fit, REFIT, seconds)
-        found.append(None if again is None else problem.on(test).judge(again))
-    return found
+        judged.append(None if again is None else problem.on(test).judge(again))
+    return judged
 
 
 def densities_of(fits: Unseen, plain: Unseen) -> list[Array]:
@@ -63,11 +63,11 @@ def densities_of(fits: Unseen, plain: Unseen) -> list[Array]:
     The noise of a part may be far larger than that of the other runs (a gust, a glitch, a rougher run). Its noise level
     is then raised for every candidate. Otherwise a few samples would outweigh all others, in either direction.
     """
-    found = []
+    densities = []
     for fit, base in zip(fits, plain, strict=True):
         rougher = 1.0 if base is None or base.roughness < FAR_ROUGHER else base.roughness
-        found.append(np.full(1, RUNS_AWAY) if fit is None else fit.densities(rougher))
-    return found
+        densities.append(np.full(1, RUNS_AWAY) if fit is None else fit.densities(rougher))
+    return densities
 
 
 def interval_of(before: Sequence[Array], after: Sequence[Array]) -> tuple[float, float]:

@@ -151,7 +151,7 @@ class LeastSquares:
         """
         present, raised = self.present, correlation_of(fit)
         lower = present.cost - fit.cost
-        found = CandidateScore(
+        score = CandidateScore(
             fit.own(effect),
             fit,
             gained=0.5 * lower / raised,
@@ -159,15 +159,15 @@ class LeastSquares:
             numbers=fit.parameters - present.parameters,
             evidence=lower / (common or raised) - bic_penalty(fit, present),
         )
-        if found.evidence > 0.0 and not self.quick:
+        if score.evidence > 0.0 and not self.quick:
             unseen = held_out(self.problem, self.parts, fit, refit=True)
-            found = replace(found, unseen=unseen)
+            score = replace(score, unseen=unseen)
             if unseen.complete and self.unseen.rests:
                 gain = 1.0 - error_ratio(self.unseen, unseen)
                 p = p_value(self.unseen, unseen, fit.levels, raised, present.parameters, self.tried)
-                found = replace(found, gain=gain, p=p)
-        brief = lasts(found.effect, self.problem.data_summary) < BRIEF * self.problem.data_summary.interval
-        return replace(found, lacks=lack_by_error(found, brief=brief))
+                score = replace(score, gain=gain, p=p)
+        brief = lasts(score.effect, self.problem.data_summary) < BRIEF * self.problem.data_summary.interval
+        return replace(score, lacks=lack_by_error(score, brief=brief))
 
     def winner(self, scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
         """Return the best candidate that may be accepted; return None if there is none.
@@ -215,7 +215,7 @@ def _fitted_to_the_end(problem: Problem, attempt: Attempt) -> Fitted:
 def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[str, Value]]:
     """Return the numbers of all effects of a fit with their standard errors."""
     covariance = fitted.covariance(correlation_of(fitted))
-    found = {}
+    values = {}
     left = [
         EffectResidual(problem.segments[r.segment].run, r.signal, r.t, r.measured - r.predicted, r.measured, own_level)
         for r in fitted.rests
@@ -224,7 +224,7 @@ def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[st
     for own in fitted.effects:
         errors, entry = fitted.errors_in(covariance, own), EFFECTS[own.slug]
         learnt = entry.uncertainty(own, left) if entry.is_disturbance else {}
-        found[own.slug, own.place] = {
+        values[own.slug, own.place] = {
             n: Value(
                 v,
                 entry.unit_of(n, own.place, problem.data_summary),
@@ -232,7 +232,7 @@ def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[st
             )
             for n, v in own.values.items()
         }
-    return found
+    return values
 
 
 def is_alike(problem: Problem, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:

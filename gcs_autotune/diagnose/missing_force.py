@@ -95,7 +95,7 @@ def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
     smoothed = bank.smooth(result, levels)
     d, n = DOFS[search.dof], len(bank.states)
     rate = bank.states.index(d.velocity)
-    found = []
+    estimates = []
     gain = search.fit.gain
     for track, path, var, original in zip(
         bank.tracks, smoothed.trajectories, smoothed.variances, search.problem.segments, strict=True
@@ -122,8 +122,8 @@ def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
         if "u" in beside and "v" in beside and np.min(beside["u"]) > WAY_ON * np.max(beside["u"]):
             beside["drift"] = np.arctan2(-beside["v"], beside["u"])
         force, std = path[:, n] * inertia, np.sqrt(var[:, n]) * abs(inertia)
-        found.append(_Estimate(original.run, t, force, std, beside))
-    return found
+        estimates.append(_Estimate(original.run, t, force, std, beside))
+    return estimates
 
 
 def _places(x: Array) -> tuple[Array, Array]:

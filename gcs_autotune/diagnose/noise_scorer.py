@@ -170,11 +170,11 @@ class WithProcessNoise:
 
     def scores(self, ends: Sequence[Attempt]) -> list[Score]:
         """Return the scores of the converged candidates, the candidate likeliest on the fitted runs first."""
-        found = []
+        scores = []
         for k, (effect, fit) in enumerate(ends):
             self.say(f"{self.stage}: held-out runs", k, len(ends))
-            found.append(self._sound(self.score(effect, fit)))
-        return sorted(found, key=lambda a: -(a.gained - a.fit.price(a.fit.unknowns - self.present.unknowns)))
+            scores.append(self._sound(self.score(effect, fit)))
+        return sorted(scores, key=lambda a: -(a.gained - a.fit.price(a.fit.unknowns - self.present.unknowns)))
 
     def score(self, effect: EffectInstance, fit: NoisyFit) -> Score:
         """Return the score of a fit with *effect*."""
@@ -187,7 +187,7 @@ class WithProcessNoise:
         )
         parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
         held_out_gain = float(parts.sum())
-        found = CandidateScore(
+        score = CandidateScore(
             now,
             fit,
             gained,
@@ -199,8 +199,8 @@ class WithProcessNoise:
             parts=parts,
             interval=interval_of(before, after),
         )
-        lacks = lack_by_parts(found, brief=_is_brief(problem, now, fit), uncertain=may_be_none(now, fit.errors_of(now)))
-        return replace(found, lacks=lacks)
+        lacks = lack_by_parts(score, brief=_is_brief(problem, now, fit), uncertain=may_be_none(now, fit.errors_of(now)))
+        return replace(score, lacks=lacks)
 
     def _sound(self, score: Score) -> Score:
         """Return *score* with its error some seconds ahead, relative to the present model.
@@ -256,14 +256,14 @@ def choices_of(
     slower = replace(data, time_constant=SLOWER_THAN_FOUND * data.time_constant)
 
     def starts(entry: Effect, place: str) -> Sequence[Mapping[str, float]]:
-        found = [dict(s) for d in (data, slower) for s in entry.starts(place, d)]
+        guesses = [dict(s) for d in (data, slower) for s in entry.starts(place, d)]
         if [q.unit for q in entry.parameters] == ["s"]:
             name = entry.parameters[0].name
             allowed = entry.bounds(place, data).get(name, (0.0, math.inf))[1]
             most = max(slower.time_constant, DOZEN * data.interval), allowed
             even = [np.linspace(0.0, t, EVEN + 1)[1:] for t in most if math.isfinite(t)]
-            found += [{name: float(t)} for t in np.concatenate(even)]
-        return [s for k, s in enumerate(found) if s not in found[:k]]
+            guesses += [{name: float(t)} for t in np.concatenate(even)]
+        return [s for k, s in enumerate(guesses) if s not in guesses[:k]]
 
     return candidates(data, present, [s for s in slugs if suits_process_noise(s)], starts)
 

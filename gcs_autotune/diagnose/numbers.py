@@ -102,8 +102,8 @@ class _Weighing:
         std = np.sqrt(np.maximum(np.diag(fit.covariance(self.raised)), 0.0)).tolist()
         keys: list[Key] = [("", "", n) for n in fit.free]
         keys += [(fit.effects[i].slug, fit.effects[i].place, n) for i, n in fit.free_effects]
-        found = zip(keys, fit.shared.tolist(), std, strict=False)
-        return {key: (value, s) for key, value, s in found if key in self.old}
+        triples = zip(keys, fit.shared.tolist(), std, strict=False)
+        return {key: (value, s) for key, value, s in triples if key in self.old}
 
     def fitted(self, free: Sequence[Key], begin: Fitted) -> tuple[Problem, Fitted | None]:
         """Return the fit in which all numbers except *free* keep the model's values. Identified causes are

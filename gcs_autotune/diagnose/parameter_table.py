@@ -274,16 +274,18 @@ def _levels(table: ParameterTable) -> Iterator[TableFinding]:
     for level in levels:
         smallest = level == levels[0]
         tried = 1 if smallest else len(levels) - 1
-        found = {}
+        deviations = {}
         for name, values in table.quantities.items():
             use = np.array([s == level or s not in departing[name] for s in size])
             off, half, p = _apart(np.log(values)[use], size[use], level)
             p = min(1.0, p * tried)
-            found[name] = (off, half, p, _answer(off, half, p))
+            deviations[name] = (off, half, p, _answer(off, half, p))
         reading = reading_of_level(
-            {n: math.expm1(f[0]) for n, f in found.items()}, {n: f[3] for n, f in found.items()}, smallest=smallest
+            {n: math.expm1(f[0]) for n, f in deviations.items()},
+            {n: f[3] for n, f in deviations.items()},
+            smallest=smallest,
         )
-        for name, (off, half, p, answer) in found.items():
+        for name, (off, half, p, answer) in deviations.items():
             question = "smallest-input" if smallest else "level"
             yield _finding(question, name, f"|input| = {level:.4g}", answer, off, half, p, reading)
     kept = {n: np.array([s not in departing[n] for s in size]) for n in departing}
@@ -295,7 +297,7 @@ def _departing(y: Array, size: Array) -> set[float]:
 
     Each is judged without the levels before it.
     """
-    found: set[float] = set()
+    departing: set[float] = set()
     tried = len(np.unique(size))
     while len(np.unique(size)) > 3:
         levels = np.unique(size).tolist()
@@ -303,15 +305,15 @@ def _departing(y: Array, size: Array) -> set[float]:
         clearest = min(chances, key=lambda level: chances[level])
         if chances[clearest] >= SURE:
             break
-        found.add(clearest)
+        departing.add(clearest)
         y, size = y[size != clearest], size[size != clearest]
-    return found
+    return departing
 
 
 def _trend(table: ParameterTable, kept: Mapping[str, NDArray[np.bool_]]) -> Iterator[TableFinding]:
     """Yield the trend of the level means: their relative change if the input doubles."""
     size = np.abs(table.level)
-    found = {}
+    trends = {}
     for name, values in table.quantities.items():
         levels = np.unique(size[kept[name]])
         if len(levels) < LEAST:
@@ -319,9 +321,9 @@ def _trend(table: ParameterTable, kept: Mapping[str, NDArray[np.bool_]]) -> Iter
         means = np.array([np.log(values)[size == s].mean() for s in levels])
         fit = scipy_stats().linregress(np.log2(levels), means)
         half = float(scipy_stats().t.isf(0.025, len(levels) - 2)) * float(fit.stderr)
-        found[name] = (float(fit.slope), half, float(fit.pvalue), _answer(float(fit.slope), half, float(fit.pvalue)))
-    reading = reading_of_trend({n: f[0] for n, f in found.items()}, {n: f[3] for n, f in found.items()})
-    for name, (off, half, p, answer) in found.items():
+        trends[name] = (float(fit.slope), half, float(fit.pvalue), _answer(float(fit.slope), half, float(fit.pvalue)))
+    reading = reading_of_trend({n: f[0] for n, f in trends.items()}, {n: f[3] for n, f in trends.items()})
+    for name, (off, half, p, answer) in trends.items():
         yield _finding("trend", name, "per doubling of the input", answer, off, half, p, reading)
 
 
@@ -379,15 +381,17 @@ def _sign(table: ParameterTable) -> Iterator[TableFinding]:
     both = [s for s in np.unique(size) if np.any(table.level == s) and np.any(table.level == -s) and s > 0.0]
     if len(both) < 3:
         return
-    found = {}
+    differences = {}
     for name, values in table.quantities.items():
         y = np.log(values)
         off = np.array([y[table.level == s].mean() - y[table.level == -s].mean() for s in both])
         mean = float(off.mean())
         half, p = _t(mean, float(np.var(off, ddof=1)) / len(off), len(off) - 1)
-        found[name] = (mean, half, p, _answer(mean, half, p))
-    reading = reading_of_sign({n: math.expm1(f[0]) for n, f in found.items()}, {n: f[3] for n, f in found.items()})
-    for name, (mean, half, p, answer) in found.items():
+        differences[name] = (mean, half, p, _answer(mean, half, p))
+    reading = reading_of_sign(
+        {n: math.expm1(f[0]) for n, f in differences.items()}, {n: f[3] for n, f in differences.items()}
+    )
+    for name, (mean, half, p, answer) in differences.items():
         yield _finding(
             "sign", name, f"{len(both)} pairs of positive and negative inputs", answer, mean, half, p, reading
         )

@@ -57,7 +57,7 @@ class PlainNumber:
 
 def command_sizes(form: Form, segments: Sequence[Segment]) -> dict[str, float]:
     """Return the root mean square of every input over the time in which it is not zero."""
-    found = {}
+    sizes = {}
     for channel in form.inputs:
         square = held = 0.0
         for s in segments:
@@ -65,19 +65,19 @@ def command_sizes(form: Form, segments: Sequence[Segment]) -> dict[str, float]:
             lasts = np.diff(np.append(s.t_in, max(float(s.stamps[-1]), float(s.t_in[-1]))))
             square += float(np.sum(lasts * u**2))
             held += float(np.sum(lasts[u != 0.0]))
-        found[channel] = math.sqrt(square / held) if held > 0.0 else 0.0
-    return found
+        sizes[channel] = math.sqrt(square / held) if held > 0.0 else 0.0
+    return sizes
 
 
 def driven_by(form: Form) -> dict[str, tuple[str, float | str]]:
     """Return driven degree of freedom -> (input channel, its gain). With several channels it is the first one."""
-    found: dict[str, tuple[str, float | str]] = {}
+    driving: dict[str, tuple[str, float | str]] = {}
     for dof in form.dofs:
         for channel, pairs in form.inputs.items():
             for force, gain in pairs:
                 if force == DOFS[dof].force:
-                    found.setdefault(dof, (channel, gain))
-    return found
+                    driving.setdefault(dof, (channel, gain))
+    return driving
 
 
 def plain_numbers(
@@ -185,12 +185,12 @@ class _Reading:
         width = len(fit.free) + len(fit.free_effects)
         self.covariance = fit.covariance(correlation_of(fit))[:width, :width]
 
-    def add(self, found: dict[Key, PlainNumber], key: Key, unit: str, of: Quantity) -> None:
-        """Calculate a quantity and add it to *found*, if the model determines it."""
+    def add(self, numbers: dict[Key, PlainNumber], key: Key, unit: str, of: Quantity) -> None:
+        """Calculate a quantity and add it to *numbers*, if the model determines it."""
         value, std = self._uncertain(of, frozenset())
         if math.isfinite(value):
             beside = self._uncertain(of, self.causes) if self.causes and key[0] != "delay" else (value, std)
-            found[key] = PlainNumber(unit, value, std, beside)
+            numbers[key] = PlainNumber(unit, value, std, beside)
 
     def _uncertain(self, of: Quantity, without: frozenset[Key]) -> tuple[float, float]:
         width = len(self.covariance)

@@ -93,12 +93,12 @@ class NoiseSearch:
     @property
     def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
         """Accepted causes, in the order in which they were accepted."""
-        found: dict[tuple[str, str], CandidateScore[NoisyFit]] = {}
+        causes: dict[tuple[str, str], CandidateScore[NoisyFit]] = {}
         for one in (s.accepted for s in self.steps if s.accepted is not None):
-            found.pop(key_of(one.effect), None)  # accepted again, it was not before
-            found[key_of(one.effect)] = one
+            causes.pop(key_of(one.effect), None)  # accepted again, it was not before
+            causes[key_of(one.effect)] = one
         there = {key_of(e) for e in self.fit.effects}
-        return tuple(one for key, one in found.items() if key in there)
+        return tuple(one for key, one in causes.items() if key in there)
 
     def alike(self, order: Sequence[EffectInstance] = ()) -> tuple[tuple[str, ...], ...]:
         """Return groups of causes that these runs do not distinguish; each starts with an accepted cause."""
@@ -135,22 +135,22 @@ class NoiseSearch:
         """
         assert self.whole is not None
         fit = self.fit if fit is None else fit
-        here, errors, found = fit.own(effect), fit.errors_of(effect), {}
+        here, errors, numbers = fit.own(effect), fit.errors_of(effect), {}
         for name, value in self.in_base_units(here).values.items():
             std = errors.get(name, math.nan)
             unit = EFFECTS[here.slug].unit_of(name, here.place, self.whole.data_summary)
-            found[name] = Value(value, unit, std * abs(value / here.values[name]) if here.values[name] else std)
-        return found
+            numbers[name] = Value(value, unit, std * abs(value / here.values[name]) if here.values[name] else std)
+        return numbers
 
     def shares(self, order: Sequence[EffectInstance]) -> dict[tuple[str, str], float]:
         """Return for each cause the relative reduction of the drifting force's variance."""
-        found, before = {}, self.plain
+        shares, before = {}, self.plain
         first = before.noise.size
         for a in self.accepted:
             drop = (before.noise.size**2 - a.fit.noise.size**2) / first**2
-            found[key_of(a.effect)] = float(np.clip(drop, 0.0, 1.0))
+            shares[key_of(a.effect)] = float(np.clip(drop, 0.0, 1.0))
             before = a.fit
-        return found
+        return shares
 
     def gain_over(self, other: NoisyFit) -> ErrorReduction | None:
         """Return the held-out error ahead of *other* and of the model with all causes; None if unknown.
@@ -158,15 +158,15 @@ class NoiseSearch:
         The horizon is the one of :func:`.horizons` with the larger reduction.
         """
         before, after = (unseen_of(self.problem, self.plain, self.folds, fit) for fit in (other, self.fit))
-        found = gains_ahead(self.problem, self.plain, self.folds, before, after, self.words)
-        return min((gain for _, gain in found), key=lambda g: g.ratio, default=None)
+        gains = gains_ahead(self.problem, self.plain, self.folds, before, after, self.words)
+        return min((gain for _, gain in gains), key=lambda g: g.ratio, default=None)
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
         """Return the held-out error some seconds ahead, without causes and with all causes."""
         if len(order) < 2:  # of a single cause what it gains is known
             return tuple(self.own_gains.values())[: len(order)]
-        found = self.gain_over(self.plain)
-        return () if found is None else (found,)
+        gain = self.gain_over(self.plain)
+        return () if gain is None else (gain,)
 
     def gains_of_each(
         self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
@@ -422,9 +422,9 @@ def _with_constant(search: NoiseSearch, slugs: Sequence[str]) -> NoiseSearch:
         if fit is None:
             continue
         scorer = _scorer_of(search, plain, 1, lambda *_: None)
-        found = replace(scorer, left_out=scorer.unseen(plain)).score(own, fit)
-        if found.lacks is None:
-            search = replace(search, steps=(SearchStep(plain, (found,), found),), fit=fit)
+        score = replace(scorer, left_out=scorer.unseen(plain)).score(own, fit)
+        if score.lacks is None:
+            search = replace(search, steps=(SearchStep(plain, (score,), score),), fit=fit)
     return search
 
 

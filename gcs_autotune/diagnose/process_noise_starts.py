@@ -154,10 +154,10 @@ def plain_with_process_noise(
         again = _thinned(problem, form, signal, plain.theta, pace, limits, interval)
         if again is None or 1.0 / FAR_OFF < again.interval / noisy.interval < FAR_OFF:
             break
-        found = _best_of_starts(again, plain.theta, pace, say)
-        if found is None:
+        refitted = _best_of_starts(again, plain.theta, pace, say)
+        if refitted is None:
             break
-        noisy, plain = again, found
+        noisy, plain = again, refitted
         looks.append((noisy, plain))
     if _inertia_shown(looks[-1]) < 1.0:
         # Waves that turn the bow rule what is seen close by, and leave no inertia; from further off they are noise.
@@ -308,13 +308,13 @@ def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:
             noise = replace(own, wave_swing=4.0 * own.sensor, wave_force=0.5 * own.size, wave_frequency=omega)
             fit = problem.fit(theta, (), noise, rounds=ROUGH)
             rough += [] if fit is None else [fit]
-    found = _to_the_end(problem, rough, say)
-    if found is None:
+    wavy = _to_the_end(problem, rough, say)
+    if wavy is None:
         return calm
-    found = _shaped(problem, found, say)
+    wavy = _shaped(problem, wavy, say)
     # At a limit of their damping these are no waves: a tone in step with the commands, or a drifting force.
-    inside = found.noise.is_band and found.noise.wave_frequency > 1.01 * slowest and not momentary(problem, found)
-    return found if inside and found.total > calm.total + WAVES else calm
+    inside = wavy.noise.is_band and wavy.noise.wave_frequency > 1.01 * slowest and not momentary(problem, wavy)
+    return wavy if inside and wavy.total > calm.total + WAVES else calm
 
 
 def momentary(problem: NoisyProblem, fit: NoisyFit) -> bool:

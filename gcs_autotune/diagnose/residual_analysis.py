@@ -58,7 +58,7 @@ def _words(test: Test) -> str:
 def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
     """Return the plots of every signal's residual: traces, spectrum, correlations, and residual over other
     quantities."""
-    found = []
+    portraits = []
     for name in fitted.levels:
         unit = SIGNALS[name][0]
         rests = [r for r in fitted.rests if r.signal == name]
@@ -76,7 +76,7 @@ def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
         )
         lag, rho = _autocorrelation(rests)
         n = max(len(r.t) for r in rests)
-        found.append(
+        portraits.append(
             Portrait(
                 signal=name,
                 unit=unit,
@@ -89,7 +89,7 @@ def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
                 limit=1.96 / math.sqrt(n),
             )
         )
-    return tuple(found)
+    return tuple(portraits)
 
 
 def _left(rest: Residual) -> Array:
@@ -153,7 +153,7 @@ def _cross(problem: Problem, rests: Sequence[Residual]) -> Mapping[str, tuple[Ar
     segment = problem.segments[longest.segment]
     lags = min(LAGS, len(e) // 4)
     step = float(np.median(np.diff(t)))
-    found: dict[str, tuple[Array, Array]] = {}
+    correlations: dict[str, tuple[Array, Array]] = {}
     signals: dict[str, Array] = {}
     for channel, values in segment.passage.commands.items():
         at = np.maximum(np.searchsorted(segment.passage.t_in, t, side="right") - 1, 0)
@@ -170,5 +170,5 @@ def _cross(problem: Problem, rests: Sequence[Residual]) -> Mapping[str, tuple[Ar
             for k in range(-lags, lags + 1)
         ]
         lag = np.asarray(np.arange(-lags, lags + 1) * step, dtype=np.float64)
-        found[name] = (lag, np.array(rho))
-    return found
+        correlations[name] = (lag, np.array(rho))
+    return correlations

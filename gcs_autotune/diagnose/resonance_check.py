@@ -69,9 +69,9 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
         command = passage.commands[channel]
         ways = [command, *(command + STEP * bend(passage.t_in, command) for bend in bends)]
         flown = [replace(passage, commands={**passage.commands, channel: way}) for way in ways]
-        found = [simulator.run(fitted.theta, fitted.effects, fitted.initial[i], way) for way in flown]
-        moved = [f for f in found if f is not None]
-        if len(moved) < len(found):
+        motions = [simulator.run(fitted.theta, fitted.effects, fitted.initial[i], way) for way in flown]
+        moved = [f for f in motions if f is not None]
+        if len(moved) < len(motions):
             return None
         for name in segment.signals:
             rest, level = fitted.rests[at], fitted.levels[name]
@@ -104,8 +104,8 @@ def _direction(command: Array) -> Array:
     """Return the direction (j,) of the last change of a command: +1 up, -1 down, +1 before any change."""
     change = np.sign(np.diff(command, prepend=command[:1]))
     last = np.maximum.accumulate(np.where(change != 0.0, np.arange(len(command)), 0))
-    found = change[last]
-    return np.where(found == 0.0, 1.0, found)
+    direction = change[last]
+    return np.where(direction == 0.0, 1.0, direction)
 
 
 WAVE = "wave-disturbance"
@@ -161,8 +161,8 @@ def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> 
     def cost(p: Array) -> float:
         if abs(p[0]) > 2.0 * NEAR[-1] or not LEAST < math.exp(p[1]) < MOST:
             return math.inf
-        found = _sprung(problem, plain, channel, omega * math.exp(p[0]), math.exp(p[1]))
-        return math.inf if found is None else found.cost
+        sprung = _sprung(problem, plain, channel, omega * math.exp(p[0]), math.exp(p[1]))
+        return math.inf if sprung is None else sprung.cost
 
     starts = [np.array([a, math.log(z)]) for a in FEW_NEAR for z in FEW_DAMPING]
     first = min(starts, key=cost)

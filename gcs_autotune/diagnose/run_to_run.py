@@ -55,10 +55,10 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     least = OF_THE_DRIFT * other.noise.size
     best, sizes = common[1] + common[0].gain(none.noise.day_force, 0.0) + MIN_HELD_OUT_GAIN, (0.0, 0.0)
     for force, thrust in ((True, False), (False, True), (True, True)):
-        found = alternative[0].spread(least, full, force=force, thrust=thrust)
-        likelier = alternative[1] + alternative[0].gain(*found) - MIN_HELD_OUT_GAIN * (force and thrust)
+        spread = alternative[0].spread(least, full, force=force, thrust=thrust)
+        likelier = alternative[1] + alternative[0].gain(*spread) - MIN_HELD_OUT_GAIN * (force and thrust)
         if likelier > best:
-            best, sizes = likelier, found
+            best, sizes = likelier, spread
     if not any(sizes):
         return none
     end = problem.fit(other.theta, fit.effects, replace(other.noise, day_force=sizes[0], day_thrust=sizes[1]))

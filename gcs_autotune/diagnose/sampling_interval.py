@@ -135,8 +135,8 @@ def horizons(problem: NoisyProblem, fit: NoisyFit) -> tuple[float, ...]:
     Effects that act at once (saturation, backlash) are visible within the first time constant. Later the drifting force
     hides them.
     """
-    found = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(fit.damping), 1e-3)))
-    return tuple(dict.fromkeys(s for s in found if s is not None))
+    possible = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(fit.damping), 1e-3)))
+    return tuple(dict.fromkeys(s for s in possible if s is not None))
 
 
 def _nearest(problem: NoisyProblem, goal: float) -> float | None:

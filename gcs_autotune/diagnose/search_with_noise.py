@@ -55,10 +55,10 @@ def needs_process_noise(state: SearchState) -> tuple[SearchState, bool]:
     if question.given is not None or question.horizon is not None or not question.with_noise:
         return state, False
     if state.noise_search is None or state.noise_search[0] is not state.problem:
-        found = search_with_process_noise(
+        searched = search_with_process_noise(
             state.problem, state.base, question.slugs, question.unseen, question.say, in_blocks=question.one_flight
         )
-        state = replace(state, noise_search=(state.problem, found))
+        state = replace(state, noise_search=(state.problem, searched))
         assert state.noise_search is not None
     search = state.noise_search[1]
     if search is None or search.momentary:
@@ -125,10 +125,10 @@ def model_noise_before_joining(state: SearchState) -> SearchState | None:
     """
     if not state.question.unseen:
         return None
-    found = model_process_noise(state)
-    if found is None or (found.with_noise is not None and found.with_noise.accepted):
-        return found
-    return replace(state, noise_search=found.noise_search)
+    modelled = model_process_noise(state)
+    if modelled is None or (modelled.with_noise is not None and modelled.with_noise.accepted):
+        return modelled
+    return replace(state, noise_search=modelled.noise_search)
 
 
 def _no_base(search: NoiseSearch, above: float) -> Doubt:

@@ -100,7 +100,7 @@ def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> SimulationA
     placed, offsets, doubts = _shifted_to(laid, runs)
     named, inputs, more = _inputs_set_right(laid.matches, placed, runs)
     factors = _factors(named, runs)
-    outputs = [_factor_row(name, "the value that these runs record", *found) for name, found in factors.items()]
+    outputs = [_factor_row(name, "the value that these runs record", *factor) for name, factor in factors.items()]
     ready = [_divided(s, factors) for s in named]
     doubts = [*doubts, *more]
     driven = [_driven(s, r, doubts, m) for s, r, m in zip(ready, runs, laid.matches, strict=True)]
@@ -130,8 +130,8 @@ class _Laid:
 
 def _by_commands(simulations: Sequence[Trial], runs: Sequence[Trial]) -> _Laid | None:
     """Match the commands of simulations and runs; return None if no match determines the clock scale."""
-    found = [match_commands(s, r) for s, r in zip(simulations, runs, strict=True)]
-    known = {k: m.clock for k, m in enumerate(found) if m.clock is not None and m.clock.has_scale}
+    original = [match_commands(s, r) for s, r in zip(simulations, runs, strict=True)]
+    known = {k: m.clock for k, m in enumerate(original) if m.clock is not None and m.clock.has_scale}
     if not known:
         return None
     weights = np.array([c.scale_std**-2.0 for c in known.values()])
@@ -143,16 +143,16 @@ def _by_commands(simulations: Sequence[Trial], runs: Sequence[Trial]) -> _Laid |
     usual = usual if _is_off(usual, std) else 1.0
     rows = [_row(name, "1", RATE, *scale, 1.0) for name, scale in scales.items() if _is_off(*scale)]
     begins = [_begins_with(s, r) for s, r in zip(simulations, runs, strict=True)]
-    placed, matches = list(simulations), list(found)
+    placed, matches = list(simulations), list(original)
     for k, run in enumerate(runs):
         clock = known.get(k)
         if clock is None:
             placed[k] = _reclocked(_shifted(simulations[k], begins[k]), usual)
             matches[k] = match_commands(placed[k], run, steady=True)
         elif _is_off(clock.scale, clock.scale_std):
-            matches[k] = replace(found[k], clock=clock)
+            matches[k] = replace(original[k], clock=clock)
         else:
-            matches[k] = replace(found[k], clock=replace(clock, scale=1.0))
+            matches[k] = replace(original[k], clock=replace(clock, scale=1.0))
     return _Laid(placed, matches, begins, tuple(rows))
 
 
@@ -421,13 +421,13 @@ class _Pair:
 
 
 def _pairs(simulations: Sequence[Trial], runs: Sequence[Trial], names: Sequence[str]) -> list[_Pair]:
-    found = []
+    pairs = []
     for simulation, run in zip(simulations, runs, strict=True):
         for name in names:
             pair = _pair(simulation, run, name)
             if pair is not None:
-                found.append(pair)
-    return found
+                pairs.append(pair)
+    return pairs
 
 
 def _pair(simulation: Trial, run: Trial, name: str) -> _Pair | None:
@@ -551,8 +551,8 @@ def _autoregression(e: Array) -> Array:
         r[0] = 1.0
     at = np.abs(np.subtract.outer(np.arange(MEMORY), np.arange(MEMORY)))
     system = r[at] + 1e-6 * r[0] * np.eye(MEMORY)
-    found: Array = np.concatenate([[1.0], -np.linalg.solve(system, r[1:])])
-    return found
+    whitener: Array = np.concatenate([[1.0], -np.linalg.solve(system, r[1:])])
+    return whitener
 
 
 def _slope(pairs: Sequence[_Pair], scale: float, filters: Sequence[Array]) -> tuple[float, float]:

@@ -125,15 +125,15 @@ def permuted_channels(
         misfit = _misfit(problem.form, segments, limits)
         if misfit <= as_given and math.isfinite(misfit):
             likely.append((misfit, own, segments))
-    found = []
+    rewired = []
     for _, own, segments in sorted(likely, key=lambda w: w[0])[:MOST_WIRINGS]:
         try:
             _, alone = fit_base(problem.form, segments, trials=ROUGH)
         except AutotuneError:
             continue
         begin = replace(present, theta=alone.theta, initial=alone.initial)
-        found.append(EffectCandidate(own, begin, alone.cost, np.zeros(present.jacobian.shape[1])))
-    return found
+        rewired.append(EffectCandidate(own, begin, alone.cost, np.zeros(present.jacobian.shape[1])))
+    return rewired
 
 
 def _misfit(form: Form, segments: Sequence[Segment], limits: Limits) -> float:

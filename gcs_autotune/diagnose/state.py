@@ -247,32 +247,32 @@ class SearchState:
         if len(order) == 1:
             whole = surest(gains)
             return {} if whole is None else {key_of(order[0]): whole}
-        found, before = {}, self.base_unseen
+        own_gains, before = {}, self.base_unseen
         for won in (s.accepted for s in self.steps if s.accepted is not None):
             if won.unseen is not None:
                 own = own_gain(before, won.unseen, self.words)
                 before = won.unseen
                 if own is not None:
-                    found[key_of(won.effect)] = own
-        return found
+                    own_gains[key_of(won.effect)] = own
+        return own_gains
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[tuple[str, str], float]:
         """Return for each cause the fraction that it removed of the mean square error above noise, over all signals."""
-        found: dict[tuple[str, str], float] = {}
+        fractions: dict[tuple[str, str], float] = {}
         base, before = rms_of(self.base_unseen.rests), self.base_unseen
         for won in (s.accepted for s in self.steps if s.accepted is not None):
             key, unseen = key_of(won.effect), won.unseen
             if unseen is None:
-                found.setdefault(key, math.nan)
+                fractions.setdefault(key, math.nan)
                 continue
             shares, old, new = [], rms_of(before.rests), rms_of(unseen.rests)
             for n, level in self.fitted.levels.items():
                 above = base.get(n, 0.0) ** 2 - level**2
                 if above > 0.05 * level**2 and n in old and n in new:
                     shares.append((old[n] ** 2 - new[n] ** 2) / above)
-            found.setdefault(key, float(np.clip(max(shares), 0.0, 1.0)) if shares else math.nan)
+            fractions.setdefault(key, float(np.clip(max(shares), 0.0, 1.0)) if shares else math.nan)
             before = unseen
-        return found
+        return fractions
 
     def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
         """Return groups of causes that the runs do not distinguish."""

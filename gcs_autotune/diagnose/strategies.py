@@ -474,14 +474,14 @@ def _in_other_words(effect: EffectInstance, slug: str, data: DataSummary) -> lis
     if len(effect.values) != 1 or len(entry.parameters) != 1:
         return []
     name, value = entry.parameters[0].name, next(iter(effect.values.values()))
-    found = []
+    replacements = []
     for place in entry.places(data):
         low, high = entry.bounds(place, data).get(name, (-math.inf, math.inf))
         starts = [{name: value}] if low <= value <= high else []
         if effect.place in (place, *columns_of(place)):
             starts += [dict(start) for start in entry.starts(place, data)]
-        found += [EffectInstance(slug, place, start, dict(entry.constants(place, data))) for start in starts]
-    return found
+        replacements += [EffectInstance(slug, place, start, dict(entry.constants(place, data))) for start in starts]
+    return replacements
 
 
 SEARCH: tuple[Strategy, ...] = (

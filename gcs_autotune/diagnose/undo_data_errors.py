@@ -46,12 +46,12 @@ def turned(own: EffectInstance, form: Form, segments: Sequence[Segment], initial
     A heading of 85 in degrees, whose header states radians, is fitted by 1.5 rad and thirteen turns. The motion is the
     same, but in degrees these turns would be 4680 too much.
     """
-    found = []
+    states = []
     for segment, x_0 in zip(segments, initial, strict=True):
         right = undo_data_errors([own], segment) if "psi" in columns_of(own.place) else segment
         if right is not segment:
             at = states_of(form).index("psi")
             x_0 = x_0.copy()
             x_0[at] += TURN * np.round((right.signals["psi"].values[0] - x_0[at]) / TURN)
-        found.append(x_0)
-    return tuple(found)
+        states.append(x_0)
+    return tuple(states)

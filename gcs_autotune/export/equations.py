@@ -18,6 +18,7 @@ from gcs_autotune.identify import ModelFile
 from gcs_autotune.models import (
     DEPTH,
     ETA,
+    FORCES,
     INPUT,
     INPUT_SIZE,
     NU_SIZE,
@@ -55,6 +56,11 @@ class ForceTerm:
     def text(self) -> str:
         """The product as an expression that is valid in Python and in MATLAB."""
         return " * ".join((f"({self.coefficient!r})", *self.factors))
+
+    @property
+    def words(self) -> str:
+        """The force as text for people."""
+        return f"the force {FORCES[self.row]} = {' * '.join((f'{self.coefficient:.6g}', *self.factors))}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

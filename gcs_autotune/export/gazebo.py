@@ -38,11 +38,16 @@ def to_gazebo(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
         if name:
             _add(found, name, value)
         else:
-            left.append(f"the force {FORCES[term.row]} = {term.text}")
+            left.append(term.words)
     if np.any(np.diag(equations.inertia)) and not np.any(equations.rigid):
         left.append(
             "mass and inertia of the body itself. The model contains only their sum with the added mass, which is in "
             "the ...Dot... elements. Subtract the link's own values"
+        )
+    if "1" in equations.inputs.values():
+        left.append(
+            "the scale of the forces. The model has fractions of full output, and Gazebo reads N and N m. Multiply the "
+            "numbers of each equation by its force at full output"
         )
     left += [f"the {what} of {c}, {s:.6g} s" for what, late in (("delay", equations.delay), ("lag", equations.lag))
              for c, s in late.items() if s]  # fmt: skip

@@ -51,7 +51,7 @@ def to_vehicle_file(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     blocks += _thrusters(equations, own, dives=dives)
     if 1 in equations.rows:
         blocks.append(_coupling(equations, own, left))
-    left += [f"the force {FORCES[t.row]} = {t.text}" for k, t in enumerate(equations.terms) if k not in own]
+    left += [t.words for k, t in enumerate(equations.terms) if k not in own]
     for slug, name, late in (
         ("input-delay", "delay", equations.delay),
         ("actuator-lag", "time_constant", equations.lag),

@@ -199,9 +199,9 @@ def _fit_coupled(
         options=options,
     )
     with _contradictions_named(runs):
-        found = with_bounds(chosen.coupled(case), runs)
+        fitted = with_bounds(chosen.coupled(case), runs)
     return _with_doubts(
-        found, [*doubts, *unscaled, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)]
+        fitted, [*doubts, *unscaled, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)]
     )
 
 
@@ -304,9 +304,9 @@ def fit_axis(
         options=options,
     )
     with _contradictions_named(runs):
-        found = chosen.axis(case)
+        fitted = chosen.axis(case)
     return _with_doubts(
-        with_bounds(found, runs), [*doubts, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)]
+        with_bounds(fitted, runs), [*doubts, *_not_borne(chosen, records, loss), *(d for r in records for d in r.notes)]
     )
 
 

@@ -66,8 +66,8 @@ def _axis_bounds(fit: AxisFit, trials: Trial | Sequence[Trial]) -> dict[str, flo
     given: Mapping[str, float] = fit.extra.get("sigma") or fit.noise
     noise = {n: float(s) for n, s in given.items() if n in (model.axis.position, model.axis.velocity) and s > 0.0}
     quantum = {n: float(q) for n, q in (fit.extra.get("quantum") or {}).items() if n in noise}
-    found = cramer_rao(model, trials, noise or fit.noise_std, free, quantum)
-    return {names[n]: bound for n, bound in found.items()}
+    bounds = cramer_rao(model, trials, noise or fit.noise_std, free, quantum)
+    return {names[n]: bound for n, bound in bounds.items()}
 
 
 def cramer_rao(
@@ -103,14 +103,14 @@ def cramer_rao(
     steps = quantum if isinstance(quantum, Mapping) else {name: quantum}
     segments = [s.only(tuple(given)) for s in records]
     quanta = {n: q for n, q in steps.items() if q > 0.0}
-    found = _with_states_fitted(model, segments, given, quanta)
-    noise = {n: _noise_model(given[n], steps.get(n, 0.0), found, n) for n in found.noise_models}
-    dated = found.shift_std > 0.0
+    solution = _with_states_fitted(model, segments, given, quanta)
+    noise = {n: _noise_model(given[n], steps.get(n, 0.0), solution, n) for n in solution.noise_models}
+    dated = solution.shift_std > 0.0
     wanted = [n for n in PHYSICAL if n in free]
     nuisance = ["delay"] if dated and "delay" not in wanted else []
-    numbers = numbers_of(found).later(found.shift)
-    everything = Problem(found.form, segments, None, bounds_of(segments).limits)
-    objective = Objective(everything, np.array(numbers), found.initial)
+    numbers = numbers_of(solution).later(solution.shift)
+    everything = Problem(solution.form, segments, None, bounds_of(segments).limits)
+    objective = Objective(everything, np.array(numbers), solution.initial)
     residuals = objective.residuals(objective.pack()) or ()
     by_physical = np.linalg.inv(numbers.physical_slopes)[:, [PHYSICAL.index(n) for n in (*wanted, *nuisance)]]
     wide = [objective.wide(r) for r in residuals]
@@ -123,7 +123,7 @@ def cramer_rao(
     information[known, known] += 1.0
     if dated:
         at = [*wanted, *nuisance].index("delay")
-        information[at, at] += found.shift_std**-2
+        information[at, at] += solution.shift_std**-2
     variance = np.diag(inverse_of(information))[: len(wanted)]
     return dict(zip(wanted, np.sqrt(variance).tolist(), strict=True))
 

@@ -631,15 +631,14 @@ DOUBTS: tuple[DoubtRow, ...] = (
         Solution,
         _together,
         "only combinations of these parameters are known (with the correlation of their estimates): {pairs}",
-        "fix one of each pair at a known value, or fly a manoeuvre with other speeds and turns",
+        "fix one of each pair at a known value, or fly a manoeuvre with other outputs, speeds or turns",
     ),
     DoubtRow("poor-fit", Solution, _poor_solution, POOR_CAUSE, POOR_CURE),
     DoubtRow(
         "residuals-not-white",
         Solution,
         _coloured,
-        "the error bars were widened, because the residuals are correlated ({colour:.2f}): a term is missing from the "
-        "model",
+        "the error bars were widened, because the residuals are correlated ({colour:.2f}). The model may lack a term",
         "inspect the residuals. Check for wind, waves, current, a slow actuator, another axis or a missing term",
     ),
     DoubtRow(

@@ -253,7 +253,7 @@ def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequenc
 
 def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
     segments = [replace(segment, dating=0.0)]
-    found = solve(
+    solution = solve(
         Problem(ExplicitForm.of(segment.dof), segments, None, bounds_of(segments).limits, ()),
         np.array(explicit_parameters(model)),
         first_states(segments),
@@ -261,21 +261,21 @@ def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
         rounds=NOISE_ROUNDS if len(segment.signals) > 1 else 1,
         effort=None,
     )
-    if found is None:
+    if solution is None:
         raise NotInformative(
             f"the model diverges on run '{segment.run}' because its drag is destabilising at these speeds"
         )
-    return [_trace(segment.name, r.signal, r.t, r.measured, r.predicted) for r in found.rests]
+    return [_trace(segment.name, r.signal, r.t, r.measured, r.predicted) for r in solution.rests]
 
 
 def _with_effects(model: ExtendedModel, trial: Trial) -> list[Trace]:
     form = model.base.form
     segments, _ = prepare_as_recorded([trial], form)
     problem = Problem(form, segments, data_summary_of(form, segments, model.base.values), base_limits(form), free=())
-    found = problem.states(model.base.theta, model.effects, problem.first_states(segments))
-    if found is None:
+    fitted = problem.states(model.base.theta, model.effects, problem.first_states(segments))
+    if fitted is None:
         raise NotInformative(f"the model '{form.name}' with its effects diverges on run '{trial.name}'")
-    return [_trace(segments[r.segment].run, r.signal, r.t, r.measured, r.predicted) for r in found.rests]
+    return [_trace(segments[r.segment].run, r.signal, r.t, r.measured, r.predicted) for r in fitted.rests]
 
 
 def first_state(record: Segment, states: tuple[str, ...]) -> Array:
@@ -316,11 +316,11 @@ def _best_start(
     def local(x: Array) -> Local | None:
         start = x_0.copy()
         start[columns] = x
-        found = _simulated(simulator, theta, start, record)
-        if found is None:
+        predicted = _simulated(simulator, theta, start, record)
+        if predicted is None:
             return None
-        error = np.concatenate([(record.signals[n].values - y) / scale[n] for n, (y, _) in found.items()])
-        J = np.vstack([by / scale[n] for n, (_, by) in found.items()])
+        error = np.concatenate([(record.signals[n].values - y) / scale[n] for n, (y, _) in predicted.items()])
+        J = np.vstack([by / scale[n] for n, (_, by) in predicted.items()])
         return Local(float(error @ error), -(J.T @ error), J.T @ J)
 
     far = np.full(len(columns), np.inf)
@@ -337,10 +337,10 @@ def _simulated(
 ) -> dict[str, tuple[Array, Array]] | None:
     """Return every signal of *record* at its own stamps, with sensitivities, or None if the motion diverges."""
     stamps = record.stamps
-    found = simulator.run(theta, x_0, record.t_in, record.inputs, stamps)
-    if found is None:
+    motion = simulator.run(theta, x_0, record.t_in, record.inputs, stamps)
+    if motion is None:
         return None
-    X, S = found
+    X, S = motion
     result = {}
     for name, signal in record.signals.items():
         at = np.searchsorted(stamps, signal.t)

@@ -139,8 +139,8 @@ def load_model(path: Path) -> ModelFile:
     {'N': '1'}
     """
     file = model_file(path)
-    found = _file(load_json(file, "a model file"), file)
-    return found if file == path else replace(found, name=path.name)
+    model = _file(load_json(file, "a model file"), file)
+    return model if file == path else replace(model, name=path.name)
 
 
 def model_file_of(fit: Fit[Model]) -> ModelFile:

@@ -48,15 +48,15 @@ def moved_besides(runs: Iterable[Trial], dofs: Collection[str]) -> Mapping[str, 
     Sway counts if it moved, and surge counts together with sway, because both are coupled with yaw. Any other degree of
     freedom counts only if its own input varied too. Without an input it cannot be identified.
     """
-    found: dict[str, list[str]] = {}
+    run_names: dict[str, list[str]] = {}
     for run in runs:
         moved = {name for name in DOFS if name not in dofs and _moved(run, name)}
         if "sway" not in moved:
             moved = {name for name in moved if _driven(run, name)}
         for name in sorted(moved):
             if name in ("surge", "sway") or _driven(run, name):
-                found.setdefault(name, []).append(run.name)
-    return found
+                run_names.setdefault(name, []).append(run.name)
+    return run_names
 
 
 def dof_option(runs: Sequence[Trial], dofs: Collection[str], besides: Collection[str]) -> str:

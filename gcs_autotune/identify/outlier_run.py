@@ -125,7 +125,7 @@ def outlier_runs(
         contain too little information.
     """
     alone = [estimate((i,)) for i in range(len(names))]
-    left = [i for i, found in enumerate(alone) if found is not None]
+    left = [i for i, own in enumerate(alone) if own is not None]
     odd: list[OutlierRun] = []
     while len(left) >= 2:
         distances = [_distance(alone[i], estimate(tuple(j for j in left if j != i)), sigmas) for i in left]
@@ -223,15 +223,15 @@ def _strangeness(solution: Solution, records: Sequence[Segment], runs: Sequence[
     assert total is not None
     scale = 1.0 / np.sqrt(np.maximum(np.diag(total), 1e-300))
     inverse = np.linalg.pinv(total * np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    found = []
+    strangeness = []
     for information, g in parts:
         I = information * np.outer(scale, scale)  # noqa: E741 - the field's name for an information
         spread = (I - I @ inverse @ I) * solution.correlation
         values, vectors = np.linalg.eigh(spread)
         loose = values > 1e-8 * max(float(values[-1]), 1e-300)
         statistic = float(np.sum((vectors.T @ (g * scale))[loose] ** 2 / values[loose]))
-        found.append(-float(scipy_stats().chi2.logsf(statistic, int(loose.sum()))))
-    return found
+        strangeness.append(-float(scipy_stats().chi2.logsf(statistic, int(loose.sum()))))
+    return strangeness
 
 
 def _fitted(solution: Solution, records: Sequence[Segment], chosen: Sequence[int], limits: Limits) -> Solution | None:
@@ -249,7 +249,9 @@ def _misfit(alone: Solution, solution: Solution, records: Sequence[Segment], own
     initial = [solution.initial[i] for i in own]
     levels = {n: v for n, v in alone.noise.items() if any(n in records[i].signals for i in own)}
     chosen = [records[i] for i in own]
-    found = solve_form(alone.form, chosen, alone.theta, initial, Limits({}, {}), levels=levels, free=(), effort=QUICK)
-    if found is None:
+    refitted = solve_form(
+        alone.form, chosen, alone.theta, initial, Limits({}, {}), levels=levels, free=(), effort=QUICK
+    )
+    if refitted is None:
         return float("inf")
-    return max((found.noise[n] / alone.noise[n] for n in found.noise if n in alone.noise), default=0.0)
+    return max((refitted.noise[n] / alone.noise[n] for n in refitted.noise if n in alone.noise), default=0.0)

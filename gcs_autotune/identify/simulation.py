@@ -85,12 +85,12 @@ def simulated(
     strange = sorted(set(start or {}) - set(states))
     if strange:
         raise UsageError(f"the model has no state {', '.join(strange)}. Its states are {', '.join(states)}")
-    found = model.predict(
+    predicted = model.predict(
         passage_of("simulated", t_in, commands, dict.fromkeys(states, at)), {**first, **(start or {})}
     )
-    if found is None:
+    if predicted is None:
         raise NotInformative("the model diverges on these inputs. Simulate a shorter part, or a smaller input")
-    motion = {n: Channel(n, SIGNALS[n][0], at, y) for n, y in found.items()}
+    motion = {n: Channel(n, SIGNALS[n][0], at, y) for n, y in predicted.items()}
     return Trial("simulated", {**given, **motion}, meta={"source": "simulated"})
 
 

@@ -131,12 +131,12 @@ def no_vehicle_error(
             + " and ".join(str(c) for c in candidates.values())
         )
     if others:
-        seen = f"only other stations sent messages (system ids {', '.join(map(str, others))})"
+        received = f"only other stations sent messages (system ids {', '.join(map(str, others))})"
     elif bad_data:
-        seen = f"data was received, but it is not MAVLink. {not_mavlink_advice(description)}"
+        received = f"data was received, but it is not MAVLink. {not_mavlink_advice(description)}"
     else:
-        seen = "nothing was received. Check that the vehicle is on, and the port"
-    return NoVehicle(f"no HEARTBEAT of an autopilot within {timeout:g} s on {description}: {seen}")
+        received = "nothing was received. Check that the vehicle is on, and the port"
+    return NoVehicle(f"no HEARTBEAT of an autopilot within {timeout:g} s on {description}: {received}")
 
 
 _CURES = {

@@ -33,8 +33,8 @@ class DistanceSender:
         """Wait until *t* [s] after the start, and send the HEARTBEAT that is due."""
         clock = self._transport.clock
         self._beat()
-        while (left := self._started + t - clock.now()) > 0.0:
-            self._transport.read(min(left, _SLICE))  # what the vehicle sends is not needed
+        while (remaining := self._started + t - clock.now()) > 0.0:
+            self._transport.read(min(remaining, _SLICE))  # what the vehicle sends is not needed
             self._beat()
 
     def _beat(self) -> None:

@@ -136,10 +136,10 @@ def has_remote_folder(session: Session, path: str) -> bool:
     """
     exchange = _Exchange(session)
     try:
-        found = exchange.answer(_LIST, path.encode("ascii"))
+        answer = exchange.answer(_LIST, path.encode("ascii"))
     finally:
         exchange.close()
-    return found.is_ack or found.data[:1] == bytes([_END_OF_FILE])
+    return answer.is_ack or answer.data[:1] == bytes([_END_OF_FILE])
 
 
 def write_remote_file(session: Session, path: str, data: bytes, timeout: float = 120.0) -> None:
@@ -171,11 +171,11 @@ def _checksum(data: bytes) -> int:
 
 
 def _write(session: Session, exchange: _Exchange, deadline: Deadline, path: str, data: bytes) -> None:
-    left = list(range(0, len(data), _PIECE))
-    while left:
+    missing = list(range(0, len(data), _PIECE))
+    while missing:
         if deadline.expired:
             raise NoReply(f"{path} was not sent to {session.vehicle} completely in time. Try a faster link")
-        sent = left[:_ABREAST]
+        sent = missing[:_ABREAST]
         exchange.replies.clear()
         for offset in sent:
             exchange.ask(_WRITE, offset=offset, data=data[offset : offset + _PIECE])
@@ -183,8 +183,8 @@ def _write(session: Session, exchange: _Exchange, deadline: Deadline, path: str,
         for reply in exchange.replies:
             if reply.request == _WRITE and not reply.is_ack:
                 raise BadFile(f"{session.vehicle} cannot write {path}{_why(reply)}")
-            if reply.request == _WRITE and reply.offset in left:
-                left.remove(reply.offset)
+            if reply.request == _WRITE and reply.offset in missing:
+                missing.remove(reply.offset)
 
 
 def remove_remote_file(session: Session, path: str) -> None:

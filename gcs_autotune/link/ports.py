@@ -72,7 +72,7 @@ def serial_ports() -> tuple[PortSeen, ...]:
     """Return the serial ports of this computer that have hardware, sorted by device."""
     from serial.tools import list_ports  # slow to import where there are many drivers
 
-    found: Sequence[Any] = sorted(list_ports.comports(), key=lambda port: str(port.device))
+    ports: Sequence[Any] = sorted(list_ports.comports(), key=lambda port: str(port.device))
     return tuple(
         PortSeen(
             str(port.device),
@@ -80,7 +80,7 @@ def serial_ports() -> tuple[PortSeen, ...]:
             str(port.manufacturer or ""),
             None if port.vid is None or port.pid is None else (int(port.vid), int(port.pid)),
         )
-        for port in found
+        for port in ports
         if port.vid is not None or str(port.hwid or "n/a") != "n/a"
     )
 

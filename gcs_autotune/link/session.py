@@ -339,11 +339,11 @@ class Session:
         deadline is checked. A tolerated silence (:attr:`patience`) does not count.
         """
         deadline = Deadline.after(self.liveness, timeout)
-        while (found := condition()) is None:
+        while (result := condition()) is None:
             if deadline.expired and not self.tolerates_silence:
                 return None
             self.pump(_HEED if deadline.expired else max(deadline.remaining, _LEAST))
-        return found
+        return result
 
     @property
     def tolerates_silence(self) -> bool:

@@ -97,7 +97,7 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     step, beat = _interval(cause), _interval(effect)
     reasons = [
         (high - low < SMALL_INPUT, "nothing", "the input hardly changes"),
-        (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
+        (ratio < QUIET, "nothing", f"the response varies by less than {QUIET:g} times its noise"),
         (reversals < FEW_CHANGES, "weak", f"the input reverses only {counted(reversals, 'time')}"),
         (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is too slow for a small craft"),
     ]

@@ -6,7 +6,7 @@ A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is only a generator of c
 ``sign-check`` comes first and verifies that an actuator acts in the right direction. ``relay`` identifies one degree of
 freedom in a few oscillations. ``zig-zag``, ``turning-circle``, ``pull-out``, the spirals and ``stopping`` determine the
 standard manoeuvring figures of ships. ``steps`` to ``free-decay`` apply to any force. ``throttle-steps`` identifies a
-boat's surge. ``step`` proves a closed loop. ``turn-about`` turns a boat around between two manoeuvres. ``dive`` takes
+boat's surge. ``step`` proves a closed loop. ``turn-around`` turns a boat around between two manoeuvres. ``dive`` takes
 an ROV away from the surface. The table :data:`MANOEUVRES` contains all of them.
 """
 
@@ -40,7 +40,7 @@ from gcs_autotune.manoeuvres.step_position import PushPosition, StepPosition
 from gcs_autotune.manoeuvres.table import MANOEUVRES
 from gcs_autotune.manoeuvres.throttle_steps import BOTH_WAYS, LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
-from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
+from gcs_autotune.manoeuvres.turn_around import TurnAround, TurnAroundSettings
 from gcs_autotune.manoeuvres.zig_zag import ZigZag, ZigZagSettings
 
 __all__ = [
@@ -108,8 +108,8 @@ __all__ = [
     "ThrustCheck",
     "ThrustCheckSettings",
     "Trajectory",
-    "TurnAbout",
-    "TurnAboutSettings",
+    "TurnAround",
+    "TurnAroundSettings",
     "UnderOwnLoop",
     "WallRelay",
     "ZigZag",

@@ -203,16 +203,16 @@ class Watch:
     def room_ends(self, now: Observation) -> str:
         """Return a sentence on the space limit to which the craft is too close; empty if there is none."""
         envelope, limit, away = self.envelope, self.envelope.distance_limit, self.away(now)
-        to_come_about = envelope.turning * envelope.cruise
-        least = min(to_come_about, 0.5 * limit)  # a small room is not over at its start
+        to_turn_around = envelope.turning * envelope.cruise
+        least = min(to_turn_around, 0.5 * limit)  # a small room is not over at its start
         if away >= min(NEARLY * limit, limit - least):
             return f"{away:.0f} m from the start, limit {limit:.0f} m (--max-distance)"
-        if envelope.area is None or not to_come_about:
+        if envelope.area is None or not to_turn_around:
             return ""
-        ahead = now.x + to_come_about * math.cos(now.psi), now.y + to_come_about * math.sin(now.psi)
+        ahead = now.x + to_turn_around * math.cos(now.psi), now.y + to_turn_around * math.sin(now.psi)
         if not envelope.area.beyond(*ahead):
             return ""
-        return f"{to_come_about:.0f} m before the edge of {envelope.area.source}"
+        return f"{to_turn_around:.0f} m before the edge of {envelope.area.source}"
 
     def drift_ends(self, signal: str, now: Observation, late: float) -> tuple[str, float]:
         """Return a sentence on the limit that *signal*, which no loop holds, would reach before the craft stops, and

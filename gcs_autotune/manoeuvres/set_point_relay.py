@@ -237,7 +237,7 @@ def _row(axis: AxisKind) -> ManoeuvreKind:
         drives=frozenset(),
         make=partial(_make, axis),
         options=("set-point", "hysteresis", "second-set-point", "second-hysteresis"),
-        room=_ROOM.get(axis.name, "a boat keeps its cruise speed"),
+        room=_ROOM.get(axis.name, "at the spot; a boat keeps its cruise speed"),
         identifies=False,
         shrinks={"set-point": 1.0, "hysteresis": 1.0, "second-set-point": 1.0, "second-hysteresis": 1.0},
         axis=axis.name,

@@ -98,6 +98,7 @@ _STEP = ManoeuvreKind(
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
+    room="at the spot; a boat keeps its cruise speed",
     command="tune AXIS",
 )
 _SIGN_CHECK = ManoeuvreKind(
@@ -106,7 +107,7 @@ _SIGN_CHECK = ManoeuvreKind(
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
-    command="every command that flies, at its start",
+    command="most commands that fly, at their start",
 )
 _THROTTLE_STEPS = ManoeuvreKind(
     name="throttle-steps",
@@ -117,15 +118,15 @@ _THROTTLE_STEPS = ManoeuvreKind(
     room="one minute of travel straight ahead",
     command="experiment surge, and tune speed",
 )
-_TURN_ABOUT = ManoeuvreKind(
-    name="turn-about",
+_TURN_AROUND = ManoeuvreKind(
+    name="turn-around",
     help="a half circle back towards the start of the last manoeuvre",
     excites=frozenset(),
     drives=frozenset({"X", "N"}),
     needs_way=True,
     identifies=False,
     room="a turning circle",
-    command="every command that flies a boat twice",
+    command="commands that fly a boat twice, if space requires",
 )
 _DIVE = ManoeuvreKind(
     name="dive",
@@ -171,7 +172,7 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         _THROTTLE_STEPS,
         _STEP,
         _SIGN_CHECK,
-        _TURN_ABOUT,
+        _TURN_AROUND,
         _DIVE,
         _COME_BACK,
         _CALM_CHECK,

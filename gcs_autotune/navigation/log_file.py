@@ -85,15 +85,15 @@ def navigate_file(
     for store in log.stores:
         _check_clock(store, path)
         try:
-            found = navigate(readings_of(store, path), mounting, rate)
+            navigation = navigate(readings_of(store, path), mounting, rate)
         except BadFile as error:  # another boot may have what this one lacks
             failures.append(error)
             continue
-        for solution in found:
+        for solution in navigation:
             store.take_all(solution.t, _sources(solution))
             for name, difference in _beside(store, solution):
                 squares.setdefault(name, []).append(difference**2)
-        solutions += found
+        solutions += navigation
     if not solutions:
         raise failures[0]
     differences = {name: float(np.sqrt(np.mean(np.concatenate(rows)))) for name, rows in squares.items()}

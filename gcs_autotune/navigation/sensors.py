@@ -127,14 +127,14 @@ def store_of(trial: Trial, path: Path) -> SampleStore:
     for names in groups.values():
         columns = [trial[name] for name in names]
         shared = all(np.array_equal(c.t, columns[0].t) for c in columns)
-        for own in [columns] if shared else [[c] for c in columns]:
-            back = np.flatnonzero(np.diff(own[0].t) < 0.0)
+        for group in [columns] if shared else [[c] for c in columns]:
+            back = np.flatnonzero(np.diff(group[0].t) < 0.0)
             if len(back):
                 raise BadFile(
-                    f"{path}: the clock of {own[0].name} goes back at {own[0].t[back[0]]:.3f} s. Sort the rows by "
+                    f"{path}: the clock of {group[0].name} goes back at {group[0].t[back[0]]:.3f} s. Sort the rows by "
                     "time, or split the file where the logger restarted"
                 )
-            store.take_all(own[0].t, {c.name: c.values for c in own})
+            store.take_all(group[0].t, {c.name: c.values for c in group})
     return store
 
 

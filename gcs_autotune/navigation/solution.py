@@ -19,7 +19,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.navigation import kernel
 from gcs_autotune.navigation.sensors import ARMED, DELAYED, SENSORS, Inertial, Readings, Sensor
 from gcs_autotune.notebook import Displayed
-from gcs_autotune.sensor import noise_of
+from gcs_autotune.sensor import INDEPENDENT, noise_of
 
 __all__ = ["ANGLES", "CONSTANTS", "Constant", "Mounting", "Navigation", "SensorNoise", "navigate"]
 
@@ -53,8 +53,6 @@ first estimates are too far from the truth for it. Project choice."""
 FLOOR = 0.3
 """Smallest noise level, as a fraction of the first one. Real errors are correlated in time, which less noise would take
 for motion. Project choice."""
-ALIKE = 0.05
-"""Correlation of the errors of two neighbouring samples below which they count as independent. Project choice."""
 COMMON, NOTICED = 6, 5.0
 """Errors common to all samples of a log that a run contains. Project choice.
 
@@ -167,8 +165,8 @@ class Navigation(Displayed):
     @property
     def nis(self) -> float:
         """Mean squared innovation over its variance, over all measurements."""
-        sensors = [own for name, own in self.noise.items() if name != PAUSE and own.used]
-        return sum(own.used * own.nis for own in sensors) / max(sum(own.used for own in sensors), 1)
+        sensors = [sensor for name, sensor in self.noise.items() if name != PAUSE and sensor.used]
+        return sum(sensor.used * sensor.nis for sensor in sensors) / max(sum(sensor.used for sensor in sensors), 1)
 
 
 def navigate(readings: Readings, mounting: Mounting | None = None, rate: float = RATE) -> tuple[Navigation, ...]:
@@ -311,15 +309,15 @@ class _Stretch:
 
     def arms(self) -> dict[str, Vector]:
         """Return the known lever arms: those supplied, and those in the autopilot's parameters."""
-        found: dict[str, Vector] = {}
-        given = self.readings.parameters
-        inertial = [given.get(f"INS_POS1_{axis}", 0.0) for axis in "XYZ"]
+        arms: dict[str, Vector] = {}
+        parameters = self.readings.parameters
+        inertial = [parameters.get(f"INS_POS1_{axis}", 0.0) for axis in "XYZ"]
         for device, prefixes in (("gps", ("GPS1_POS", "GPS_POS1")), ("dvl", ("VISO_POS",))):
             for prefix in prefixes:
-                place = [given.get(f"{prefix}_{axis}", 0.0) for axis in "XYZ"]
+                place = [parameters.get(f"{prefix}_{axis}", 0.0) for axis in "XYZ"]
                 if any(place):
-                    found[device] = (place[0] - inertial[0], place[1] - inertial[1], place[2] - inertial[2])
-        return {**found, **self.mounting.arms}
+                    arms[device] = (place[0] - inertial[0], place[1] - inertial[1], place[2] - inertial[2])
+        return {**arms, **self.mounting.arms}
 
     def _first_heading(self, phi: float, theta: float) -> float:
         if "compass" not in self.series:
@@ -342,9 +340,9 @@ class _Stretch:
             sigma = max(sigma, FLOOR * SENSORS[name].sigma)
             changed = max(changed, abs(sigma / self.sigma[name] - 1.0))
             self.sigma[name] = sigma
-        found = np.maximum(np.sqrt(np.maximum(result.levels[::2] / result.levels[1::2], 0.0)), LEAST)
-        changed = max(changed, float(np.max(np.abs(found / self.imu_noise - 1.0))))
-        self.imu_noise = found
+        ratios = np.maximum(np.sqrt(np.maximum(result.levels[::2] / result.levels[1::2], 0.0)), LEAST)
+        changed = max(changed, float(np.max(np.abs(ratios / self.imu_noise - 1.0))))
+        self.imu_noise = ratios
         return moved, changed
 
     def _navigation(self, result: _Pass, passes: int, *, converged: bool) -> Navigation:
@@ -403,7 +401,7 @@ class _Stretch:
         rates = np.einsum("kii->ki", covariance)[:, 9:12]
         alike = np.hstack([result.alike[:, [6, 7, 8, 0, 1, 2, 3, 4, 5]], 1.0 - self.imu_noise[0] ** 2 / rates])
         times = -step / np.log(np.clip(alike, 1e-9, 1.0 - 1e-9))
-        times[alike < ALIKE] = 0.0
+        times[alike < INDEPENDENT] = 0.0
         return {name: times[:, i].copy() for i, name in enumerate((*"xyz", *ANGLES, *"uvw", *"pqr"))}
 
     def _at_centre(self, x: Array) -> tuple[dict[str, Array], Array]:

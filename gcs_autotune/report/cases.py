@@ -159,8 +159,8 @@ def case_study_document(study: CaseStudy) -> Document:
     """Return the report of a study."""
     missing = study.cases - study.done - study.failed - study.given_up
     counts = f"{study.done} of {study.cases} cases done, {study.failed} failed, {study.given_up} given up"
-    left = (f"{missing} cases are missing. `study run` continues the study.",) if missing else ()
-    sentences = (*left, *study.notes)
+    remark = (f"{missing} cases are missing. `study run` continues the study.",) if missing else ()
+    sentences = (*remark, *study.notes)
     figures = [KeyFigure(f"{study.done}", "cases done", f"of {study.cases}")]
     text = f"{counts}."
     if study.success is not None:

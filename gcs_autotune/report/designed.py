@@ -205,7 +205,7 @@ def _remarks(d: DesignedGains) -> Iterator[Note]:
 
 def _own_document(d: DesignedOwn, when: str) -> Document:
     what = "line" if d.line is not None else d.axis
-    found = d.analysis
+    analysis = d.analysis
     line: tuple[Section, ...] = ()
     if d.line is not None:
         rows = tuple((name, format_number(value, 4)) for name, value in _numbers(d.line))
@@ -219,7 +219,7 @@ def _own_document(d: DesignedOwn, when: str) -> Document:
         when=format_moment(when),
         verdict=Verdict(
             f"A {d.design.wanted.kind.capitalize()} loop of {format_number(d.design.wanted.omega_0, 3)} rad/s.",
-            "good" if found.worst_margins.stable else "bad",
+            "good" if analysis.worst_margins.stable else "bad",
             (f"The loop cannot be faster because {d.design.limited_by}.",),
         ),
         sections=(
@@ -230,7 +230,7 @@ def _own_document(d: DesignedOwn, when: str) -> Document:
                 facts=IN_RESULT,
             ),
             *line,
-            *_loop_sections({"loop": found}, d.axis),
+            *_loop_sections({"loop": analysis}, d.axis),
         ),
         facts=d.to_dict(),
     )
@@ -238,9 +238,9 @@ def _own_document(d: DesignedOwn, when: str) -> Document:
 
 def _numbers(law: object) -> list[tuple[str, float]]:
     """Return the numbers of a line law by name; those of its turn-rate loop too."""
-    found = [(name, getattr(law, name)) for name in getattr(law, "__slots__", ())]
-    inner = [(f"turn rate {n}", getattr(v, n)) for _, v in found for n in ("K_P", "K_I") if hasattr(v, "K_P")]
-    return [(name, value) for name, value in (*found, *inner) if isinstance(value, float)]
+    numbers = [(name, getattr(law, name)) for name in getattr(law, "__slots__", ())]
+    inner = [(f"turn rate {n}", getattr(v, n)) for _, v in numbers for n in ("K_P", "K_I") if hasattr(v, "K_P")]
+    return [(name, value) for name, value in (*numbers, *inner) if isinstance(value, float)]
 
 
 # --- what both have -----------------------------------------------------------------------------------------------
@@ -283,7 +283,7 @@ _DISK = (
 
 
 def _margins_table(analyses: Mapping[str, LoopAnalysis]) -> Table:
-    columns = [(label, found.margins, found.disk) for label, found in analyses.items()]
+    columns = [(label, analysis.margins, analysis.disk) for label, analysis in analyses.items()]
     label, last = list(analyses.items())[-1]
     columns.append((f"{label}, worst case", last.worst_margins, last.worst_disk))
     cells = [_margin_cells(margins, disk) for _, margins, disk in columns]
@@ -326,8 +326,8 @@ def _poles_table(poles: NDArray[np.complex128]) -> Table:
 
 def _disturbance_table(analyses: Mapping[str, LoopAnalysis]) -> Table:
     rows = []
-    for label, found in analyses.items():
-        r = found.response
+    for label, analysis in analyses.items():
+        r = analysis.response
         rows.append((label, *(_percent(deviation, r.step) for deviation in _deviations(r))))
     heads = ("deviation by 5 % of full output", "model [% of step]", "worst case [% of step]")
     return Table(heads, "lrr", tuple(rows))
@@ -348,8 +348,8 @@ def _percent(value: float, step: float) -> str:
 def _draw_responses(analyses: Mapping[str, LoopAnalysis], axis: str) -> Drawing:
     figure, (upper, lower) = new_axes((2.4, 1.2))
     colours = (BEFORE, AFTER)[-len(analyses) :]
-    for (label, found), colour in zip(analyses.items(), colours, strict=True):
-        r = found.response
+    for (label, analysis), colour in zip(analyses.items(), colours, strict=True):
+        r = analysis.response
         if colour == AFTER:
             upper.fill_between(r.t, _shown(r, r.low), _shown(r, r.high), color=BAND, lw=0.0)
         upper.plot(r.t, _shown(r, r.position), color=colour, lw=1.3, label=label)
@@ -369,9 +369,9 @@ def _shown(r: LoopResponse, position: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _frequency(analyses: Mapping[str, LoopAnalysis]) -> Iterator[Figure]:
-    loops = [(found.loop,) for found in analyses.values()]
-    found = [loop_margins(group) for group in loops]
-    yield Figure("bode", "Bode plot of the open loop.", partial(draw_bode, loops, found, tuple(analyses)))
+    loops = [(analysis.loop,) for analysis in analyses.values()]
+    margins = [loop_margins(group) for group in loops]
+    yield Figure("bode", "Bode plot of the open loop.", partial(draw_bode, loops, margins, tuple(analyses)))
     caption = "Nyquist plot of the open loop. The loop with the last gains stays outside the shaded disk."
     yield Figure("nyquist", caption, partial(_draw_nyquist, analyses))
 
@@ -385,8 +385,8 @@ def _draw_nyquist(analyses: Mapping[str, LoopAnalysis]) -> Drawing:
         centre, radius = -0.5 * (disk.gain + 1.0 / disk.gain), 0.5 * (disk.gain - 1.0 / disk.gain)
         axes.add_patch(Circle((centre, 0.0), radius, color=BAND, lw=0.0))
     axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color=FAINT, lw=0.8))
-    for (label, found), colour in zip(analyses.items(), (BEFORE, AFTER)[-len(analyses) :], strict=True):
-        _curve(axes, found.loop, colour, label)
+    for (label, analysis), colour in zip(analyses.items(), (BEFORE, AFTER)[-len(analyses) :], strict=True):
+        _curve(axes, analysis.loop, colour, label)
     _square(axes, NEAR)
     return figure
 
@@ -409,7 +409,7 @@ def _square(axes: Axes, reach: float) -> None:
 
 def _plain(found: LoopAnalysis) -> dict[str, Any]:
     r = found.response
-    own, worst = _deviations(r)
+    of_model, worst = _deviations(r)
     return {
         "poles": [[float(p.real), float(p.imag)] for p in sorted(found.poles, key=abs)],
         **{
@@ -421,7 +421,7 @@ def _plain(found: LoopAnalysis) -> dict[str, Any]:
                 ("worst_disk_margin", found.worst_disk),
             )
         },
-        "response": {"step": r.step, "push": r.push, "push_at": r.push_at, "deviation": own, "worst": worst},
+        "response": {"step": r.step, "push": r.push, "push_at": r.push_at, "deviation": of_model, "worst": worst},
     }
 
 

@@ -73,10 +73,10 @@ def _consistency(solution: Told) -> str:
 
 
 def _constants(solution: Told) -> Iterator[tuple[str, ...]]:
-    for name, own in solution["constants"].items():
-        unit, factor = to_people(own["unit"])
-        doubt = "" if own["determined"] else "not determined by this log"
-        yield name, format_value(own["value"] * factor, own["std"] * factor), pretty_unit(unit), doubt
+    for name, constant in solution["constants"].items():
+        unit, factor = to_people(constant["unit"])
+        doubt = "" if constant["determined"] else "not determined by this log"
+        yield name, format_value(constant["value"] * factor, constant["std"] * factor), pretty_unit(unit), doubt
 
 
 def _beside(told: Told) -> Iterator[Part]:
@@ -109,10 +109,10 @@ def _doubts(told: Told) -> Iterator[Remark]:
                 f"noise levels and delays still changed after {solution['passes']} passes. Record a longer stretch "
                 "with more turns and changes of speed"
             )
-        for name, own in solution["sensors"].items():
-            total = own["used"] + own["skipped"]
-            if own["skipped"] > MANY * total:
-                yield Remark(f"{own['skipped']} of {total} samples of {name} were skipped as outliers")
+        for name, sensor in solution["sensors"].items():
+            total = sensor["used"] + sensor["skipped"]
+            if sensor["skipped"] > MANY * total:
+                yield Remark(f"{sensor['skipped']} of {total} samples of {name} were skipped as outliers")
 
 
 def _quantity(value: float, unit: str) -> tuple[str, str]:

@@ -30,6 +30,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_value,
     pretty_unit,
     remarks,
+    sentence,
     to_people,
 )
 from gcs_autotune.rounding import EXACT, counted
@@ -70,32 +71,32 @@ MESSAGE_OF: Mapping[str, str] = {
 """Source in a log -> message that contains it, if messages of a telemetry log have no timestamp of their own."""
 
 
-def log_document(told: Mapping[str, Any]) -> Document:
+def log_document(contents: Mapping[str, Any]) -> Document:
     """Return the report of one log: its contents, the autopilot's boots, and the runs in it."""
-    contradictions = tuple(cause for slug, cause, _ in told["notes"] if slug == CONTRADICTION)
-    doubts = tuple(f"{cause}: {cure}" for _, cause, cure in told["notes"])
-    heading = f"{told['source']}: {told['format']}"
+    contradictions = tuple(cause for slug, cause, _ in contents["notes"] if slug == CONTRADICTION)
+    doubts = tuple(f"{sentence(cause)} Cure: {sentence(cure)}" for _, cause, cure in contents["notes"])
+    heading = f"{contents['source']}: {contents['format']}"
     return Document(
         title=heading,
         contradictions=contradictions,
         doubts=cautions(doubts) or None,
         doubted="log",
         sections=(
-            Section("log", heading, tuple(_log(told)), facts=IN_RESULT),
-            Section("runs", "Runs", tuple(_log_runs(told)), facts=IN_RESULT),
+            Section("log", heading, tuple(_log(contents)), facts=IN_RESULT),
+            Section("runs", "Runs", tuple(_log_runs(contents)), facts=IN_RESULT),
         ),
-        facts=told,
+        facts=contents,
     )
 
 
-def _log(told: Mapping[str, Any]) -> Iterator[Part]:
-    counts = told["counts"]
+def _log(contents: Mapping[str, Any]) -> Iterator[Part]:
+    counts = contents["counts"]
     damage = f", {counts['damaged']} damaged and skipped" if counts.get("damaged") else ""
     stamps = f", {counts['damaged_stamps']} damaged timestamps" if counts.get("damaged_stamps") else ""
     cut = ", truncated in the middle of a message" if counts.get("truncated") else ""
     yield Note(f"{counts.get('messages', 0)} messages{damage}{stamps}{cut}.")
-    for number, boot in enumerate(told["boots"], start=1):
-        which = f"Boot {number}: " if len(told["boots"]) > 1 else ""
+    for number, boot in enumerate(contents["boots"], start=1):
+        which = f"Boot {number}: " if len(contents["boots"]) > 1 else ""
         yield Note(
             f"{which}{boot['vehicle']}, {format_seconds(boot['duration'])}, clock: {boot['clock']}; "
             f"{boot['parameters']} parameters; inputs: {boot['servo_map']}."
@@ -104,23 +105,23 @@ def _log(told: Mapping[str, Any]) -> Iterator[Part]:
         if boot["dated_by_arrival"]:
             named = ", ".join(MESSAGE_OF.get(source, source) for source in boot["dated_by_arrival"])
             yield Note(f"Messages without a timestamp of their own, timed by arrival: {named}.")
-    yield _messages(told["messages"])
-    if told["truth"]:
-        yield Note(f"The log contains a simulator's true state ({', '.join(told['truth'])}), which is not used.")
+    yield _messages(contents["messages"])
+    if contents["truth"]:
+        yield Note(f"The log contains a simulator's true state ({', '.join(contents['truth'])}), which is not used.")
 
 
-def _log_runs(told: Mapping[str, Any]) -> Iterator[Part]:
-    if not told["runs"]:
-        yield Note(_no_run(told["boots"]))
-    for run in told["runs"]:
+def _log_runs(contents: Mapping[str, Any]) -> Iterator[Part]:
+    if not contents["runs"]:
+        yield Note(_no_run(contents["boots"]))
+    for run in contents["runs"]:
         yield Note(f"{run['name']} (inputs: {run['input_from']})")
         yield from bullets(tuple(_look(look) for look in run["excitation"]))
-    yield from bullets(tuple(f"skipped {row['name']}: {row['why']}" for row in told["left_out"]))
+    yield from bullets(tuple(f"skipped {row['name']}: {row['why']}" for row in contents["left_out"]))
 
 
 def _no_run(boots: Sequence[Mapping[str, Any]]) -> str:
-    told = [on for boot in boots for _, on in boot["armed"]]
-    never = " The vehicle was never armed." if told and not any(told) else ""
+    is_armed = [on for boot in boots for _, on in boot["armed"]]
+    never = " The vehicle was never armed." if is_armed and not any(is_armed) else ""
     return f"The log contains no run to identify from.{never}"
 
 

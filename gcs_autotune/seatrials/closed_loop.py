@@ -173,7 +173,7 @@ def _not_linear(explained: Sequence[float]) -> Doubt:
         return Doubt("not-linear", cause, "use a larger --set-point and --second-set-point")
     return Doubt(
         "not-linear",
-        f"{cause}, for either relay. The loop has another structure",
+        f"{cause}, for either relay. A rate limit, noise, waves or a loop of another structure can cause this",
         "compare the result with a flown step",
     )
 

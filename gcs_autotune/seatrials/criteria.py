@@ -30,6 +30,7 @@ __all__ = [
     "judged",
     "known",
     "per_helm",
+    "per_helm_words",
     "second_overshoot_limit",
 ]
 
@@ -218,6 +219,11 @@ def per_helm(unit: str, helm: str) -> str:
     if helm == "rad":
         return {"rad/s": "1/s", "rad": "1"}.get(unit, f"{unit}/rad")
     return unit if helm == "1" else f"{unit}/({helm})"
+
+
+def per_helm_words(helm: str) -> str:
+    """Return "per helm", or "per full helm" for a normalised output, whose unit 1 is not shown."""
+    return "per full helm" if helm == "1" else "per helm"
 
 
 def helm_text(helm: float, unit: str) -> str:

@@ -25,6 +25,7 @@ from gcs_autotune.seatrials.criteria import (
     judged,
     known,
     per_helm,
+    per_helm_words,
 )
 from gcs_autotune.seatrials.free_decay import free_decay_sheet
 from gcs_autotune.seatrials.layered import layered_sheet
@@ -94,19 +95,20 @@ def _turning_sheet(run: Trial, ship: Particulars) -> Sheet:
     log = ship_log(run)
     c = read_turning_circle(log, [m.t for m in run.marks if m.kind == "execute"])
     unit = log.steering.unit
+    advance, diameter = in_lengths(c.advance, ship), in_lengths(c.tactical_diameter, ship)
     figures = known(
         judged("helm", "helm", Reading(abs(c.rudder), NAN, unit)),
         judged("turned", "total heading change", Reading(c.turned, NAN, "rad")),
         judged("advance", "advance", c.advance),
-        judged("advance-lengths", "advance", in_lengths(c.advance, ship), ADVANCE, "5.3.1"),
+        judged("advance-lengths", "advance", advance, _turning_limit(c, unit, advance, ADVANCE), "5.3.1"),
         judged("transfer", "transfer", c.transfer),
         judged("transfer-lengths", "transfer", in_lengths(c.transfer, ship)),
         judged("tactical-diameter", "tactical diameter", c.tactical_diameter),
         judged(
             "tactical-diameter-lengths",
             "tactical diameter",
-            in_lengths(c.tactical_diameter, ship),
-            TACTICAL_DIAMETER,
+            diameter,
+            _turning_limit(c, unit, diameter, TACTICAL_DIAMETER),
             "5.3.1",
         ),
         judged("time-90", "time to 90 degrees", c.time_90),
@@ -125,6 +127,23 @@ def _turning_sheet(run: Trial, ship: Particulars) -> Sheet:
     )
     side = "starboard" if c.starboard else "port"
     return Sheet(log.name, "turning-circle", f"turning circle to {side}", figures, "", c.doubts, _circle(c))
+
+
+FULL_RUDDER = {"rad": math.radians(35.0), "1": 1.0}
+"""Rudder angle of the turning test, per unit of the helm. Source: MSC.137(76), 4.2: 35 degrees, or the greatest that
+the speed allows.
+"""
+NEARLY_FULL = 0.95
+"""Least helm, relative to :data:`FULL_RUDDER`, of a turning test. Project choice."""
+
+
+def _turning_limit(c: TurningCircle, unit: str, reading: Reading, limit: float) -> float | None:
+    """Return the *limit* of the turning test for *reading*, or None if the helm was too small to fail it.
+
+    A craft that meets the limit with a smaller helm also meets it with full helm.
+    """
+    full = abs(c.rudder) >= NEARLY_FULL * FULL_RUDDER.get(unit, 0.0)
+    return limit if full or reading.value <= limit else None
 
 
 def _circle(c: TurningCircle) -> Shape:
@@ -162,11 +181,11 @@ _WAYS: Mapping[float, str] = {0.0: "", 1.0: ", raised", -1.0: ", lowered"}
 
 def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     figures = known(
-        judged("residual-rate", "residual yaw rate with the helm amidships", s.residual_rate),
+        judged("residual-rate", "half the height of the hysteresis loop", s.residual_rate),
         judged("loop-width", "width of the hysteresis loop", s.width),
         judged(
             "slope",
-            "yaw rate per helm at amidships",
+            f"yaw rate {per_helm_words(log.steering.unit)}, at amidships",
             Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit)),
         ),
         *(

@@ -44,6 +44,7 @@ from gcs_autotune.seatrials.criteria import (
     judged,
     known,
     per_helm,
+    per_helm_words,
     second_overshoot_limit,
 )
 from gcs_autotune.trial import Trial
@@ -446,8 +447,10 @@ def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZagFigures, unit: str) 
     speed = z.approach if z.approach > 0.0 else ship.speed
     made = nomoto_of(theta, covariance, ship.length, speed)
     return (
-        judged("K", "Nomoto K", made.K.scaled(z.sense, per_helm("rad/s", unit))),
+        judged("K", f"Nomoto K, {per_helm_words(unit)}", made.K.scaled(z.sense, per_helm("rad/s", unit))),
         judged("T", "Nomoto T", made.T),
-        judged("K-prime", "Nomoto K' = K L/U", made.K_prime.scaled(z.sense, per_helm("rad", unit))),
+        judged(
+            "K-prime", f"Nomoto K' = K L/U, {per_helm_words(unit)}", made.K_prime.scaled(z.sense, per_helm("rad", unit))
+        ),
         judged("T-prime", "Nomoto T' = T U/L", made.T_prime),
     )

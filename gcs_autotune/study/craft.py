@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,11 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import nearest_of
 from gcs_autotune_files import Refused, read
 
-__all__ = ["NONE", "file_of_user", "link_of"]
+__all__ = ["NONE", "file_of_user", "link_of", "unit_in"]
 
 _FILE = ".toml"
+_UNSTATED = "SI"
+"""Unit of a number that the file of the vehicle does not contain."""
 NONE = "none"
 """Value of ``effect`` for a vehicle without one."""
 _LENGTH_POWERS: Mapping[str, float] = {
@@ -64,6 +66,20 @@ def link_of(given: Mapping[str, Any], folder: Path, home: Path) -> str:
         name = str(path)
     query = "&".join(f"effect={text.replace('&', '%26')}" for text in _effects(given))
     return f"sitl:{name}{'?' if query else ''}{query}"
+
+
+def unit_in(likes: Collection[str], number: str, home: Path) -> str:
+    """Return the unit of a *number* (HEADING.NAME) in the files of the vehicles *likes*.
+
+    The unit is SI if no file contains the number, and empty if the files differ or one cannot be read.
+    """
+    heading, _, name = number.partition(".")
+    try:
+        files = [_tables(str(home / like) if like.endswith(_FILE) else like) for like in likes]
+    except UsageError:
+        return ""
+    units = {file.get(heading, {}).get(name, {}).get("unit", _UNSTATED) for file in files}
+    return units.pop() if len(units) == 1 else ""
 
 
 def _effects(given: Mapping[str, Any]) -> list[str]:
@@ -117,7 +133,7 @@ def _file_of(like: str, changed: Mapping[str, Any]) -> str:
     for heading, values in tables.items():
         lines.append(f"[{heading}]")
         for name, value in values.items():
-            unit = own.get(heading, {}).get(name, {}).get("unit", "SI")
+            unit = own.get(heading, {}).get(name, {}).get("unit", _UNSTATED)
             lines.append(f'{name} = {{ value = {json.dumps(value)}, unit = {json.dumps(unit)}, source = "study" }}')
     return "\n".join(lines) + "\n"
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import shlex
 import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from gcs_autotune.report import (
     WorstCase,
 )
 from gcs_autotune.slow_imports import scipy_stats
-from gcs_autotune.study.craft import NONE
+from gcs_autotune.study.craft import NONE, unit_in
 from gcs_autotune.study.jobs import JOBS, Job
 from gcs_autotune.study.names import words_of
 from gcs_autotune.study.plan import Goal, Plan, load_plan
@@ -38,6 +40,7 @@ _MOST_VALUES = 24
 """Largest number of values of a name for which rates are shown one by one; more are shown in groups. Project choice."""
 _GROUPS = 6
 """Number of equally full groups of a continuous value. Project choice."""
+_LIKE = "vehicle.like"
 _WORST = 10
 _RECENT = 200
 """Number of the last cases from which the rate is computed. Project choice."""
@@ -137,7 +140,7 @@ def case_study_of(folder: Path, against: Path | None = None) -> CaseStudy:
         found["spreads"] = (_spread(measure, frame[measure]),)
     aim = spec.success.of if isinstance(spec.success, Goal) else spec.success or job.success
     named = filter(None, (*plan.vary, "seed", *spec.map, *spec.bound, measure, aim))
-    words = {name: words_of(name, plan.do) for name in named}
+    words = {name: words_of(name, plan.do, partial(_vehicle_unit, plan)) for name in named}
     if aim == spec.success and aim != job.success:
         words[aim] += " true"
     return CaseStudy(
@@ -150,6 +153,13 @@ def case_study_of(folder: Path, against: Path | None = None) -> CaseStudy:
         worst=tuple(_worst(plan, frame, hit, measure, folder)),
         against=None if against is None else _against(plan, job, frame, hit, measure, against),
     )
+
+
+def _vehicle_unit(plan: Plan, number: str) -> str:
+    """Return the unit of a *number* in the vehicle files of the study."""
+    axis = plan.vary.get(_LIKE)
+    likes = (plan.fixed.get(_LIKE),) if axis is None else axis.values
+    return unit_in([like for like in likes if isinstance(like, str)], number, plan.home)
 
 
 def rate_of(of: str, hits: Sequence[bool]) -> Rate:
@@ -292,7 +302,7 @@ def _worst(plan: Plan, frame: Any, hit: Any, measure: str, folder: Path) -> list
         values = ", ".join(f"{name} = {_shown(row[name])}" for name in (*plan.vary, "seed") if name in row)
         outcome = row["reason"] or (f"{measure} = {row[measure]:.4g}" if measure else "without success")
         case = str(row["case"])[:12]
-        found.append(WorstCase(case, values, outcome, f"gcs-autotune study replay {folder} {case}"))
+        found.append(WorstCase(case, values, outcome, f"gcs-autotune study replay {shlex.quote(str(folder))} {case}"))
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from gcs_autotune.effects import EFFECTS, effect_words
 from gcs_autotune.limits import axes_of
@@ -33,10 +33,11 @@ _METRICS: Mapping[str, str] = {
 """Fields of the metrics of a step that a tune reports as ``metrics.before`` and ``metrics.after``."""
 
 
-def words_of(name: str, do: str) -> str:
+def words_of(name: str, do: str, vehicle_unit: Callable[[str], str]) -> str:
     """Return the words for the *name* of a value or result of a study that does *do*, with its unit if it is known.
 
-    A name that the user chose, or that is only defined in a vehicle file, is quoted.
+    A name that the user chose, or that is only defined in a vehicle file, is quoted. *vehicle_unit* : returns the unit
+    of a number in the vehicle file.
     """
     if name in _WORDS:
         return _WORDS[name]
@@ -45,7 +46,9 @@ def words_of(name: str, do: str) -> str:
         return f"argument '{rest}'"
     if first == "vehicle":
         number = rest.removesuffix(".times")
-        return f"'{number}' of the vehicle file" if number == rest else f"factor on '{number}' of the vehicle file"
+        if number != rest:
+            return f"factor on '{number}' of the vehicle file"
+        return f"'{number}' of the vehicle file" + _bracketed(vehicle_unit(number))
     if first == "effect":
         return _of_effect(rest)
     if do in JOBS and first in JOBS[do].steps:
@@ -59,13 +62,17 @@ def _of_effect(name: str) -> str:
     entry = EFFECTS.get(slug)
     unit = next((q.unit for q in entry.parameters if q.name == quantity), "") if entry is not None else ""
     where = f" ({place})" if place else ""
-    return f"{effect_words(slug)}{where}: {quantity}" + f" [{unit}]" * bool(unit)
+    return f"{effect_words(slug)}{where}: {quantity}" + _bracketed(unit)
 
 
 def _of_option(name: str) -> str:
     units = {limit.unit for limit in axes_of(name)}
     unit = units.pop() if len(units) == 1 else ""  # it may differ by axis
-    return name.replace("-", " ") + f" [{unit}]" * bool(unit)
+    return name.replace("-", " ") + _bracketed(unit)
+
+
+def _bracketed(unit: str) -> str:
+    return f" [{unit}]".replace("^2", "²").replace("^3", "³") if unit else ""
 
 
 def _of_result(name: str) -> str:

@@ -61,14 +61,16 @@ def _undistorted(pixels: Array, matrix: Array, distortion: Array) -> Array:
     OpenCV's own function stops after five iterations, which leaves tenths of a pixel at the edge of a wide lens.
     """
     k1, k2, p1, p2, k3 = (float(v) for v in distortion)
-    seen = np.column_stack([(pixels[:, 0] - matrix[0, 2]) / matrix[0, 0], (pixels[:, 1] - matrix[1, 2]) / matrix[1, 1]])
-    x, y = seen.T
+    distorted = np.column_stack(
+        [(pixels[:, 0] - matrix[0, 2]) / matrix[0, 0], (pixels[:, 1] - matrix[1, 2]) / matrix[1, 1]]
+    )
+    x, y = distorted.T
     for _ in range(_ITERATIONS if distortion.any() else 0):
         square = x * x + y * y
         stretch = 1.0 + square * (k1 + square * (k2 + square * k3))
         shift_x = 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x)
         shift_y = p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
-        x, y = (seen[:, 0] - shift_x) / stretch, (seen[:, 1] - shift_y) / stretch
+        x, y = (distorted[:, 0] - shift_x) / stretch, (distorted[:, 1] - shift_y) / stretch
     return np.column_stack([x, y])
 
 
@@ -93,14 +95,14 @@ def calibrate_camera(floor: Path, boards: str = "", board: tuple[int, int] = BOA
     else:  # any matrix does; this one keeps the numbers near 1
         matrix = np.array([[1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0], [0.0, 0.0, 1.0]])
     plain = _undistorted(pixels, matrix, distortion)
-    found, _ = opencv().findHomography(plain, places) if len(plain) >= 4 else (None, None)
-    if found is None or not np.isfinite(found).all() or np.linalg.matrix_rank(places - places[0]) < 2:
+    homography, _ = opencv().findHomography(plain, places) if len(plain) >= 4 else (None, None)
+    if homography is None or not np.isfinite(homography).all() or np.linalg.matrix_rank(places - places[0]) < 2:
         raise NotInformative(f"{floor}: {len(plain)} points do not define the floor. Give four, no three on one line")
     # A picture has north up and east to the right: (column, row) = (y, -x), which is not mirrored.
-    a = found / found[2, 2]
+    a = homography / homography[2, 2]
     if a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0] < 0.0:
         raise BadFile(f"{floor}: the floor is mirrored. Seen from above, y counts to the right of x")
-    rows = [tuple(float(v) for v in row) for row in (*matrix, *found)]
+    rows = [tuple(float(v) for v in row) for row in (*matrix, *homography)]
     camera = conformed(
         {
             "matrix": rows[:3],
@@ -118,17 +120,17 @@ def calibrate_camera(floor: Path, boards: str = "", board: tuple[int, int] = BOA
 def _points(floor: Path) -> list[Array]:
     cells = cells_of(floor)
     numbers = numbers_of(cells)
-    found = {}
+    points = {}
     for i, index in enumerate(numbers.columns):
         name, unit = parse_header(cells.head[index])
         values = numbers.values[:, i] * (to_si(unit)[1] if _HEADS.get(name) else 1.0)
         if name in _HEADS and not np.isfinite(values).all():
             raise BadFile(f"{floor}, row {cells.first + int(np.argmin(np.isfinite(values)))}: {name} is not a number")
-        found[name] = values
-    missing = [name for name in _HEADS if name not in found]
+        points[name] = values
+    missing = [name for name in _HEADS if name not in points]
     if missing:
         raise BadFile(f"{floor} has no column {', '.join(missing)}. Its columns must be column,row,x[m],y[m]")
-    return [found[name] for name in _HEADS]
+    return [points[name] for name in _HEADS]
 
 
 def _lens(boards: str, board: tuple[int, int]) -> tuple[Array, Array, tuple[int, int]]:
@@ -139,8 +141,8 @@ def _lens(boards: str, board: tuple[int, int]) -> tuple[Array, Array, tuple[int,
     corners, count, size = [], 0, (0, 0)
     for picture in pictures(boards):
         count, size = picture.number, (picture.bgr.shape[1], picture.bgr.shape[0])
-        found, places = cv2.findChessboardCornersSB(cv2.cvtColor(picture.bgr, cv2.COLOR_BGR2GRAY), board)
-        if found:
+        is_complete, places = cv2.findChessboardCornersSB(cv2.cvtColor(picture.bgr, cv2.COLOR_BGR2GRAY), board)
+        if is_complete:
             corners.append(places)
     if len(corners) < _LEAST_BOARDS:
         raise NotInformative(

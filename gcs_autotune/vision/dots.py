@@ -127,9 +127,9 @@ class DotFinder:
             if peak - floor < least:
                 return None
             place = self._centroid(excess, at, floor + _PART * (peak - floor))
-            found = (origin[0] + place[0], origin[1] + place[1])
-            if line is None or _off(line, found, middle) <= _OFF_LINE:
-                return found
+            spot = (origin[0] + place[0], origin[1] + place[1])
+            if line is None or _off(line, spot, middle) <= _OFF_LINE:
+                return spot
         return None
 
     @staticmethod

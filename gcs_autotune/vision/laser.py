@@ -193,9 +193,9 @@ def calibrate_laser(table: Path, source: str = "", *, apart: float, colour: str 
             size = (picture.bgr.shape[1], picture.bgr.shape[0])
         if len(places) != len(distances):
             raise BadFile(f"{table} has {len(distances)} rows for {len(places)} pictures. Write one row per picture")
-        found = np.array(places)
-        pixels = np.column_stack([np.hypot(*found[:, :2].T), np.hypot(*found[:, 2:].T)])
-        lines = (_line(found[:, 0], found[:, 1]), _line(found[:, 2], found[:, 3]))
+        measured = np.array(places)
+        pixels = np.column_stack([np.hypot(*measured[:, :2].T), np.hypot(*measured[:, 2:].T)])
+        lines = (_line(measured[:, 0], measured[:, 1]), _line(measured[:, 2], measured[:, 3]))
     elif "x_L" in columns and "x_R" in columns:
         pixels, lines, size = np.column_stack([columns["x_L"], columns["x_R"]]), (None, None), (0, 0)
     else:
@@ -327,17 +327,17 @@ def laser_run(readings: Sequence[LaserReading], name: str) -> Trial:
     NotInformative
         No picture shows two dots in the calibrated range.
     """
-    seen = [r for r in readings if not r.missing]
-    if not seen:
+    valid = [r for r in readings if not r.missing]
+    if not valid:
         first = readings[0]
         raise NotInformative(
             f"{name}: none of {len(readings)} pictures shows two laser dots in range. Picture {first.number} shows "
             f"{first.missing}. Check the lasers, --colour and the calibration"
         )
-    t = np.array([r.t for r in seen])
-    port, starboard = np.array([r.port for r in seen]), np.array([r.starboard for r in seen])
+    t = np.array([r.t for r in valid])
+    port, starboard = np.array([r.port for r in valid]), np.array([r.starboard for r in valid])
     channels = {"d": Channel("d", "m", t, port), "d_starboard": Channel("d_starboard", "m", t, starboard)}
-    return Trial(name, channels, meta={"source": name, "apart": seen[0].apart, "pictures": len(readings)})
+    return Trial(name, channels, meta={"source": name, "apart": valid[0].apart, "pictures": len(readings)})
 
 
 def calibrate(pixels: Sequence[float] | Array, lengths: Sequence[float] | Array) -> LaserCurve:
@@ -364,15 +364,15 @@ def _fit(x: Array, y: Array, b: float, d: float) -> tuple[LaserCurve, float]:
 
     def amplitudes(rates: Array) -> tuple[Array, Array]:
         table = np.exp(np.outer(x, rates))
-        found = np.asarray(np.linalg.lstsq(table, y, rcond=None)[0], dtype=np.float64)
-        return found, np.asarray(table @ found - y, dtype=np.float64)
+        sizes = np.asarray(np.linalg.lstsq(table, y, rcond=None)[0], dtype=np.float64)
+        return sizes, np.asarray(table @ sizes - y, dtype=np.float64)
 
     scale = abs(d)
 
     def error_of(p: Array) -> Array:
         return amplitudes(p * scale)[1]
 
-    found = least_squares(error_of, np.array([b, d]) / scale, xtol=1e-14, ftol=1e-14)
-    rates = np.sort(found.x * scale)
+    search = least_squares(error_of, np.array([b, d]) / scale, xtol=1e-14, ftol=1e-14)
+    rates = np.sort(search.x * scale)
     (a, c), error = amplitudes(rates)
     return LaserCurve(float(a), float(rates[0]), float(c), float(rates[1])), float(error @ error)

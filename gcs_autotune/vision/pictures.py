@@ -98,10 +98,10 @@ def _times(folder: Path, count: int, rate: float | None) -> Sequence[float]:
     cells = cells_of(path)
     table = numbers_of(cells)
     heads = [parse_header(cells.head[i]) for i in table.columns]
-    found = [(i, to_si(unit)[1]) for i, (name, unit) in enumerate(heads) if name == "t"]
-    if not found:
+    columns = [(i, to_si(unit)[1]) for i, (name, unit) in enumerate(heads) if name == "t"]
+    if not columns:
         raise BadFile(f"{path} has no time column t[s]")
-    times = table.values[:, found[0][0]] * found[0][1]
+    times = table.values[:, columns[0][0]] * columns[0][1]
     if len(times) != count:
         raise BadFile(f"{path} has {len(times)} times for {count} pictures. Write one row per picture")
     if not np.isfinite(times).all():

@@ -88,11 +88,11 @@ def track(source: str, camera: FloorCamera, marker: str = "red-line", rate: floa
                 f"{source}, picture {picture.number}: the time jumps by {picture.t - last:.2f} s. Cut the video there"
             )
         last, count = picture.t, picture.number
-        seen = find(picture.bgr, camera)
-        if seen is None:
+        marking = find(picture.bgr, camera)
+        if marking is None:
             first_lost = first_lost or picture.number
             continue
-        rows.append((picture.t, seen.x, seen.y, seen.psi))
+        rows.append((picture.t, marking.x, marking.y, marking.psi))
     if len(rows) < max(2, LEAST_SEEN * count):
         raise NotInformative(
             f"{source}: {len(rows)} of {count} pictures show the marker ({marker}). The first without it is picture "
@@ -193,20 +193,20 @@ def clock_offset(seen: Track, log: Trial) -> tuple[float, float]:
 
     coarse = np.arange(t[0] - grid[-1], t[-1] - grid[0], _COARSE * _STEP)
     scores = np.array([match(float(v)) for v in coarse])
-    found = []
+    offsets = []
     for _ in range(_RIVALS):
         best = float(coarse[int(np.argmax(scores))])
         scores[np.abs(coarse - best) < _APART] = -1.0
         for step in (_STEP, 0.1 * _STEP):
             near = best + step * np.arange(-_COARSE - 1, _COARSE + 2)
             best = float(near[int(np.argmax([match(float(v)) for v in near]))])
-        found.append((match(best), best))
-    highest = max(found)[0]
+        offsets.append((match(best), best))
+    highest = max(offsets)[0]
     if highest < LEAST_CORRELATION:
         raise NotInformative(
             f"the yaw rates of {seen.name} and {log.name} do not match (best correlation {highest:.2f}). Use --offset"
         )
-    alike = [(_surge_match(seen, log, offset), offset, c) for c, offset in found if c > highest - _ALIKE]
+    alike = [(_surge_match(seen, log, offset), offset, c) for c, offset in offsets if c > highest - _ALIKE]
     alike.sort(reverse=True)
     if len(alike) > 1 and alike[0][0] - alike[1][0] < _ALIKE:
         raise NotInformative(
@@ -228,8 +228,8 @@ def _surge_match(seen: Track, log: Trial, offset: float) -> float:
         moves.append(np.cos(psi) * north.derivative(order) + np.sin(psi) * east.derivative(order))
     X = np.array([log["X"].held_at(float(v)) for v in at + offset])
     table = np.column_stack([X, moves[0], np.ones(len(at))])
-    left = moves[1] - table @ np.linalg.lstsq(table, moves[1], rcond=None)[0]
-    return 1.0 - float(np.var(left) / max(np.var(moves[1]), 1e-12))
+    residual = moves[1] - table @ np.linalg.lstsq(table, moves[1], rcond=None)[0]
+    return 1.0 - float(np.var(residual) / max(np.var(moves[1]), 1e-12))
 
 
 def _rate(t: Array, psi: Array, at: Array) -> Array:

@@ -127,8 +127,8 @@ class Access:
 
     def has_token(self, headers: Headers) -> bool:
         """Return whether the request contains the right token, or no token is required."""
-        given = headers.get(TOKEN_HEADER, "")
-        return bool(self.token and given) and hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
+        token = headers.get(TOKEN_HEADER, "")
+        return bool(self.token and token) and hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
 
     def refusal(self, headers: Headers, address: str) -> tuple[int, str] | None:
         """Return HTTP status and reason if a request with *headers* from *address* is not authorised; else None.
@@ -138,10 +138,10 @@ class Access:
         """
         if not self.token:
             return None
-        given = headers.get(TOKEN_HEADER, "")
+        token = headers.get(TOKEN_HEADER, "")
         if self.has_token(headers):
             return None
-        if not given:
+        if not token:
             return 401, "view only. To control runs, open the link with the token that the server showed at its start"
         wrong = self._wrong.setdefault(address, [])
         now = self._now()
@@ -235,9 +235,9 @@ def _address_of(scope: Scope) -> str:
 def _with_headers(send: Send) -> Send:
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
-            own: Any = MutableHeaders(scope=message)
+            headers: Any = MutableHeaders(scope=message)
             for name, value in HEADERS.items():
-                own.setdefault(name, value)
+                headers.setdefault(name, value)
         await send(message)
 
     return sending

@@ -88,8 +88,8 @@ class Archive:
             There is no such entry.
         """
         folder = self.path(name)
-        found = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix.lower() in KINDS and _plain(p)]
-        files = [p.relative_to(folder).as_posix() for p in found]
+        paths = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix.lower() in KINDS and _plain(p)]
+        files = [p.relative_to(folder).as_posix() for p in paths]
         trials = [f for f in files if "/trials/" in f"/{f}" and f.endswith(".csv") and "-with-lead-in" not in f]
         return {
             **self._entry(folder),
@@ -180,13 +180,13 @@ def gains_of(designs: Path, style: str) -> Path:
         The file contains no new gains for this style, or the disk is full.
     """
     styles = read_json(designs).get("styles")
-    found = (
+    matching = (
         [one for one in styles if isinstance(one, dict) and one.get("style") == style]
         if isinstance(styles, list)
         else []
     )
     try:
-        rows = [(str(gain["parameter"]), float(gain["old"]), float(gain["new"])) for gain in found[0]["gains"]]
+        rows = [(str(gain["parameter"]), float(gain["old"]), float(gain["new"])) for gain in matching[0]["gains"]]
     except (LookupError, TypeError, ValueError):
         rows = []
     if all(old == new for _, old, new in rows):
@@ -238,8 +238,8 @@ def _resume(folder: Path) -> dict[str, Any] | None:
     """
     job, link = read_json(folder / JOB), _link(folder)
     steps = [step for step in job.get("steps") or () if isinstance(step, dict)]
-    left = [step for step in steps if step.get("ending") in ("open", "aborted", "rejected", "skipped")]
-    if not left or not link or link.startswith("sitl:"):
+    unfinished = [step for step in steps if step.get("ending") in ("open", "aborted", "rejected", "skipped")]
+    if not unfinished or not link or link.startswith("sitl:"):
         return None
     return {
         "job": GUIDED,

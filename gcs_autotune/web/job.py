@@ -10,6 +10,7 @@ import asyncio
 import json
 import os
 import re
+import shlex
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -199,16 +200,17 @@ def _listed(thing: Any) -> list[Any]:
 def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
     if left is None and is_settled(directory):
         return True, "The vehicle is restored, as the journal of the run records."
+    run = shlex.quote(str(directory))
     if left is None:
         return False, (
             "The state of the craft is unknown. Take over by hand, then run "
-            f"`gcs-autotune restore {directory}` in a terminal."
+            f"`gcs-autotune restore {run}` in a terminal."
         )
     state = f"mode {left['mode']}, {'armed' if left['armed'] else 'disarmed'}"
     if left["differs"]:
         what = "; ".join(f"{name}: {why}" for name, why in left["differs"].items())
         return False, (
-            f"NOT RESTORED ({what}). Take over by hand, then run `gcs-autotune restore {directory}` in a terminal."
+            f"NOT RESTORED ({what}). Take over by hand, then run `gcs-autotune restore {run}` in a terminal."
         )
     return True, f"Actuators neutral, confirmed at the outputs; {state}, as before the run."
 

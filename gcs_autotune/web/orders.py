@@ -134,12 +134,12 @@ def _manoeuvre(kind: ManoeuvreKind) -> dict[str, Any]:
 
 
 def _forces(kind: ManoeuvreKind) -> list[str]:
-    found = []
+    forces = []
     for force in DOF_OF if kind.for_force is not None else ():
         with suppress(UsageError):
             if any(kind.of(force).drives <= set(firmware.channels) for firmware in FIRMWARE.values()):
-                found.append(force)
-    return found
+                forces.append(force)
+    return forces
 
 
 def _example(kind: ManoeuvreKind) -> str:

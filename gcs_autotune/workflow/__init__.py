@@ -33,7 +33,14 @@ from gcs_autotune.workflow.own_loops import load_models
 from gcs_autotune.workflow.position import tune_position
 from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.recheck import recheck
-from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
+from gcs_autotune.workflow.restore import (
+    is_settled,
+    link_of,
+    restore_parameters,
+    restore_run,
+    save_parameters,
+    settled_words,
+)
 from gcs_autotune.workflow.self_planned import first_run
 from gcs_autotune.workflow.settings import CommonSettings, Connection, StudySettings, SuppliedGains, TuneSettings
 from gcs_autotune.workflow.share import Shared, share_run
@@ -89,6 +96,7 @@ __all__ = [
     "restore_run",
     "run_diagnosis",
     "save_parameters",
+    "settled_words",
     "share_run",
     "study",
     "tune",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
@@ -96,7 +97,7 @@ def listened_to(
 def _journals() -> Iterator[Finding]:
     """Yield the unfinished runs of this computer first, because a vehicle may still have trial gains."""
     for run in open_runs():
-        cure = "Wait until this run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
+        cure = "Wait until this run ends" if run.is_going_on else f"gcs-autotune restore {shlex.quote(str(run.path))}"
         yield Finding("run", "note" if run.is_going_on else "wrong", str(run), cure)
 
 

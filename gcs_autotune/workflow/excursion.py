@@ -26,8 +26,8 @@ from gcs_autotune.manoeuvres import (
     Outcome,
     PlantState,
     Preview,
-    TurnAbout,
-    TurnAboutSettings,
+    TurnAround,
+    TurnAroundSettings,
     far_out,
     preview,
 )
@@ -158,8 +158,8 @@ class VisitPreview:
         if self._under_way and far_out(self._envelope, away, ahead, last=last):
             s = self._state
             side = -1.0 if to_body(-s.x, -s.y, s.psi)[1] < 0.0 else 1.0
-            turn = TurnAboutSettings(throttle)
-            self.fly(TurnAbout(replace(turn, output=side * turn.output)), "turning around", self._turning)
+            turn = TurnAroundSettings(throttle)
+            self.fly(TurnAround(replace(turn, output=side * turn.output)), "turning around", self._turning)
 
     def come_back(self, throttle: float, stage: str) -> None:
         """Simulate the return of a boat to the start of the run."""

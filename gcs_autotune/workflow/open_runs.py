@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shlex
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -112,6 +113,6 @@ def refuse_open_runs(craft: MavlinkCraft) -> None:
         cure = (
             "Wait until it ends, or stop it there with Ctrl-C"
             if run.is_going_on
-            else f"Run `gcs-autotune restore {run.path}` first"
+            else f"Run `gcs-autotune restore {shlex.quote(str(run.path))}` first"
         )
         raise PreconditionFailed(f"{run}. {cure}. Nothing was armed or written")

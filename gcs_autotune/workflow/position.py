@@ -39,7 +39,7 @@ from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import Journal, MavlinkCraft
 from gcs_autotune.manoeuvres import Manoeuvre, PushPosition, StepPosition
 from gcs_autotune.observer import Intention, Observer
-from gcs_autotune.report import TuneStory
+from gcs_autotune.report import TuneStory, format_factor
 from gcs_autotune.sensor import noise_of
 from gcs_autotune.trial import Mark, Trial
 from gcs_autotune.workflow.announcement import ROV_ROOM, battery, how_long, some_of
@@ -397,7 +397,8 @@ _NAMES = tuple(gain.parameter for gain in POSITION_GAINS)
 
 
 def _told(stable: bool, gain: float, phase: float) -> str:
-    return f"{gain:.1f} in gain, {math.degrees(phase):.0f} deg in phase" if stable else "unstable"
+    words = f"a factor of {format_factor(gain, 2)} in gain and {math.degrees(phase):.0f} deg in phase"
+    return words if stable else "unstable"
 
 
 def _measured_of_boat(step: Trial) -> PositionMetrics:

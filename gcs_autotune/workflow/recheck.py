@@ -210,7 +210,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         )
         text = f"Not identifiable: these relays do not determine the damping of the {axis} loop. {sentence(why)}"
         cure = f"Check the plot, fly in calmer water or with other sizes (--set-point), or run {again}."
-        return verdict("not identifiable", text, "neutral", (*note, cure))
+        return verdict("not identifiable", text, "neutral", (*note, cure), now=LoopNumbers())
     zeta, zeta_std = told["damping"].value, told["damping"].std
     over, over_std = told["overshoot"].value, told["overshoot"].std
     worse = _worse(now, over_std, then)

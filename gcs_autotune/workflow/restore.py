@@ -45,7 +45,7 @@ from gcs_autotune.workflow.operator import Operator, answers_questions
 from gcs_autotune.workflow.record import JOURNAL, SAVED
 from gcs_autotune.workflow.settings import Connection
 
-__all__ = ["is_settled", "link_of", "restore_parameters", "restore_run", "save_parameters"]
+__all__ = ["is_settled", "link_of", "restore_parameters", "restore_run", "save_parameters", "settled_words"]
 
 
 _PATIENCE = 30.0
@@ -91,6 +91,13 @@ def is_settled(run: Path | None) -> bool:
     """
     path = _journal_of(run)
     return path is None or _is_finished(path)
+
+
+def settled_words(run: Path | None) -> str:
+    """Return a sentence for the operator if :func:`is_settled` holds for *run*."""
+    if run is None:
+        return "Nothing to restore: the folder runs/ contains no unfinished run."
+    return f"Nothing to restore: {run} has already restored everything."
 
 
 def _is_finished(path: Path) -> bool:

@@ -11,9 +11,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from msgspec import Struct
-
-from gcs_autotune.documents import SETTING_OUT, conformed, load_json
+from gcs_autotune.documents import SETTING_OUT, SettingOut, load_setting_out
 from gcs_autotune.errors import GuardTripped, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.link import Journal, MavlinkCraft, difference, fingerprint_of, same_float32
 from gcs_autotune.manoeuvres import GUARDS
@@ -75,15 +73,6 @@ def way_on(settings: TuneSettings, finished: list[str], error: BaseException) ->
     )
 
 
-class _SetOut(Struct, frozen=True):
-    """The record that :func:`note_setting_out` writes."""
-
-    settings: dict[str, float | str | bool | None] = {}
-    vehicle: dict[str, int | str | None] = {}
-    fingerprint: dict[str, float] = {}
-    parameters: dict[str, float] = {}
-
-
 class Earlier:
     """Completed trials called *names* of an earlier run (``settings.resume``), to be reused; none without such a run.
 
@@ -102,16 +91,15 @@ class Earlier:
     def __init__(self, settings: CommonSettings, names: Sequence[str] = USED_AGAIN, *, alike: bool = True) -> None:
         self._run = settings.resume
         self._names = names
-        self._told = _SetOut()
+        self._start = SettingOut()
         self._trials: dict[str, Trial] = {}
         if self._run is None:
             return
-        path = self._run / SETTING_OUT
-        if not path.exists():
+        if not (self._run / SETTING_OUT).exists():
             raise UsageError(
                 f"{self._run} cannot be resumed: it contains no {SETTING_OUT}. Start again without --resume"
             )
-        self._told = conformed(load_json(path, "the start settings of a run"), _SetOut, path)
+        self._start = load_setting_out(self._run)
         if alike:
             self._check_settings(_shape(settings))
         journal = self._run / JOURNAL
@@ -127,7 +115,7 @@ class Earlier:
                     self._trials[trial.name] = trial
 
     def _check_settings(self, wanted: Mapping[str, Any]) -> None:
-        then = self._told.settings
+        then = self._start.settings
         other = [name for name, value in wanted.items() if then.get(name) != value]
         if other:
             shown = ", ".join(
@@ -162,13 +150,13 @@ class Earlier:
             return
         here = craft.session.vehicle
         assert here is not None
-        then = self._told.vehicle
-        strange = difference(then, self._told.fingerprint, here, craft.parameters)
+        then = self._start.vehicle
+        strange = difference(then, self._start.fingerprint, here, craft.parameters)
         if not strange and then.get("version") != here.version:
             strange = f"its firmware was {then.get('version') or 'unknown'} then and is {here.version or 'unknown'} now"
         if strange:
             raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}). Start again without --resume")
-        held = self._told.parameters
+        held = self._start.parameters
         other = [n for n in held.keys() | own.keys() if not _same(held.get(n), own.get(n))]
         if other:
             shown = ", ".join(f"{n} {held.get(n, 'absent')} then, {own.get(n, 'absent')} now" for n in sorted(other))

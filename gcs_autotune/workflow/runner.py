@@ -34,8 +34,8 @@ from gcs_autotune.manoeuvres import (
     Sequencer,
     SignCheck,
     ThrustCheck,
-    TurnAbout,
-    TurnAboutSettings,
+    TurnAround,
+    TurnAroundSettings,
     far_out,
 )
 from gcs_autotune.observer import Observer
@@ -87,7 +87,7 @@ class ManoeuvreRunner:
             if self._last is not None:
                 self._straight = max(self._straight, straight_throttle(self._last))
             self._last = trial
-            needed = turning_time(trial, TurnAboutSettings(0.0).output)
+            needed = turning_time(trial, TurnAroundSettings(0.0).output)
             self._turnings += [needed] * math.isfinite(needed)
             keep(trial)
 
@@ -237,9 +237,9 @@ class ManoeuvreRunner:
         now = self._craft.observe()
         if not far_out(self._envelope, self._sequencer.away(now), ahead, last=last):
             return False
-        turn = TurnAboutSettings(throttle)
+        turn = TurnAroundSettings(throttle)
         turn = replace(turn, output=self._sequencer.home_side(now) * turn.output)
-        self._try(TurnAbout(turn), "turning around", replace(self._envelope, heading_excursion=math.inf))
+        self._try(TurnAround(turn), "turning around", replace(self._envelope, heading_excursion=math.inf))
         return True
 
     def come_to_rest(self, stage: str, axis: AxisKind) -> None:

@@ -7,6 +7,7 @@ Every step is a run of its own, in its own directory below that of the job. What
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -451,7 +452,8 @@ def _read(settings: TuneSettings) -> _Begun:
     for journal in sorted(path.glob(f"*/{JOURNAL}")):
         if not Journal.read(journal).is_settled:
             raise PreconditionFailed(
-                f"{journal.parent} has not restored everything. First run `gcs-autotune restore {path}`"
+                f"{journal.parent} has not restored everything. "
+                f"First run `gcs-autotune restore {shlex.quote(str(path))}`"
             )
     return begun
 

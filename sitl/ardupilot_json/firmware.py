@@ -86,10 +86,10 @@ _EIGHTH = 0.25 * math.pi
 def _rangefinders(data: VehicleData) -> dict[str, float]:
     """Return the parameters of the rangefinders on board: simulated, and their orientation."""
     finder = data.make_rangefinder(0)
-    found: dict[str, float] = {}
+    parameters: dict[str, float] = {}
     for n, yaw in enumerate(() if finder is None else finder.yaws, start=1):
-        found |= {f"RNGFND{n}_TYPE": _RANGEFINDER_SITL, f"RNGFND{n}_ORIENT": round(yaw / _EIGHTH) % 8}
-    return found
+        parameters |= {f"RNGFND{n}_TYPE": _RANGEFINDER_SITL, f"RNGFND{n}_ORIENT": round(yaw / _EIGHTH) % 8}
+    return parameters
 
 
 def needed_parameters(data: VehicleData) -> dict[str, float]:

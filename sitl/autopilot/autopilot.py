@@ -108,22 +108,28 @@ class _Owner(Protocol):
 
 
 class BatteryMonitor:
-    """Triggers the battery failsafe once, when the voltage has been below BATT_LOW_VOLT for BATT_LOW_TIMER seconds."""
+    """Triggers the battery failsafe once, when the voltage has been below BATT_LOW_VOLT for BATT_LOW_TIMER seconds.
+
+    Without a monitor (BATT_MONITOR 0 at boot, ``is_fitted``) nothing is measured or checked.
+    """
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
         self._low_since_ms: int | None = None
+        self.is_fitted = parameters["BATT_MONITOR"] > 0
         self.voltage = 0.0
         self.is_low = False
 
     def arming_fault(self) -> str | None:
         """Return the reason why the battery prevents arming, or None."""
-        if self.voltage < self._values["BATT_ARM_VOLT"]:
+        if self.is_fitted and self.voltage < self._values["BATT_ARM_VOLT"]:
             return "Battery 1 below minimum arming voltage"
         return "Battery 1 low voltage failsafe" if self.is_low else None
 
     def update(self, owner: _Owner, voltage: float, consumed_mah: float) -> None:
         """Check the present voltage [V], and trigger the failsafe if due. The message shows the charge used [mAh]."""
+        if not self.is_fitted:
+            return
         values = self._values
         self.voltage = voltage
         if self.is_low or not 0.0 < voltage < values["BATT_LOW_VOLT"]:
@@ -156,8 +162,8 @@ class Autopilot(ABC):
     ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``reached_items`` the
     mission items not yet reported as reached, ``last_gcs_ms`` when the ground station was last heard, ``failsafe``
     whether one is in force. ``home`` follows the craft until it arms (north + i east [m]). ``tilts``: whether the craft
-    has roll and pitch to control. ``aided``: whether position or velocity is measured. ``scripts`` runs Lua scripts, if
-    SCR_ENABLE was set at boot.
+    has roll and pitch to control. ``aided``: whether position or velocity is measured. ``has_gps``: whether GPS1_TYPE
+    was set at boot. ``scripts`` runs Lua scripts, if SCR_ENABLE was set at boot.
     """
 
     firmware: str
@@ -175,6 +181,7 @@ class Autopilot(ABC):
         self.rc = RcInput(parameters)
         self.rail = ServoRail(parameters)
         self.battery = BatteryMonitor(parameters)
+        self.has_gps = parameters["GPS1_TYPE"] > 0
         self.armed = False
         self.last_gcs_ms = 0
         self.texts: list[tuple[int, str]] = []

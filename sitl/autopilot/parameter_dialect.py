@@ -16,7 +16,7 @@ from sitl.autopilot.parameters import ParameterStore, ReadOnlyParameter, stored
 
 __all__ = ["GENERATIONS", "ParameterDialect", "UnknownGeneration"]
 
-_FLOAT, _INT16, _INT32 = 9, 4, 6
+_FLOAT, _INT8, _INT16, _INT32 = 9, 2, 4, 6
 
 
 class UnknownGeneration(ValueError):
@@ -84,7 +84,7 @@ _ATTITUDE: dict[str, _Word] = {
 
 GENERATIONS: Mapping[str, Mapping[str, _Word]] = {
     "own": {},
-    "4.5": _OLD_IDS,
+    "4.5": {**_OLD_IDS, "GPS1_TYPE": _same("GPS_TYPE", _INT8)},
     "4.6": _OLD_IDS,
     "4.7-dev": _POSITION,
     "4.7": {**_POSITION, **_ATTITUDE},

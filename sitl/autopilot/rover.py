@@ -166,7 +166,10 @@ class RoverManualMode(_RoverMode):
 
 
 class AcroMode(_RoverMode):
-    """The steering stick commands a turn rate up to ACRO_TURN_RATE, the throttle stick a speed."""
+    """The steering stick commands a turn rate up to ACRO_TURN_RATE, the throttle stick a speed.
+
+    Without an estimate of the speed the sticks command the servos directly. Source: ArduPilot's ``Rover/mode_acro``.
+    """
 
     number, name, flags = 1, "ACRO", _MANUAL_INPUT | _STABILIZE
 
@@ -174,6 +177,10 @@ class AcroMode(_RoverMode):
         """Run the turn-rate and speed loops with the targets of the two sticks."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
+        if not rover.aided:
+            rover.motors.set_steering(steering, scaled=False)
+            rover.motors.set_throttle(100.0 * throttle)
+            return
         rover.helm.steer_rate(steering * math.radians(rover.parameters["ACRO_TURN_RATE"]))
         rover.helm.drive_speed(rover.pilot_speed(throttle))
 

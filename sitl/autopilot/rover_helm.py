@@ -53,7 +53,10 @@ class Helm:
         self.steer_rate(self.steering.rate_for_heading(wrap_pi(heading - self._owner.estimate.yaw)))
 
     def drive_speed(self, speed: float) -> None:
-        """Let the speed loop drive at *speed* [m/s]."""
+        """Let the speed loop drive at *speed* [m/s]. Without an estimate of the speed the throttle is zero."""
+        if not self._owner.aided:
+            self.motors.set_throttle(0.0)
+            return
         out = self.speed.run(self._owner.ms, speed, self._owner.estimate.speed, self.motors.limit_throttle)
         self.motors.set_throttle(100.0 * out)
 

@@ -250,12 +250,12 @@ class SCurve:
         at = self._knots[-1]
         room = self._length - at.distance
         braking = _time_change(limits, 0.0, at.speed, room)
-        left = room - 0.5 * at.speed * braking.duration
+        remaining = room - 0.5 * at.speed * braking.duration
         pulse = min(1.0, limits.jerk * math.pi / (2.0 * limits.snap))
-        reach = left / (_SLOWEST_CHANGE * pulse)
+        reach = remaining / (_SLOWEST_CHANGE * pulse)
         if reach > at.speed:
             low, high = sorted((at.speed, min(speed, max(reach, at.speed))))
-            change = _time_change(limits, low, high, 0.5 * left)
+            change = _time_change(limits, low, high, 0.5 * remaining)
             self._extend(change.phases(math.copysign(1.0, speed - at.speed)))
         self._finish()
 

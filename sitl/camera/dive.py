@@ -69,14 +69,14 @@ def pool_dive(seed: int, seconds: int = 40, effects: Sequence[HiddenEffect] = ()
     _begin(effects, hull, {"X": X, "N": N}, seed)
     plain = dict(hull.parameters)
     offset, start = 50.0 + 10.0 * seed, _LATE + _PHASE
-    seen, log = [], []
+    poses, log = [], []
     for k in range(100 * seconds):
         row = k // _PERIOD
         commands = {"X": X * ahead[row], "N": N * turning[row]}
         if k % _PERIOD == 0:
             log.append((offset + (k - start) * _STEP, *commands.values(), state.r + rng.normal(0.0, _GYRO)))
         if k >= start and (k - start) % _PERIOD == 0:
-            seen.append((state.x, state.y, state.psi))
+            poses.append((state.x, state.y, state.psi))
         hull.parameters.update(plain)
         for effect in effects:
             effect.alter_input(k * _STEP, _STEP, commands)
@@ -86,8 +86,8 @@ def pool_dive(seed: int, seconds: int = 40, effects: Sequence[HiddenEffect] = ()
             effect.alter_water(k * _STEP, hull.water)
             effect.alter_parameters(k * _STEP, hull.parameters)
         hull.step(wrench, _STEP)
-    video_t: Array = np.arange(len(seen)) * np.float64(_PERIOD * _STEP)
-    return Dive(np.array(seen), video_t, np.array(log), offset)
+    video_t: Array = np.arange(len(poses)) * np.float64(_PERIOD * _STEP)
+    return Dive(np.array(poses), video_t, np.array(log), offset)
 
 
 def _begin(effects: Sequence[HiddenEffect], hull: PlanarHull, most: dict[str, float], seed: int) -> None:

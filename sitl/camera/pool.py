@@ -60,10 +60,10 @@ class PoolCamera:
         """Return the directions (3, height, width) of all pixels without the distortion of the lens."""
         x = (np.arange(self.width) - 0.5 * (self.width - 1)) / self._focal
         y = (np.arange(self.height) - 0.5 * (self.height - 1)) / self._focal
-        seen = np.array(np.meshgrid(x, y))
-        true = seen.copy()
+        pixels = np.array(np.meshgrid(x, y))
+        true = pixels.copy()
         for _ in range(30):
-            true = seen / self._stretch(true)
+            true = pixels / self._stretch(true)
         return np.concatenate([true, np.ones((1, self.height, self.width))])
 
     def _stretch(self, point: Array) -> Array:

@@ -58,10 +58,10 @@ class ChangingCurrent(SteadyCurrent):
     def alter_force(self, t: float, wrench: Wrench) -> None:
         """Add the inertia of the mass that a dive carries into slower water."""
         at, sheared = self._state, self["shear"] * self._mass
-        left = 1.0 - self["shear"] * at.z
-        if sheared and left > 0.0:
+        share = 1.0 - self["shear"] * at.z
+        if sheared and share > 0.0:
             c, s = math.cos(at.psi), math.sin(at.psi)
-            lost = sheared * at.w / left
+            lost = sheared * at.w / share
             wrench.X += lost * (c * self._now[0] + s * self._now[1])
             wrench.Y += lost * (c * self._now[1] - s * self._now[0])
 

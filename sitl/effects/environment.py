@@ -103,14 +103,14 @@ def jonswap(peak: float, gamma: float, draw: Random) -> list[tuple[float, float,
     drawn, one in each of :data:`_COMPONENTS` equal bands, so that the sea does not repeat.
     """
     width = (_SHORTEST - 0.5) / _COMPONENTS
-    found = []
+    sinusoids = []
     for k in range(_COMPONENTS):
         x = 0.5 + width * (k + draw.random())
         spread = 0.07 if x <= 1.0 else 0.09
         enhanced = math.pow(gamma, math.exp(-0.5 * ((x - 1.0) / spread) ** 2))
-        found.append((math.sqrt(math.exp(-1.25 / x**4) / x**5 * enhanced), peak * x, draw.uniform(0.0, math.tau)))
-    scale = math.sqrt(2.0 / sum(size * size for size, _, _ in found))
-    return [(scale * size, omega, phase) for size, omega, phase in found]
+        sinusoids.append((math.sqrt(math.exp(-1.25 / x**4) / x**5 * enhanced), peak * x, draw.uniform(0.0, math.tau)))
+    scale = math.sqrt(2.0 / sum(size * size for size, _, _ in sinusoids))
+    return [(scale * size, omega, phase) for size, omega, phase in sinusoids]
 
 
 class WaveDisturbance(HiddenEffect):

@@ -141,12 +141,12 @@ class MeasurementDelay(HiddenEffect):
         """
         if not self._on_vehicle:
             return
-        seen, when = self._seen, t - self["delay"] + 1e-9
-        seen.append((t, tuple(getattr(reading, name) for name in self._names)))
-        while len(seen) > 1 and seen[1][0] <= when:
-            seen.popleft()
-        t0, old = seen[0]
-        t1, new = seen[1] if len(seen) > 1 else seen[0]
+        past, when = self._seen, t - self["delay"] + 1e-9
+        past.append((t, tuple(getattr(reading, name) for name in self._names)))
+        while len(past) > 1 and past[1][0] <= when:
+            past.popleft()
+        t0, old = past[0]
+        t1, new = past[1] if len(past) > 1 else past[0]
         share = 0.0 if t1 <= t0 or when <= t0 else (when - t0) / (t1 - t0)
         for name, before, after in zip(self._names, old, new, strict=True):
             change = math.remainder(after - before, math.tau) if name == "psi" else after - before

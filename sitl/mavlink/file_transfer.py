@@ -38,10 +38,10 @@ def packed(port: Port, *, defaults: bool) -> bytes:
         shared = min(shared, 15, len(name) - 1)
         rest = name[shared:].encode("ascii")
         value = struct.pack(code, store[name] if code == "<f" else int(store[name]))
-        own = default is not None and default != store[name]
-        if own:
+        is_changed = default is not None and default != store[name]
+        if is_changed:
             value += struct.pack(code, default if code == "<f" else int(default or 0))
-        entry = bytes([kind | (0x10 if own else 0), shared | (len(rest) - 1) << 4]) + rest + value
+        entry = bytes([kind | (0x10 if is_changed else 0), shared | (len(rest) - 1) << 4]) + rest + value
         room = _PIECE - len(out) % _PIECE
         if len(entry) > room:
             out += bytes(room)

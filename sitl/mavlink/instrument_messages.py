@@ -20,7 +20,7 @@ __all__ = ["INSTRUMENT_MESSAGES", "fresh"]
 _RATE = 50.0
 """Rate [Hz] at which a message is due, if nothing else is requested: above that of most instruments."""
 _MILLI = 1000.0
-_FIX_3D, _NO_FIX, _UNKNOWN = 3, 1, 65535
+_FIX_3D, _NO_FIX, _NO_GPS, _UNKNOWN = 3, 1, 0, 65535
 _SATELLITES = 12
 _SMALLEST_16, _LARGEST_16 = -32768, 32767
 _HAS_MOTION, _HAS_FIELD = 0x3F, 0x1C0
@@ -69,9 +69,10 @@ def _whole(value: float) -> int:
 def _gps(vehicle: Vehicle) -> Iterable[Message]:
     """Return GPS_RAW_INT, which without a fix has no position."""
     for sample, stamp in fresh(vehicle, "gps", mavlink.MAVLINK_MSG_ID_GPS_RAW_INT):
-        if not sample.valid:
+        has_gps = vehicle.autopilot.has_gps
+        if not (has_gps and sample.valid):
             unknown = (_UNKNOWN,) * 4
-            yield mavlink.MAVLink_gps_raw_int_message(stamp, _NO_FIX, 0, 0, 0, *unknown, 0)
+            yield mavlink.MAVLink_gps_raw_int_message(stamp, _NO_FIX if has_gps else _NO_GPS, 0, 0, 0, *unknown, 0)
             continue
         north, east, down, *velocity = sample.values
         course = round(100.0 * math.degrees(math.atan2(velocity[1], velocity[0]))) % 36000

@@ -77,7 +77,8 @@ _ESTIMATOR_ALIGNED, _ESTIMATOR_READY = 167, 831
 on."""
 _CUSTOM_MODE, _ARMED = 1, 128
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
-_SENSORS = 0x01 | 0x02 | 0x04 | 0x08 | 0x20 | 0x8000 | 0x2000000
+_GPS, _BATTERY = 0x20, 0x2000000
+_SENSORS = 0x01 | 0x02 | 0x04 | 0x08 | _GPS | 0x8000 | _BATTERY
 """Sensor bits: gyro, accelerometer, compass, pressure, GPS, motor outputs, battery."""
 _RC_RECEIVER, _PREARM = 0x10000, 0x10000000
 
@@ -105,9 +106,10 @@ def _vfr_hud(vehicle: Vehicle) -> Message:
 def _global_position(vehicle: Vehicle) -> Message:
     e = vehicle.autopilot.estimate
     altitude = round(-1000.0 * e.z)
+    place = to_globe(e.place) if vehicle.has_motion_sensor else (0, 0)
     return mavlink.MAVLink_global_position_int_message(
         vehicle.ms,
-        *to_globe(e.place),
+        *place,
         altitude,
         altitude,
         round(100.0 * e.vx),
@@ -117,9 +119,12 @@ def _global_position(vehicle: Vehicle) -> Message:
     )
 
 
-def _local_position(vehicle: Vehicle) -> Message:
+def _local_position(vehicle: Vehicle) -> Iterable[Message]:
+    """Return LOCAL_POSITION_NED. A filter that never had a position has no origin and sends none."""
     e = vehicle.autopilot.estimate
-    return mavlink.MAVLink_local_position_ned_message(vehicle.ms, e.x, e.y, e.z, e.vx, e.vy, e.vz)
+    if not vehicle.has_motion_sensor:
+        return ()
+    return (mavlink.MAVLink_local_position_ned_message(vehicle.ms, e.x, e.y, e.z, e.vx, e.vy, e.vz),)
 
 
 def _servo_output(vehicle: Vehicle) -> Message:
@@ -134,14 +139,18 @@ def _rc_channels(vehicle: Vehicle) -> Message:
 
 def _sys_status(vehicle: Vehicle) -> Message:
     autopilot, battery = vehicle.autopilot, vehicle.battery
-    present = _SENSORS | _RC_RECEIVER | _PREARM
-    health = _SENSORS
+    fitted = _SENSORS & ~(0 if autopilot.has_gps else _GPS) & ~(0 if autopilot.battery.is_fitted else _BATTERY)
+    present = fitted | _RC_RECEIVER | _PREARM
+    health = fitted
     health |= _RC_RECEIVER if autopilot.rc.has_receiver else 0
     health |= _PREARM if autopilot.prearm_ok else 0
-    millivolts = max(0, min(65534, round(1000.0 * autopilot.battery.voltage)))
-    remaining = battery.remaining_percent(vehicle.parameters["BATT_CAPACITY"])
+    millivolts, current, remaining = 0, -1, -1
+    if autopilot.battery.is_fitted:
+        millivolts = max(0, min(65534, round(1000.0 * autopilot.battery.voltage)))
+        current = round(100.0 * battery.current)
+        remaining = battery.remaining_percent(vehicle.parameters["BATT_CAPACITY"])
     return mavlink.MAVLink_sys_status_message(
-        present, present, health, 100, millivolts, round(100.0 * battery.current), remaining, 0, 0, 0, 0, 0, 0
+        present, present, health, 100, millivolts, current, remaining, 0, 0, 0, 0, 0, 0
     )
 
 
@@ -255,7 +264,8 @@ def _shafts(vehicle: Vehicle) -> list[float]:
 
 def _esc_telemetry(vehicle: Vehicle) -> Iterable[Message]:
     """Return ESC_TELEMETRY_1_TO_4 and _5_TO_8. Like the firmware's, it has no direction of turning."""
-    centivolts = max(0, min(_LARGEST_16, round(100.0 * vehicle.autopilot.battery.voltage)))
+    voltage = vehicle.battery.voltage(vehicle.parameters["SIM_BATT_VOLTAGE"])  # an ESC measures it by itself
+    centivolts = max(0, min(_LARGEST_16, round(100.0 * voltage)))
     kinds = (mavlink.MAVLink_esc_telemetry_1_to_4_message, mavlink.MAVLink_esc_telemetry_5_to_8_message)
     speeds, nothing = _shafts(vehicle), [0] * _ESC_GROUP
     for make, first in zip(kinds, range(0, len(speeds), _ESC_GROUP), strict=False):
@@ -285,7 +295,7 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: (_one(_sys_status), 1.0),
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: (_one(_system_time), 1.0),
     mavlink.MAVLINK_MSG_ID_ATTITUDE: (_one(_attitude), 2.0),
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: (_one(_local_position), 2.0),
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: (_local_position, 2.0),
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: (_one(_global_position), 2.0),
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: (_one(_servo_output), 1.0),
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: (_one(_rc_channels), 1.0),

@@ -294,12 +294,12 @@ class RigidBody:
         work = np.zeros_like(self._work)
         while (rows := choose(states)) is not None:
             for row in np.unique(rows):
-                own = np.flatnonzero(rows == row)
-                moved, turned, unseen = states[own], rotors[own], np.empty((len(own), 0, 13))
-                body, propeller, rudder = bodies[own], propellers[own], rudders[own]
+                copies = np.flatnonzero(rows == row)
+                moved, turned, unseen = states[copies], rotors[copies], np.empty((len(copies), 0, 13))
+                body, propeller, rudder = bodies[copies], propellers[copies], rudders[copies]
                 command, wrench = commands[row, None], wrenches[row, None]
                 kernel.fly(moved, turned, body, propeller, rudder, command, wrench, work, dt, steps, unseen)
-                states[own], rotors[own] = moved, turned
+                states[copies], rotors[copies] = moved, turned
         _verify_motion(states, dt)
 
     def _copies(

@@ -16,7 +16,7 @@ from benchmarks.blind.case import LEAST_RATIO, TRACK, draw_case
 from benchmarks.blind.craft import FASTEST, KINDS, SLOWEST, draw_craft
 from benchmarks.blind.foreign import FOREIGN
 from benchmarks.blind.manoeuvres import MANOEUVRES, can_turn_fully, draw_commands
-from benchmarks.blind.plain_model import misfit, whitened
+from benchmarks.blind.plain_model import errors_of, misfit, whitened
 from benchmarks.blind.recipes import ENVIRONMENT, NOT_DRAWN, RECIPES
 from benchmarks.blind.referee import Outcome
 from benchmarks.blind.scoring import bounds, recovered, report
@@ -133,7 +133,7 @@ def test_the_plain_model_explains_a_plain_hull_down_to_the_noise() -> None:
         )
         for k in range(3)
     ]
-    assert misfit(craft, files[:2], files[2:], noise) == pytest.approx(1.0, abs=0.06)
+    assert misfit(errors_of(craft, files[:2], files[2:], noise)) == pytest.approx(1.0, abs=0.06)
 
 
 def test_whitening_removes_nothing_from_white_noise_and_almost_all_of_a_sinusoid() -> None:

@@ -288,7 +288,7 @@ def test_restore_rejects_another_vehicle(capsys, tmp_path):
 def test_restore_reports_if_there_is_nothing_to_restore(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "restore")
-    assert (code, out) == (0, "Nothing to restore: this run has already restored everything.\n")
+    assert (code, out) == (0, "Nothing to restore: the folder runs/ contains no unfinished run.\n")
 
 
 def test_help_lists_every_command_and_every_exit_code(capsys):

@@ -62,7 +62,7 @@ def test_a_heavier_craft_is_reported_with_gains_and_steps_side_by_side(tmp_path,
     assert printed.index("may") < printed.index("july")
     assert "ATC_STR_RAT_P" in printed
     assert "10 %" in printed
-    assert "all models have linear damping" in " ".join(printed.split())
+    assert "All models shown here have linear damping" in " ".join(printed.split())
     assert "The model of run 2 differs by more than the intervals" in printed
     assert "july" in page.read_text()
 

@@ -18,6 +18,8 @@ from rich.console import Console
 
 from gcs_autotune.cli import COMMANDS, identify_cmd, main
 from gcs_autotune.clock import ManualClock
+from gcs_autotune.documents import model_file
+from gcs_autotune.errors import BadFile
 from gcs_autotune.link import Overheard, overhear
 from gcs_autotune.observer import Progress
 from gcs_autotune.report import Document, StageBar, TerminalObserver, print_document
@@ -112,6 +114,16 @@ def test_ports_shows_how_to_connect_to_a_vehicle(capsys):
     with Talking(port, [heartbeat(3, 3)]):
         assert main(["ports", "--connect", f"udpin:127.0.0.1:{port}", "--listen", "0.3"]) == 0
     assert f"Next:\n  gcs-autotune tune heading --connect udpin:127.0.0.1:{port}\n" in capsys.readouterr().out
+
+
+def test_a_suggested_command_can_be_copied_whatever_the_link_or_path(capsys, tmp_path):
+    link = "sitl:charlie?effect=dead-zone.width=0.05&seed=3"
+    assert main(["ports", "--connect", link, "--listen", "3"]) == 0
+    assert f"  gcs-autotune tune heading --connect '{link}'\n" in capsys.readouterr().out
+    run = tmp_path / "the run"
+    run.mkdir()
+    with pytest.raises(BadFile, match=f"identify '{run}' --save"):
+        model_file(run)
 
 
 def test_doctor_ends_with_a_verdict_and_the_next_command(capsys, tmp_path, monkeypatch):

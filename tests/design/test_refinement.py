@@ -192,12 +192,13 @@ def test_a_user_specification_is_also_matched_by_provisional_gains() -> None:
 def test_every_descent_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     """The last one of each search was not once, a quarter of the time a design took."""
     model, axis, base_spec = CRAFTS["charlie"]
-    monkeypatch.setattr(refinement, "EVALUATIONS", 8)
+    for name in ("EVALUATIONS", "EVALUATIONS_OF_FIRST"):
+        monkeypatch.setattr(refinement, name, 8)
     ends, judged, order = [], [], []
     descend, judge = refinement._descend, refinement.judge
 
-    def descended(cost: refinement._Cost, start: object) -> object:
-        end = descend(cost, start)
+    def descended(cost: refinement._Cost, start: object, evaluations: int) -> object:
+        end = descend(cost, start, evaluations)
         order.append("ended")
         ends.append(dict(cost.settings(end)))
         return end

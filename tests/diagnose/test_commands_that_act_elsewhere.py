@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from runs_in_the_tank import sailed
+from open_loop_runs import sailed
 
 from gcs_autotune.diagnose import diagnose
 

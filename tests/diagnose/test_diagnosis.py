@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runs_in_the_tank import towed
+from open_loop_runs import towed
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.candidates import EffectCandidate

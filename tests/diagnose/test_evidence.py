@@ -217,7 +217,7 @@ def test_hints_of_velocity_products_are_distinguished_by_their_derivatives() -> 
 
 
 @dataclass(frozen=True)
-class Found:
+class WithOneCause:
     """A state with one cause."""
 
     causes: tuple[EffectInstance, ...]
@@ -234,5 +234,5 @@ def test_a_velocity_product_that_fits_as_well_is_named_by_its_derivative(monkeyp
         return (product, None) if product.slug in slugs else None
 
     monkeypatch.setattr(strategies, "_as_likely", as_likely)
-    bias = Found((EffectInstance("input-bias", "yaw", {"bias": 0.1}),))
+    bias = WithOneCause((EffectInstance("input-bias", "yaw", {"bias": 0.1}),))
     assert strategies.tie_break(cast(SearchState, bias)).renamed == (("input-bias", "N_u"),)

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from runs_in_the_tank import towed
+from open_loop_runs import towed
 from scipy import stats
 
 from gcs_autotune.diagnose import report_builder

@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from runs_in_the_tank import towed
+from open_loop_runs import towed
 from test_process_noise import as_from_a_log, drifting_runs, no_progress
 
 from benchmarks import own_runs

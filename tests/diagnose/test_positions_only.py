@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from runs_in_the_tank import BOAT, UNITS
+from open_loop_runs import BOAT, UNITS
 
 from gcs_autotune.diagnose import WORK, diagnose
 from gcs_autotune.diagnose.residual_analysis import signature_of

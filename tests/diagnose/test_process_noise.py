@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from runs_in_the_tank import towed
+from open_loop_runs import towed
 from test_evidence import scored
 
 from benchmarks.blind.case import draw_case

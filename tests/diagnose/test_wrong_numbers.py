@@ -8,9 +8,9 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import open_loop_runs
 import pytest
-import runs_in_the_tank
-from runs_in_the_tank import towed
+from open_loop_runs import towed
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.question import Question
@@ -44,7 +44,7 @@ def with_numbers(*effects, **factors):
 def of_simulator(monkeypatch, inertia, drag, **others):
     """What a simulator with these constants makes of the commands of ``towed``."""
     with monkeypatch.context() as patch:
-        patch.setattr(runs_in_the_tank, "HULL", Hull(("yaw",), {"yaw": inertia}, {"yaw": drag}))
+        patch.setattr(open_loop_runs, "HULL", Hull(("yaw",), {"yaw": inertia}, {"yaw": drag}))
         return [replace(run, name=f"sim{k}") for k, run in enumerate(towed(noise=0.0, **others))]
 
 

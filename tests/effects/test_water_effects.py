@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from water_bench import BOAT, COASTER, DIVER, HOVERER, SLIPPERY, SPINNER, T_OUT, Craft, Fit, Water
+from disturbance_bench import BOAT, COASTER, DIVER, HOVERER, SLIPPERY, SPINNER, T_OUT, Craft, Fit, Water
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel, ExtendedSimulator
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from water_bench import BOAT, COASTER, DIVER, HOVERER, SPINNER, Water, craft, form, levels
+from disturbance_bench import BOAT, COASTER, DIVER, HOVERER, SPINNER, Water, craft, form, levels
 
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
 

@@ -8,6 +8,7 @@ import json
 import math
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,7 +160,7 @@ def test_the_gazebo_element_has_the_same_forces_in_its_axes():
             expected[term.row] += eval(term.text, {"abs": abs, **known})
     assert turned * force == pytest.approx(expected)
     assert any("dead-zone@N" in what for what in written.left + tuple(written.text.splitlines()))
-    assert any("N = (0.4)" in what for what in written.left)
+    assert any("N = 0.4" in what for what in written.left)
 
 
 @pytest.mark.parametrize(("file", "shares"), [(a_boat(), {"X": 0.5, "N": 0.3}), (an_rov(), {"X": 0.5, "N": 0.3})])
@@ -210,6 +211,13 @@ def test_a_delay_left_to_the_caller_is_listed_as_not_exported(target):
     late = export_model(a_boat(EffectInstance("input-delay", "N", {"delay": 0.4})), target)
     assert "the delay of N, 0.4 s" in late.text.partition("Not exported:")[2].splitlines()[0]
     assert "Not exported: nothing" in export_model(a_boat(), "matlab").text
+
+
+def test_gazebo_is_not_given_fractions_of_full_output_without_a_word():
+    newtons = a_boat()
+    fractions = replace(newtons, inputs={"X": "1", "N": "1"})
+    assert not any("fractions of full output" in what for what in export_model(newtons, "gazebo").left)
+    assert any("fractions of full output" in what for what in export_model(fractions, "gazebo").left)
 
 
 def test_text_of_a_model_file_never_becomes_code():

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from afloat import Afloat
 from link_ends import KINDS, RETURN, opened
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ScriptedVehicle
+from vehicle_on_a_real_link import Afloat
 
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import CommandDenied, LinkLost, OperatorStopped, ParameterMissing

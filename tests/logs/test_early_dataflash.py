@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from early_board import PARAMETERS, as_binary, as_text, sailed
+from early_onboard_log import PARAMETERS, as_binary, as_text, sailed
 
 from gcs_autotune.errors import BadFile, NotInformative
 from gcs_autotune.logs import cut_runs, load_runs, record, survey

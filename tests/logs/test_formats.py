@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foreign_writing import PSI, N, R, T, bag2, mat, ulog
-from log_on_board import Board
 from log_writing import BOAT, Tlog, beats, parameters, sail, swing
+from onboard_log_writer import Board
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.logs import FORMATS, load_runs, record

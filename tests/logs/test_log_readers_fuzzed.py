@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from early_board import as_binary, sailed
-from early_board import as_text as early_text
+from early_onboard_log import as_binary, sailed
+from early_onboard_log import as_text as early_text
 from foreign_writing import PSI, N, R, T, bag2, mat, ulog
-from log_on_board import Board
 from log_writing import BOAT, Tlog, beats, parameters, sail, swing
+from onboard_log_writer import Board
 
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.logs import cut_runs, load_runs, record, survey

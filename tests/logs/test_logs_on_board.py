@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_on_board import Board
 from log_writing import swing
+from onboard_log_writer import Board
 from pymavlink import DFReader
 
 from gcs_autotune.logs import load_runs, record

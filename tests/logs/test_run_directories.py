@@ -23,8 +23,8 @@ from gcs_autotune.manoeuvres import (
     ThrottleStepsSettings,
     ThrustCheck,
     ThrustCheckSettings,
-    TurnAbout,
-    TurnAboutSettings,
+    TurnAround,
+    TurnAroundSettings,
 )
 from gcs_autotune.trial import Channel, Trial, save_trial
 
@@ -65,7 +65,7 @@ def test_every_manoeuvre_has_a_purpose() -> None:
         Step(StepSettings("psi", 0.5, 30.0)),
         SignCheck(SignCheckSettings("psi", "N")),
         ThrustCheck(ThrustCheckSettings()),
-        TurnAbout(TurnAboutSettings(0.5)),
+        TurnAround(TurnAroundSettings(0.5)),
         Dive(DiveSettings(1.5)),
     ]
     purposes = [Trial(m.name, {}, meta=m.settings).purpose for m in flown]

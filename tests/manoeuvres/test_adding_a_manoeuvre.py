@@ -23,7 +23,7 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import SilentObserver
 
-from .pond import PondCraft
+from .toy_craft import PondCraft
 
 
 class Wiggle(Manoeuvre):

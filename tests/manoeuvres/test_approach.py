@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.manoeuvres import Commands, Steering
 from gcs_autotune.manoeuvres.approach import LEAST_TIME, LONGEST_HOLD, LONGEST_TIME, Approach, Steadiness, UnderWay
 
-from .pond import answered, at_rest
+from .toy_craft import answered, at_rest
 
 
 def test_halves_of_a_full_window_are_compared() -> None:

@@ -12,7 +12,7 @@ from gcs_autotune.errors import BadFile, GuardTripped, UsageError
 from gcs_autotune.manoeuvres import Area, Envelope, Zone, read_area
 from gcs_autotune.manoeuvres.envelope import Watch
 
-from .pond import at_rest
+from .toy_craft import at_rest
 
 SQUARE = Zone(((0.0, 0.0), (0.0, 100.0), (100.0, 100.0), (100.0, 0.0)))
 LAKE = [[9.0, 45.0], [9.002, 45.0], [9.002, 45.001], [9.0, 45.001], [9.0, 45.0]]

@@ -13,7 +13,7 @@ from gcs_autotune.manoeuvres import CalmCheck, ComeBack, ComeToRest, Envelope, N
 from gcs_autotune.manoeuvres.between_runs import CALM, DAMPING, GAIN, LEAST_WAY, LOOK, MOST, REST, SPARE, STILL, WAIT
 from gcs_autotune.models import SingleDof
 
-from .pond import PondCraft, answered, at_rest
+from .toy_craft import PondCraft, answered, at_rest
 
 FREE = Envelope(heading_excursion=math.inf)
 

@@ -11,7 +11,7 @@ from gcs_autotune.manoeuvres.dive import RAMP
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
 
-from .pond import PondCraft, answered, at_rest
+from .toy_craft import PondCraft, answered, at_rest
 
 
 class Loop(PondCraft):

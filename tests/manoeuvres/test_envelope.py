@@ -12,7 +12,7 @@ from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import GUARDS, Area, Envelope, Zone
 from gcs_autotune.manoeuvres.envelope import Watch
 
-from .pond import at_rest
+from .toy_craft import at_rest
 
 TIGHT = Envelope(
     heading_excursion=math.radians(40.0),

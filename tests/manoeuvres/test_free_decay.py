@@ -14,7 +14,7 @@ from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
 from gcs_autotune.manoeuvres.free_decay import KIND, FreeDecay
 from gcs_autotune.observer import SilentObserver
 
-from .pond import PondCraft, answered, at_rest
+from .toy_craft import PondCraft, answered, at_rest
 
 LIST = 0.08
 """It lies with a list, which is the mean of the samples of its first three seconds."""

@@ -19,7 +19,7 @@ from gcs_autotune.manoeuvres.hold_controller import (
     hold,
 )
 
-from .pond import at_rest
+from .toy_craft import at_rest
 
 GAINS = HoldGains("z", "w", "Z", P=0.4, I=0.03, D=0.2, most=0.5)
 

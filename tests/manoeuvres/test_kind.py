@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.manoeuvres import ManoeuvreKind, Preset, TurnAbout, TurnAboutSettings
+from gcs_autotune.manoeuvres import ManoeuvreKind, Preset, TurnAround, TurnAroundSettings
 
 ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]
 
@@ -60,8 +60,8 @@ def test_fields_of_a_row_default_to_empty() -> None:
 
 
 def test_a_preset_name_is_its_plain_title_and_it_drives_its_forces() -> None:
-    def about(seconds: float) -> TurnAbout:
-        return TurnAbout(TurnAboutSettings(0.5))
+    def about(seconds: float) -> TurnAround:
+        return TurnAround(TurnAroundSettings(0.5))
 
     preset = Preset("zig-zag 20/20, at 60 % throttle %", "X N", about)
     assert preset.name == "zig-zag-20-20-at-60-throttle"

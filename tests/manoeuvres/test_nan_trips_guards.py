@@ -11,7 +11,7 @@ from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres import GUARDS, Area, Dive, DiveSettings, Envelope, Step, StepSettings, Zone
 from gcs_autotune.manoeuvres.envelope import Watch
 
-from .pond import at_rest
+from .toy_craft import at_rest
 
 SIGNALS = {
     "heading excursion": "psi",

@@ -13,7 +13,7 @@ from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, OpenLoopProgramme, Seq
 from gcs_autotune.manoeuvres.excitation import prbs
 from gcs_autotune.manoeuvres.open_loop import coasting
 from gcs_autotune.observer import SilentObserver
-from tests.manoeuvres.pond import PondCraft, at_rest
+from tests.manoeuvres.toy_craft import PondCraft, at_rest
 
 PLAIN = {"steering": 0.5, "side": 1.0, "throttle": 0.0, "keep-still": 0.0}
 

@@ -23,7 +23,7 @@ from gcs_autotune.manoeuvres.relay import WallRelay
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Channel, Mark, Trial
 
-from .pond import Buoyant, PondCraft, answered, at_rest
+from .toy_craft import Buoyant, PondCraft, answered, at_rest
 
 WALL = {"wall-hysteresis": 0.2, "least-distance": 1.0}
 YAW = RelaySettings("psi", "N")

@@ -14,7 +14,7 @@ from gcs_autotune.manoeuvres import Relay, RelaySettings
 from gcs_autotune.manoeuvres.relay import WallRelay
 from gcs_autotune.trial import Mark
 
-from .pond import answered, at_rest
+from .toy_craft import answered, at_rest
 
 H = 0.05
 """The hysteresis, where one is set."""

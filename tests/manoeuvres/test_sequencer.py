@@ -17,7 +17,7 @@ from gcs_autotune.errors import (
 from gcs_autotune.manoeuvres import Envelope, Sequencer, Step, StepSettings, restore_on_exit
 from gcs_autotune.observer import SilentObserver
 
-from .pond import PondCraft
+from .toy_craft import PondCraft
 
 STEP = StepSettings("psi", math.radians(30.0), 15.0)
 

@@ -11,7 +11,7 @@ from gcs_autotune.craft import DepthTarget, HeadingTarget, Observation
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres.set_point_relay import KIND, LONGEST, PATIENCE, SetPointRelay
 
-from .pond import answered, at_rest
+from .toy_craft import answered, at_rest
 
 C, X_A = 0.2, 0.05
 RELAYS = ((C, X_A), (0.5 * C, X_A))

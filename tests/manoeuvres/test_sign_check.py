@@ -15,7 +15,7 @@ from gcs_autotune.manoeuvres.sign_messages import not_followed
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
 
-from .pond import Buoyant, PondCraft
+from .toy_craft import Buoyant, PondCraft
 
 STEERING = (Outlet(1, 1500.0, 500.0),)
 

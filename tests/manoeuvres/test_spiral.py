@@ -11,7 +11,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.manoeuvres import Steering
 from gcs_autotune.manoeuvres.spiral import LEAST_LAG, LEAST_RATE_TIME, RATE_TIMES, BechSpiral, DirectSpiral
 
-from .pond import answered, at_rest
+from .toy_craft import answered, at_rest
 
 
 class Lagged:

@@ -11,7 +11,7 @@ from gcs_autotune.craft import DepthTarget, HeadingTarget, TurnRateTarget
 from gcs_autotune.manoeuvres import Envelope, Sequencer, Step, StepSettings
 from gcs_autotune.observer import SilentObserver
 
-from .pond import PondCraft, at_rest
+from .toy_craft import PondCraft, at_rest
 
 
 def fly(step, path, dt=0.1):

@@ -10,7 +10,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.manoeuvres import Steering
 from gcs_autotune.manoeuvres.stopping import LEAST_SPEED, PATIENCE, STOPPED, Stopping
 
-from .pond import answered, at_rest
+from .toy_craft import answered, at_rest
 
 
 class Way:

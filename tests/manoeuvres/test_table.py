@@ -31,8 +31,8 @@ from gcs_autotune.manoeuvres import (
     StepSettings,
     ThrottleSteps,
     ThrottleStepsSettings,
-    TurnAbout,
-    TurnAboutSettings,
+    TurnAround,
+    TurnAroundSettings,
     preview,
     restore_on_exit,
 )
@@ -40,7 +40,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import Progress, SilentObserver
 from gcs_autotune.trial import Trial
 
-from .pond import BeforeWall, PondCraft, Pushed
+from .toy_craft import BeforeWall, PondCraft, Pushed
 
 FREE = Envelope(heading_excursion=math.inf, depth_excursion=math.inf, roll=math.inf, pitch=math.inf)
 SHORT = {"duration": 6.0, "executes": 2.0, "levels": 2.0, "turn": 2.0, "push": 2.0, "f-start": 0.3, "fade-in": 1.0}
@@ -48,7 +48,7 @@ BY_COMMAND: Mapping[str, Callable[[], Manoeuvre]] = {
     "throttle-steps": lambda: ThrottleSteps(ThrottleStepsSettings(0.5)),
     "step": lambda: Step(StepSettings("psi", 0.3, 5.0)),
     "sign-check": lambda: SignCheck(SignCheckSettings("psi", "N", reach=0.1, least=0.02, longest=4.0)),
-    "turn-about": lambda: TurnAbout(TurnAboutSettings(0.5)),
+    "turn-around": lambda: TurnAround(TurnAroundSettings(0.5)),
     "dive": lambda: Dive(DiveSettings(1.0)),
     "come-back": lambda: ComeBack(3.0, 0.0, 0.5),
     "calm-check": CalmCheck,

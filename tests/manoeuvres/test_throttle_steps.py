@@ -14,7 +14,7 @@ from gcs_autotune.manoeuvres import ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.hold_controller import HeadingHold
 from gcs_autotune.trial import Mark
 
-from .pond import answered, at_rest
+from .toy_craft import answered, at_rest
 
 
 class Boat:

@@ -14,7 +14,7 @@ from gcs_autotune.manoeuvres import Outlet, ThrustCheck, ThrustCheckSettings
 from gcs_autotune.manoeuvres.sign_check import NOISES
 from gcs_autotune.manoeuvres.thrust_check import LONGEST_REST, SHORTEST, UNKNOWN
 
-from .pond import answered, at_rest
+from .toy_craft import answered, at_rest
 
 
 class Pushed:

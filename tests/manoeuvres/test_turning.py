@@ -10,7 +10,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.manoeuvres import MANOEUVRES, Steering
 from gcs_autotune.manoeuvres.turning import LEAST_GAIN, LEAST_PULL_OUT, PATIENCE, CircleAndPullOut, PullOuts
 
-from .pond import answered, at_rest
+from .toy_craft import answered, at_rest
 
 
 class Turner:

@@ -20,7 +20,7 @@ from gcs_autotune.manoeuvres.zig_zag import KIND
 from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import SilentObserver
 
-from .pond import PondCraft, answered, at_rest
+from .toy_craft import PondCraft, answered, at_rest
 
 FREE = Envelope(heading_excursion=math.inf)
 PAPER = NominalPlant(SingleDof("yaw", "1", 1.25, 1.0), 1.0, "a test")

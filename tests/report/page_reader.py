@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 from gcs_autotune.report.toolkit.chart import chart_script
 
-VOID = {"meta", "link", "br", "hr", "img", "input", "path", "use", "rect"}
+VOID = {"meta", "link", "br", "hr", "img", "input", "path", "use", "rect", "wbr"}
 
 
 class Page(HTMLParser):

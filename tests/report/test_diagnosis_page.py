@@ -202,6 +202,7 @@ def test_an_unidentifiable_heading_is_not_shown_and_a_depth_is_never_wrapped() -
     assert value_words(Value(22.7, "rad", 7.0), "anchor") == "not identifiable from these runs"
     assert value_words(Value(22.7, "m", 7.0), "anchor") == "23 ± 7 m"
     assert value_words(Value(0.05, "rad/s", 0.01), "bias") == "0.050 ± 0.010 rad/s (2.9°/s)"
+    assert value_words(Value(1.514, "rad/s", 0.01), "frequency") == "1.514 ± 0.010 rad/s"
 
 
 def test_the_list_of_effects_has_every_entry_under_its_family():

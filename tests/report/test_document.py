@@ -118,9 +118,17 @@ def test_rows_beyond_those_shown_are_folded_on_the_page_and_left_out_on_the_term
     assert len(to_json(document)["one"]["parts"][0]["rows"]) == 9
 
 
+def test_page_and_terminal_show_the_angles_of_a_table_with_degree_signs() -> None:
+    why = "margins 97.4 in gain, 94 deg in phase"
+    document = shown(Table(("parameter", "why"), "ll", (("PSC_POSXY_P", why),)))
+    for text in (Page(to_html(document)).text, render_text(document)):
+        assert "94° in phase" in text
+    assert why in json_text(to_json(document))
+
+
 def test_an_empty_column_is_left_out_on_page_and_terminal() -> None:
     document = shown(Table(("figure", "limit"), "ll", (("period", ""), ("reach", ""))))
-    for text in (to_html(document), render_text(document)):
+    for text in (to_html(document).partition("<main>")[2], render_text(document)):
         assert "reach" in text
         assert "limit" not in text
 

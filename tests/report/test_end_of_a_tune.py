@@ -12,8 +12,9 @@ from gcs_autotune.report import Document, to_html, tune_document
 from gcs_autotune.report.toolkit.document import Section, cautions
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import with_signs
+from gcs_autotune.report.tune.figures import step_figure
 from gcs_autotune.report.tune.tables import gains_table
-from gcs_autotune.report.tune.wording import verdict_of
+from gcs_autotune.report.tune.wording import undo_sentence, verdict_of
 
 REPORT_AND_PROMPT = 3
 """Lines below the verdict: a blank one, the path of the report and the prompt."""
@@ -44,6 +45,19 @@ def test_the_verdict_of_the_page_links_to_the_undo_command():
     page = to_html(tune_document(stories.kept()))
     assert page.index('class="verdict') < page.index('<a href="#undo">How to undo</a>') < page.index('id="undo"')
     assert '<a href="#undo">' not in page[page.index('id="undo"') :]
+
+
+def test_a_vehicle_with_its_original_gains_has_nothing_to_undo():
+    back = replace(stories.kept(), ending="restored", kept=False, parameters_after=stories.PARAMETERS)
+    assert "nothing to undo" in undo_sentence(back)
+    assert "nothing to undo" not in undo_sentence(stories.kept())
+
+
+def test_a_step_that_ended_early_is_captioned_without_a_step_back():
+    whole = stories.aborted()
+    brief = replace(whole, step_before=stories.step_trial().between(100.0, 120.0))
+    captions = [next(step_figure(story)).caption for story in (whole, brief)]
+    assert ["step back (right)" in caption for caption in captions] == [True, False]
 
 
 def test_degrees_and_percent_have_one_notation_and_commands_stay_as_they_are():

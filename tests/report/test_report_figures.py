@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from gcs_autotune.report.toolkit.document import Figure
 from gcs_autotune.report.toolkit.figures import Curve, thin
 from gcs_autotune.report.tune.figures import relay_series, step_series
 from gcs_autotune.report.tune.story import PLOTTED_SIGNALS
+from gcs_autotune.trial import Trial
 
 
 @given(st.integers(2, 5000), st.integers(0, 2**32 - 1))
@@ -60,6 +62,25 @@ def test_the_shaded_part_contains_the_last_five_periods():
     trial = stories.relay_trial()
     series = relay_series(trial, PLOTTED_SIGNALS["psi"])
     assert np.count_nonzero(series.switches.t >= series.last_from) == 11
+
+
+def along(trial: Trial, dof: str, signal: str, rate: str, force: str) -> Trial:
+    """Return a relay on the heading as one on a position."""
+    units = {"psi": (signal, "m"), "r": (rate, "m/s"), "N": (force, "1")}
+    named = [replace(channel, name=units[n][0], unit=units[n][1]) for n, channel in trial.channels.items()]
+    meta = {**trial.meta, "dof": dof, "signal": signal, "force": force}
+    return replace(trial, name=f"relay-{dof}", channels={c.name: c for c in named}, meta=meta)
+
+
+def test_each_relay_of_a_position_tune_is_shown_in_its_own_direction():
+    relay = stories.relay_trial()
+    relays = along(relay, "surge", "x", "u", "X"), along(relay, "sway", "y", "v", "Y")
+    story = replace(stories.kept(), axis="position", fit=None, relays=relays)
+    captions = {figure.name: figure.caption for figure in figures_of(story)}
+    assert "position ahead relative" in captions["relay-1"]
+    assert "position abeam relative" in captions["relay-2"]
+    assert "against position ahead" in captions["cycle-x"]
+    assert "against position abeam" in captions["cycle-y"]
 
 
 def figures_of(story) -> list[Figure]:

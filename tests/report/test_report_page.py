@@ -12,6 +12,8 @@ import report_stories as stories
 from page_reader import Page
 
 from gcs_autotune.report.toolkit import canvas
+from gcs_autotune.report.toolkit.document import Document, Section, Table
+from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.trial import Channel, Mark, Trial
 
 HOSTILE = "<script>alert('$x^2$')</script>\"&"
@@ -82,6 +84,17 @@ def test_a_table_wider_than_a_phone_is_stacked_with_the_head_at_each_cell(pages)
     assert 'class="wide' in gains
     assert 'data-head="why"' in gains
     assert 'class="wide' not in measured
+
+
+@pytest.mark.parametrize(("name", "is_stacked"), [("A" * 12, False), ("A" * 40, True), ("AAAA_" * 8, False)])
+def test_a_table_of_four_columns_is_stacked_only_if_its_longest_pieces_do_not_fit(name: str, is_stacked: bool) -> None:
+    row = (name, "1.0000 ± 0.0006", "0.5002 N m ± 0.0005 N m", "slower, in s²/rad²")
+    table = Table(("parameter", "before", "after", "remark"), "lrrl", (row,))
+    page = to_html(Document("A page", (Section("a", "A", (table,)),)))
+    assert ('class="wide' in page) == is_stacked
+    assert ("<wbr>" in page) == ("_" in name)
+    assert "s²/rad²" in page
+    assert "0.5002\u00a0N\u00a0m ±\u00a00.0005\u00a0N\u00a0m" in page
 
 
 def test_in_print_only_small_elements_avoid_page_breaks(pages):

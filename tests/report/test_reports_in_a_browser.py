@@ -25,6 +25,19 @@ PAPER = {"width": 688, "height": 1017}
 KINDS = ("tune", "identification", "study", "flight", "diagnosis", "compare", "figures", "design")
 WIDER = """() => [...document.querySelectorAll(".scroll, .paper, pre")]
   .filter((node) => node.scrollWidth > node.clientWidth + 1).map((node) => node.textContent.trim().slice(0, 60))"""
+STACKED = """() => [...document.querySelectorAll("table")].filter((table) => table.rows[0].cells.length <= 4)
+  .filter((table) => getComputedStyle(table).display !== "table").map((table) => table.textContent.slice(0, 60))"""
+BROKEN = r"""() => [...document.querySelectorAll("td")].flatMap((cell) => {
+  const walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT), broken = [];
+  while (walker.nextNode()) for (const piece of walker.currentNode.data.matchAll(/[-\d.,]*\d(\u00a0[^ \u00a0]+)?/g)) {
+    const range = document.createRange();
+    range.setStart(walker.currentNode, piece.index);
+    range.setEnd(walker.currentNode, piece.index + piece[0].length);
+    if (range.getClientRects().length > 1) broken.push(cell.textContent);
+  }
+  return broken;
+})"""
+"""Cells in which a line ends inside a number or between a number and its unit."""
 FIGURES = """() => [...document.querySelectorAll("figure")].map((node) => {
   const box = node.getBoundingClientRect(), svg = node.querySelector("svg"), shown = svg.getBoundingClientRect();
   const drawn = svg.viewBox.baseVal, scale = Math.min(shown.width / drawn.width, shown.height / drawn.height);
@@ -89,6 +102,8 @@ def test_every_report_is_readable_on_a_phone(
     page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.evaluate(WIDER) == []
+    assert page.evaluate(STACKED) == []
+    assert page.evaluate(BROKEN) == []
     assert barriers(page) == []
     ink, paper = page.evaluate(
         "() => ['ink', 'paper'].map((n) => getComputedStyle(document.documentElement).getPropertyValue(`--plot-${n}`))"

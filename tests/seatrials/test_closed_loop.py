@@ -17,7 +17,7 @@ from gcs_autotune.observer import SilentObserver
 from gcs_autotune.seatrials import closed_loop, ship_figures
 from gcs_autotune.seatrials.closed_loop import _not_linear, _verdict, oscillation_of
 from gcs_autotune.trial import Channel, Mark, Trial
-from tests.manoeuvres.pond import PondCraft, answered, at_rest
+from tests.manoeuvres.toy_craft import PondCraft, answered, at_rest
 
 RELAYS = {"set-point": 10.0, "hysteresis": 3.0, "second-set-point": 6.0, "second-hysteresis": 3.0}
 

@@ -12,7 +12,7 @@ from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.seatrials import ship_figures
 from gcs_autotune.trial import Channel, Trial
-from tests.manoeuvres.pond import PondCraft, Pushed
+from tests.manoeuvres.toy_craft import PondCraft, Pushed
 
 
 def flown(craft: PondCraft, force: str) -> Trial:

@@ -92,9 +92,15 @@ def test_a_circle_to_port_mirrors_one_to_starboard_and_a_short_one_has_a_doubt()
 
 
 def test_a_ship_that_fails_the_turning_standard_is_reported():
-    (sheet,) = ship_figures(turn(), Particulars(2.5))
+    (sheet,) = ship_figures(turn(helm=35.0), Particulars(1.4))
     assert sheet["tactical-diameter-lengths"].verdict == "fails"
     assert ship_figures(turn(), Particulars(7.0))[0]["tactical-diameter-lengths"].verdict == "meets"
+
+
+def test_a_turn_with_less_than_full_helm_cannot_fail_the_turning_standard():
+    (sheet,) = ship_figures(turn(helm=20.0), Particulars(1.4))
+    assert sheet["tactical-diameter-lengths"].reading.value > 5.0
+    assert sheet["tactical-diameter-lengths"].limit is None
 
 
 def test_a_stable_ships_spiral_is_one_line():

@@ -77,11 +77,32 @@ def test_the_report_puts_names_into_words_and_quotes_those_of_the_user(folder: P
         ("effect.dead-zone@N.width", "dead zone (N): width [input unit]"),
         ("effect.quadratic-actuator.share", "quadratic thrust curve: share [1]"),
         ("vehicle.yaw.beta.times", "factor on 'yaw.beta' of the vehicle file"),
+        ("vehicle.yaw.beta2", "'yaw.beta2' of the vehicle file [N m s²]"),
         ("my_error", "result 'my_error'"),
     ],
 )
 def test_a_name_is_put_into_words_with_its_unit(name: str, words: str) -> None:
-    assert words_of(name, "tune") == words
+    assert words_of(name, "tune", {"yaw.beta2": "N m s^2"}.__getitem__) == words
+
+
+@pytest.mark.parametrize(
+    ("likes", "unit"),
+    [
+        (["blueboat"], " [N m s]"),
+        (["blueboat", "bluerov2"], " [N m s]"),
+        (["blueboat", "charlie"], ""),
+        (["blueboat", "own.toml"], ""),
+    ],
+)
+def test_a_number_of_a_vehicle_file_has_the_unit_that_the_vehicles_share(
+    tmp_path: Path, likes: list[str], unit: str
+) -> None:
+    varied = f"like = {json.dumps(likes)}\nyaw.beta = [1.0, 2.0]\ngps.jump = [0.5, 1.0]\n"
+    grid = f"[vary.vehicle]\n{varied}[report]\nsuccess = 'good'\n"
+    ran(study_file(tmp_path, "known", grid, "def known(seed, uri):\n    return {'good': True}\n"), tmp_path / "out")
+    text = " ".join(render_text(case_study_document(case_study_of(tmp_path / "out"))).split())
+    assert f"'yaw.beta' of the vehicle file{unit} = 1" in text
+    assert ("'gps.jump' of the vehicle file [SI]" in text) == ("own.toml" not in likes)
 
 
 def test_the_map_counts_over_two_values(folder: Path) -> None:

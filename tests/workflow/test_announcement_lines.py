@@ -45,3 +45,12 @@ def test_each_row_is_one_line_of_80_columns(tmp_path: Path, vehicle: str, what: 
     first = max(len(each.row) for each in rows) + 2
     assert [each.brief for each in rows if first + len(each.brief.replace(" deg", "°")) > 80] == []
     harness.assert_neutral()
+
+
+def test_a_battery_without_a_monitor_is_announced_as_not_monitored(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "blueboat", parameters={"BATT_MONITOR": 0.0})
+    observer = Notes(harness.said)
+    with pytest.raises(OperatorStopped):
+        job_of("heading").run(harness.settings(simulated=False), Unattended(answer=False), observer, WHEN)
+    (row,) = [intention.brief for intention in observer.announced.each if intention.row == "Battery"]
+    assert row.endswith("(not reported, so not monitored)")

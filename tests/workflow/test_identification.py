@@ -146,7 +146,7 @@ def test_an_oscillation_of_an_earlier_run_is_assessed_before_another_is_flown(co
     assert [run.name for run in found.runs] == ["step-before", "relay-1"]
 
 
-TURNED = Trial("turn-about", {}, ending="completed")
+TURNED = Trial("turn-around", {}, ending="completed")
 
 
 @pytest.mark.parametrize(

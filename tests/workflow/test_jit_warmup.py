@@ -50,4 +50,4 @@ def test_a_long_compilation_is_announced_once_while_the_craft_is_monitored(monke
     with jit_warmup.jit_warmup("udpin:0.0.0.0:14550", [], []) as worker:
         jit_warmup.await_warmup(craft, worker, listener)
     assert looked != []
-    assert [text.split()[0] for text in listener.said] == ["compiling"]
+    assert [text.split()[0] for text in listener.said] == ["loading"]

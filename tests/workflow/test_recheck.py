@@ -66,6 +66,7 @@ def test_each_loop_has_its_verdict_and_colour(of: Sheet | None, tune: LoopNumber
     found = judged(of, tune)
     assert (found.kind, found.tone) == (kind, tone)
     assert found.text.endswith(".")
+    assert math.isnan(found.now.rise) == (kind == "not identifiable"), "no number of a loop that is not known"
 
 
 def test_the_terminal_shows_the_numbers_with_those_of_the_tune_and_no_coefficients() -> None:

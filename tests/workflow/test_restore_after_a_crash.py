@@ -20,7 +20,7 @@ from gcs_autotune.errors import LinkLost, NotAsFound, PreconditionFailed, UsageE
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Commands, Journal, JournalState, Parameters, ParameterTransaction, Session
 from gcs_autotune.observer import SilentObserver
-from gcs_autotune.workflow import Unattended, is_settled, link_of, restore_run
+from gcs_autotune.workflow import Unattended, is_settled, link_of, restore_run, settled_words
 from gcs_autotune.workflow import restore as restore_module
 from gcs_autotune.workflow.restore import _Restoring
 
@@ -415,6 +415,7 @@ def test_without_a_name_the_newest_unsettled_run_is_used(tmp_path: Path, monkeyp
     assert link_of(None) == "open"
     assert not is_settled(None)
     assert is_settled(tmp_path / "runs" / "new")
+    assert settled_words(tmp_path / "runs" / "new").endswith("/runs/new has already restored everything.")
     assert not is_settled(tmp_path / "runs" / "old" / "journal.jsonl")
     with pytest.raises(UsageError, match="does not exist"):
         is_settled(tmp_path / "runs" / "none")

@@ -131,7 +131,7 @@ def test_a_dead_zone_found_from_three_sizes_may_saturate_as_well(monkeypatch):
     assert found is fits["saturation", "dead-zone"]
     description = describe_thrust_curve(found, a_fit(89.7))
     assert "does nothing below 16.7% of full" in description
-    assert "Beyond 77% the force hardly grows" in description
+    assert "The fit limits the force at 77% of full output" in description
 
 
 @pytest.mark.slow

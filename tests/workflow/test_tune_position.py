@@ -120,6 +120,13 @@ def test_a_missing_position_is_refused_before_anything_moves(tmp_path: Path) -> 
     harness.assert_untouched()
 
 
+def test_an_rov_without_a_gps_is_refused_for_its_position(tmp_path: Path) -> None:
+    harness = rov(tmp_path, parameters={"GPS1_TYPE": 0.0})
+    with pytest.raises(PreconditionFailed, match=r"no position estimate.*Check the DVL or other position source"):
+        position(harness)
+    harness.assert_untouched()
+
+
 def test_a_current_stronger_than_the_craft_is_refused_with_its_speed(tmp_path: Path) -> None:
     harness = rov(tmp_path, parameters={"WPNAV_SPEED": 30.0})
     harness.vehicle.plant.water.V_x = 0.5

@@ -12,13 +12,13 @@ import pytest
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import GuardTripped
-from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer, TurnAbout, TurnAboutSettings
+from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer, TurnAround, TurnAroundSettings
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.wrong_way import turning_time
 
-from ..manoeuvres.pond import PondCraft
+from ..manoeuvres.toy_craft import PondCraft
 
 CRUISE, LIMIT = 2.0, 180.0
 ROOM = Envelope(heading_excursion=math.inf, distance=LIMIT, cruise=CRUISE)
@@ -76,7 +76,7 @@ def test_short_pulses_to_both_sides_already_give_the_turning_time(K: float, T: f
 
 def test_a_record_with_steering_to_one_side_only_gives_no_turning_time() -> None:
     kept: list[Any] = []
-    Sequencer(Boat(0.2, 3.0), ROOM, SilentObserver(), kept.append).fly(TurnAbout(TurnAboutSettings(0.0)))
+    Sequencer(Boat(0.2, 3.0), ROOM, SilentObserver(), kept.append).fly(TurnAround(TurnAroundSettings(0.0)))
     assert math.isnan(turning_time(kept[0], 0.5))
 
 
@@ -86,7 +86,7 @@ def test_a_slow_boat_turns_around_inside_the_limit_once_its_turning_time_is_know
     sequencer = Sequencer(boat, ROOM, SilentObserver(), lambda trial: None)
     sequencer.fly(relay())
     with pytest.raises(GuardTripped, match="distance from start"):
-        sequencer.fly(TurnAbout(TurnAboutSettings(0.0)))
+        sequencer.fly(TurnAround(TurnAroundSettings(0.0)))
 
     boat = Boat(*slow)
     log = SimpleNamespace(say=print, note=print, update=lambda progress: None)

@@ -148,7 +148,7 @@ class SubDepth(PositionLoop):
         notes = []
         if SURFACE in settings:
             notes.append(
-                f"near the surface ArduSub limits the upward thrust ({SURFACE}). Test the gains below that depth"
+                f"near the surface ArduSub limits the upward thrust ({SURFACE}). Test the gains in deeper water"
             )
         if self._get(settings, "PSC_ACCZ_D") != 0.0:
             notes.append("PSC_ACCZ_D is not zero. The design neither changes nor models it")

@@ -75,10 +75,10 @@ def fit_by_output_error(case: Case) -> AxisFit:
         for parts in SHORTER:
             pieces = within_horizon(case.records, longest / parts)
             try:
-                found = _fitted(replace(case, records=tuple(pieces)))
+                fit = _fitted(replace(case, records=tuple(pieces)))
             except NotInformative:
                 continue
-            return replace(found, doubts=(_only_in_pieces(longest / parts), *found.doubts))
+            return replace(fit, doubts=(_only_in_pieces(longest / parts), *fit.doubts))
         raise refused
 
 

@@ -53,16 +53,16 @@ def compare_runs(chosen: Selection, names: Sequence[str], bounds: Bounds) -> Run
     by_itself: list[Solution] = []
 
     def estimate(runs: tuple[int, ...]) -> CraftEstimate | None:
-        found = _solved(chosen, bounds, [i for run in runs for i in stretches[run]])
-        if found is None or found.at_bound:
+        solution = _solved(chosen, bounds, [i for run in runs for i in stretches[run]])
+        if solution is None or solution.at_bound:
             return None
-        by_itself.extend([found] if len(runs) == 1 else [])
-        return CraftEstimate(found.theta[craft], explicit_covariance(found)[np.ix_(craft, craft)])
+        by_itself.extend([solution] if len(runs) == 1 else [])
+        return CraftEstimate(solution.theta[craft], explicit_covariance(solution)[np.ix_(craft, craft)])
 
     outliers = outlier_runs(names, estimate) if len(names) > 1 and all(stretches) else ()
     if not outliers:
         return RunComparison(other_inertia=_other_inertia(chosen, bounds))
-    if 2 * sum(found.white for found in by_itself) >= len(by_itself):
+    if 2 * sum(solution.white for solution in by_itself) >= len(by_itself):
         return RunComparison(outliers)
     runs = [Trial(r.run, r.measured) for r in chosen.records]
     dof = chosen.records[0].dof.name

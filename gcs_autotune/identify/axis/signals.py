@@ -106,21 +106,24 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
     for record in records:
         if record.velocity is None:
             return f"run '{record.run}' has no velocity"
-    found = agreement(records, solution)
-    if found is None:
+    consistency = agreement(records, solution)
+    if consistency is None:
         return "the motion fitted without the velocity diverges, so no comparison is possible"
-    std = found.std
-    scaled, late = abs(found.gain) > max(GAIN, SURELY * std[0]), abs(found.lag) > max(LAG * found.step, SURELY * std[1])
+    std = consistency.std
+    scaled, late = (
+        abs(consistency.gain) > max(GAIN, SURELY * std[0]),
+        abs(consistency.lag) > max(LAG * consistency.step, SURELY * std[1]),
+    )
     if (scaled or late) and not solution.white and all(_sensors_agree(record, solution) for record in records):
         return ""
     if scaled:
-        return f"its scale differs by {100.0 * found.gain:+.1f} %"
+        return f"its scale differs by {100.0 * consistency.gain:+.1f} %"
     if late:
-        return f"it lags by {1000.0 * found.lag:.0f} ms"
-    if abs(found.bias) > max(BIAS * found.rms, SURELY * std[2]):
-        return f"it is biased by {found.bias:.3g}"
-    colour = max(float(np.max(np.abs(autocorrelation(e, 3)))) for e in found.errors)
-    if colour > max(COLOUR, 4.0 / np.sqrt(min(len(e) for e in found.errors))):
+        return f"it lags by {1000.0 * consistency.lag:.0f} ms"
+    if abs(consistency.bias) > max(BIAS * consistency.rms, SURELY * std[2]):
+        return f"it is biased by {consistency.bias:.3g}"
+    colour = max(float(np.max(np.abs(autocorrelation(e, 3)))) for e in consistency.errors)
+    if colour > max(COLOUR, 4.0 / np.sqrt(min(len(e) for e in consistency.errors))):
         return f"its errors are correlated ({colour:.2f}). It is filtered or derived, or the model lacks a term"
     return ""
 
@@ -136,14 +139,14 @@ def _sensors_agree(record: Segment, solution: Solution) -> bool:
     fitted as part of the craft.
     """
     main, rate = (record.measured.get(name) for name in (record.dof.position, record.dof.velocity))
-    found = None if main is None or rate is None else compared_with_rate(main, rate)
-    if found is None or found.kind != "agrees":
+    comparison = None if main is None or rate is None else compared_with_rate(main, rate)
+    if comparison is None or comparison.kind != "agrees":
         return False
     step = float(np.median(np.diff(record.signals[record.dof.velocity].t)))
-    scaled = abs(found.factor - 1.0) > max(GAIN, SURELY * found.std)
+    scaled = abs(comparison.factor - 1.0) > max(GAIN, SURELY * comparison.std)
     rate_constant = abs(solution.value("a"))
-    slow = rate_constant * (abs(found.shift) + SURELY * found.shift_std + 0.5 * step) < SLOW
-    return not scaled and slow and abs(found.shift) <= max(LAG * step, SURELY * found.shift_std)
+    slow = rate_constant * (abs(comparison.shift) + SURELY * comparison.shift_std + 0.5 * step) < SLOW
+    return not scaled and slow and abs(comparison.shift) <= max(LAG * step, SURELY * comparison.shift_std)
 
 
 Array = NDArray[np.float64]
@@ -202,10 +205,10 @@ def agreement(records: Sequence[Segment], solution: Solution) -> VelocityConsist
     if not (np.isfinite(error).all() and np.isfinite(table).all()):
         return None
     sigma = _scatter(error, np.hstack([known, table]))
-    found, covariance = _ridged(error, known, table, sigma)
+    coefficients, covariance = _ridged(error, known, table, sigma)
     moved = known @ _ridged(error, known, table[:, :0], sigma)[0]
     ends = np.cumsum([len(p.error) for p in parts])[:-1]
-    gain, lag, bias = (float(v) for v in found[-3:])
+    gain, lag, bias = (float(v) for v in coefficients[-3:])
     std = np.sqrt(np.diag(covariance)[-3:])
     return VelocityConsistency(
         gain,

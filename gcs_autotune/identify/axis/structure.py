@@ -85,12 +85,12 @@ def select(
     if structure is None:
         other: Structure
         for other in ("linear", "nonlinear"):
-            found = fitter.fit(other, began, "delay" in first.free, first)
-            if found is None or not found.converged or not damps(found):
+            solution = fitter.fit(other, began, "delay" in first.free, first)
+            if solution is None or not solution.converged or not damps(solution):
                 again = fitter.fit(other, start._replace(delay=began.delay), "delay" in first.free, None)
-                found = _better(found, again)
-            if found is not None:
-                solutions[other] = found
+                solution = _better(solution, again)
+            if solution is not None:
+                solutions[other] = solution
     criterion = {s: f.bic(correlation) for s, f in solutions.items()}
     chosen, undecided = (structure, False) if structure is not None else choose(solutions, criterion, decision)
     candidates = tuple(_candidate(records[0], s, f, criterion[s]) for s, f in solutions.items())

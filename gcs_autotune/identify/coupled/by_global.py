@@ -126,15 +126,15 @@ def search(ground: InitialGuess, box: Box, *, budget: int, seed: int) -> Searche
     budget : simulations of all records; each optimiser may use half.
     """
     cost = _Cost(ground)
-    found = {}
+    optima = {}
     evaluations = {}
     for name, optimiser in (("differential evolution", _evolved), ("multi-start", _multi_start)):
         cost.spent = 0
-        found[name] = optimiser(cost, box, budget // 2, seed)
+        optima[name] = optimiser(cost, box, budget // 2, seed)
         evaluations[name] = cost.spent
-    costs = {name: cost(values) for name, values in found.items()}
+    costs = {name: cost(values) for name, values in optima.items()}
     winner = min(costs, key=lambda name: costs[name])
-    return Searched(cost.theta(found[winner]), winner, costs, evaluations)
+    return Searched(cost.theta(optima[winner]), winner, costs, evaluations)
 
 
 @dataclass(slots=True, eq=False)
@@ -188,7 +188,7 @@ def _evolved(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
     """Return the free parameters after differential evolution with as many generations as *budget* allows."""
     size = max(5, min(15, budget // (20 * len(box.names))))
     generations = max(1, budget // (size * len(box.names)) - 1)
-    found = differential_evolution(
+    optimum = differential_evolution(
         cost,
         Bounds(box.low, box.high),
         popsize=size,
@@ -198,7 +198,7 @@ def _evolved(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
         init="sobol",
         tol=1e-6,
     )
-    return np.asarray(found.x, dtype=np.float64)
+    return np.asarray(optimum.x, dtype=np.float64)
 
 
 def _multi_start(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
@@ -231,11 +231,11 @@ def _descended(cost: _Cost, start: Array, box: Box) -> Array:
         if residuals is None:
             return x
         laws = likeliest(residuals, gaussian_noise(cost.ground.levels))
-        found = descend(partial(cost.objective.at, noise=laws), x, box.low, box.high, trials=TRIALS)
-        if found is None:
+        minimum = descend(partial(cost.objective.at, noise=laws), x, box.low, box.high, trials=TRIALS)
+        if minimum is None:
             return x
-        cost.spent += found.iterations
-        x = found.x
+        cost.spent += minimum.iterations
+        x = minimum.x
     return x
 
 
@@ -276,14 +276,21 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     limits = limits_of(form, case)
     records = tuple(r.after(form.known.get("delay", 0.0)) for r in case.records)
     ground = initial_guess_of(form, records)
-    found = search(ground, box_of(ground, limits), budget=budget, seed=seed)
-    polished = solve_form(form, records, found.theta, ground.initial, limits, levels=ground.levels, robust=case.robust)
+    searched = search(ground, box_of(ground, limits), budget=budget, seed=seed)
+    polished = solve_form(
+        form, records, searched.theta, ground.initial, limits, levels=ground.levels, robust=case.robust
+    )
     if polished is None:
         raise NotInformative(
             f"no model '{form.name}' could be simulated on run '{records[0].run}'. Both global searches found only "
             "diverging motions. Narrow the bounds or increase the budget"
         )
-    summary = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}
+    summary = {
+        "winner": searched.winner,
+        "margin": searched.margin,
+        "costs": searched.costs,
+        "evaluations": searched.evaluations,
+    }
     plain = _from_regression(form, records, limits, robust=case.robust)
     ahead = math.nan if plain is None else polished.log_likelihood - plain.log_likelihood
     if plain is not None and ahead < 0.0:
@@ -298,10 +305,10 @@ def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, 
     With many parameters an affordable search does not come near this fit.
     """
     try:
-        found = local_fit(form, records, limits, robust=robust, whole=True)
+        local = local_fit(form, records, limits, robust=robust, whole=True)
     except NotInformative:
         return None
-    return found.solution
+    return local.solution
 
 
 METHOD = Method(

@@ -66,7 +66,7 @@ def _finished(chosen: Delayed, limits: Limits, *, robust: bool) -> Delayed:
     if better is None and not quanta:
         return chosen
     solution = local.solution
-    found = solve(
+    refined = solve(
         Problem(solution.form, segments, None, limits, solution.free),
         solution.theta,
         solution.initial,
@@ -75,7 +75,7 @@ def _finished(chosen: Delayed, limits: Limits, *, robust: bool) -> Delayed:
         shift=solution.shift,
         robust=robust,
     )
-    return chosen if found is None else replace(chosen, local=replace(local, solution=found, records=segments))
+    return chosen if refined is None else replace(chosen, local=replace(local, solution=refined, records=segments))
 
 
 def with_known_delay(form: Form, delay: float | None) -> Form:

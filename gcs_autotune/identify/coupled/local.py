@@ -81,15 +81,15 @@ def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust:
     best: Solution | None = None
     sketch = PATIENT if whole else SKETCH
     for theta in ground.starts(limits):
-        found = solve_form(
+        solution = solve_form(
             form, records, theta, ground.initial, limits, levels=ground.levels, robust=robust, effort=sketch
         )
-        if found is None:
+        if solution is None:
             continue
-        agreed = best is not None and abs(found.log_likelihood - best.log_likelihood) < 1.0
-        if best is None or found.log_likelihood > best.log_likelihood:
-            best = found
-        if found.converged and (agreed or _excess(found, ground.rough) < GOOD):
+        agreed = best is not None and abs(solution.log_likelihood - best.log_likelihood) < 1.0
+        if best is None or solution.log_likelihood > best.log_likelihood:
+            best = solution
+        if solution.converged and (agreed or _excess(solution, ground.rough) < GOOD):
             break
     if best is None or (not whole and _excess(best, ground.levels) > HOPELESS):
         pieces, initial = ground.pieces()
@@ -161,10 +161,10 @@ def _again(plain: LocalFit, records: Sequence[Segment], limits: Limits, robust: 
         return plain
     form, solution = plain.solution.form, plain.solution
     initial = initial_guess_of(form, records).initial
-    found = solve_form(
+    refitted = solve_form(
         form, records, solution.theta, initial, limits, levels=solution.noise, robust=robust, effort=SKETCH
     )
-    return None if found is None else LocalFit(found, tuple(records))
+    return None if refitted is None else LocalFit(refitted, tuple(records))
 
 
 def _one_step(plain: Solution, records: Sequence[Segment]) -> tuple[float, float]:
@@ -201,9 +201,9 @@ def _lagged(form: Form, without: LocalFit, limits: Limits, hint: float, robust: 
         if not np.isfinite(scored[i]):
             continue
         theta, initial = starts[i]
-        found = solve_form(freed, records, theta, initial, limits, levels=plain.noise, robust=robust, effort=SKETCH)
-        if found is not None and (best is None or found.log_likelihood > best.log_likelihood):
-            best = found
+        solution = solve_form(freed, records, theta, initial, limits, levels=plain.noise, robust=robust, effort=SKETCH)
+        if solution is not None and (best is None or solution.log_likelihood > best.log_likelihood):
+            best = solution
     if best is None or best.log_likelihood <= plain.log_likelihood:
         return best
     effort = THOROUGH if best.white else MISFIT

@@ -62,11 +62,11 @@ def _log_likelihood(fit: AxisFit) -> float:
     """
     if not fit.traces:
         return -math.log(max(fit.residual_rms, 1e-300))
-    found = 0.0
+    log_likelihood = 0.0
     for signal in {t.signal for t in fit.traces}:
         own = [t for t in fit.traces if t.signal == signal]
-        found -= sum(len(t.t) for t in own) * math.log(max(rms_of(own), 1e-300))
-    return found
+        log_likelihood -= sum(len(t.t) for t in own) * math.log(max(rms_of(own), 1e-300))
+    return log_likelihood
 
 
 def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
@@ -148,7 +148,7 @@ def for_axis(method: Callable[[Case], Fit[Model]], *, fits_delay: bool = False) 
     def fit_one_axis(case: Case) -> AxisFit:
         if case.structure is not None:
             return axis_fit(case, case.structure, method(case.as_form(case.structure, fits_delay=fits_delay)))
-        found: list[tuple[float, AxisFit]] = []
+        fits: list[tuple[float, AxisFit]] = []
         candidates: list[StructureFit] = []
         for structure in FREE:
             try:
@@ -161,11 +161,11 @@ def for_axis(method: Callable[[Case], Fit[Model]], *, fits_delay: bool = False) 
             bic = -2.0 * log_likelihood + spent * math.log(max(n, 2))
             sane = fit.model.alpha * fit.model.beta >= 0.0 and fit.model.alpha * fit.model.beta_quadratic >= 0.0
             candidates.append(StructureFit(structure, fit.model, fit.residual_rms, log_likelihood, spent, bic))
-            found.append((bic if sane else bic + 1e6, fit))
-        if not found:
+            fits.append((bic if sane else bic + 1e6, fit))
+        if not fits:
             raise NotInformative(
                 f"run '{case.names[0]}': this method could not fit any drag structure. Use method='output-error'"
             )
-        return replace(min(found, key=lambda pair: pair[0])[1], candidates=tuple(candidates))
+        return replace(min(fits, key=lambda pair: pair[0])[1], candidates=tuple(candidates))
 
     return fit_one_axis

@@ -67,7 +67,7 @@ def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
             )
         last = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
         return solution_of(problem, last)
-    found = solve(
+    solution = solve(
         problem,
         fitted.theta,
         fitted.initial,
@@ -77,7 +77,7 @@ def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
         shift=fitted.shift,
         robust=case.robust,
     )
-    return found or solution_of(problem, fitted)
+    return solution or solution_of(problem, fitted)
 
 
 def _outcome(case: Case, problem: Problem, fitted: Fitted, solution: Solution) -> Fit[CoupledModel | ExtendedModel]:
@@ -166,9 +166,9 @@ def _best(problem: Problem, fitted: Fitted, others: Sequence[EffectInstance], sp
     for own in spec.candidates(problem.data_summary):
         if (own.slug, own.place) in taken:
             continue
-        found = problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FIRST_TRIALS, shift=fitted.shift)
-        if found is not None and (best is None or found.cost < best.cost):
-            best = found
+        candidate = problem.fit(fitted.theta, (*others, own), fitted.initial, trials=FIRST_TRIALS, shift=fitted.shift)
+        if candidate is not None and (best is None or candidate.cost < best.cost):
+            best = candidate
     final = None
     if best is not None:
         final = problem.fit(best.theta, best.effects, best.initial, trials=LAST_TRIALS, shift=best.shift)

@@ -45,8 +45,8 @@ Above it a misfit is reported. Project choice.
 def frequency_doubts(response: FrequencyResponse, first: NomotoFit, second: NomotoFit | None) -> list[Doubt]:
     """Return the doubts about coherence, about the width of the measured band, and about the misfit of the model."""
     assert isinstance(first.model, Nomoto1)
-    found = [_coherence(response), _band(response, first.model), _misfit(first, second)]
-    return [doubt for doubt in found if doubt is not None]
+    doubts = [_coherence(response), _band(response, first.model), _misfit(first, second)]
+    return [doubt for doubt in doubts if doubt is not None]
 
 
 def _coherence(response: FrequencyResponse) -> Doubt | None:

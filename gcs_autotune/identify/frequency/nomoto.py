@@ -239,8 +239,8 @@ def _search(
         table: Array = (_jacobian(whole(x), response, error) * scale)[:, fitted]
         return table
 
-    found = least_squares(residuals, (start / scale)[fitted], jac=jacobian, method="lm")
-    return whole(found.x)
+    optimum = least_squares(residuals, (start / scale)[fitted], jac=jacobian, method="lm")
+    return whole(optimum.x)
 
 
 def _start(response: FrequencyResponse, order: int, delay: float, error: float) -> Array:

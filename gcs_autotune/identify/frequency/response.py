@@ -75,8 +75,8 @@ class FrequencyResponse(Displayed):
         Random Data).
         """
         quantile = scipy_stats().f.ppf(level, 2.0, np.maximum(2.0 * self.averages - 2.0, 1.0))
-        found: Array = self.std * np.sqrt(2.0 * quantile)
-        return found
+        radii: Array = self.std * np.sqrt(2.0 * quantile)
+        return radii
 
     def measured(self, coherence: float = COHERENT) -> FrequencyResponse:
         """Return the response restricted to the points whose squared coherence is at least *coherence*."""

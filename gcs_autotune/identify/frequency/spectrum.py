@@ -106,9 +106,9 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
             f"a record of {duration:.3g} s is too short for a frequency response with {tapers} tapers. Record longer"
         )
     raw = _spectra(series, omega, count)
-    found = _response(omega, raw, raw, np.zeros(len(omega)))
+    response = _response(omega, raw, raw, np.zeros(len(omega)))
     for _ in range(ROUNDS):
-        model = _model(found, records)
+        model = _model(response, records)
         if model is None:
             break
         try:
@@ -116,8 +116,8 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
         except NotInformative:
             break
         known = Nomoto1.from_single_dof(model).response(omega)
-        found = _response(omega, left, raw, known)
-    return found
+        response = _response(omega, left, raw, known)
+    return response
 
 
 def constant_force(records: Sequence[Segment], alpha: float, beta: float) -> tuple[float, float]:
@@ -301,9 +301,9 @@ def _series(signal: Signal, start: float, end: float, harmonics: Sequence[int]) 
         return None
     phase = 2.0 * np.pi / (end - start) * np.outer(t, np.arange(1, fitted + 1))
     table = np.hstack([np.ones((len(t), 1)), np.cos(phase), np.sin(phase)])
-    found = np.linalg.lstsq(table, x, rcond=None)[0]
+    solution = np.linalg.lstsq(table, x, rcond=None)[0]
     at = np.asarray(harmonics)
-    coefficients: Complex = found[at] - 1j * found[fitted + at]
+    coefficients: Complex = solution[at] - 1j * solution[fitted + at]
     return coefficients
 
 

@@ -17,7 +17,7 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels, Prior, Smoothed
-from gcs_autotune.identify.kalman.report import Found, report, thinned
+from gcs_autotune.identify.kalman.report import FilterEstimate, report, thinned
 from gcs_autotune.identify.kalman.smoother import SETTLED, iterate, positive_inertia, settled
 from gcs_autotune.identify.kalman.task import OPTIONS, REPEAT, Task, first_states, task_of
 from gcs_autotune.identify.method import Method
@@ -90,7 +90,7 @@ def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
             "(start=...), or a larger state_noise"
         )
     std = np.sqrt(np.diag(ended.covariance))
-    found = Found(
+    estimate = FilterEstimate(
         ended.result.parameters,
         ended.covariance,
         std if walk == 0.0 else np.full(len(std), np.nan),
@@ -99,7 +99,7 @@ def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
         ended.moved,
         extra={"passes": ended.count, "rescued": rescued, "history": _history(task, ended.result)},
     )
-    return report(task, method, found)
+    return report(task, method, estimate)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -137,7 +137,7 @@ class NoiseFilter(ModelProblem):
         return self._kept(effects, noise, self._drives, self._new_drives)
 
     def _new_drives(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> tuple[Drive, ...]:
-        found, smoothing = [], noise.smoothing
+        drives, smoothing = [], noise.smoothing
         for segment in self.segments:
             passage = segment.passage
             drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
@@ -146,8 +146,8 @@ class NoiseFilter(ModelProblem):
             if smoothing > 0.0:
                 end = float(segment.stamps[-1])
                 drive = smoothed_drive(drive, smoothing, end, self.data_summary.interval, self.form.inputs)
-            found.append(drive)
-        return tuple(found)
+            drives.append(drive)
+        return tuple(drives)
 
     @cached_property
     def _tracks(self) -> tuple[FilterRecord, ...]:
@@ -224,11 +224,11 @@ class NoiseFilter(ModelProblem):
         if done is None:
             return None
         bank, result, _ = done
-        found = []
+        innovations = []
         for track, history in zip(bank.tracks, result.histories, strict=True):
             seen = ~np.isnan(history.S[:, 0])
-            found.append((track.stamps[seen], history.e[seen, 0], history.S[seen, 0]))
-        return tuple(found)
+            innovations.append((track.stamps[seen], history.e[seen, 0], history.S[seen, 0]))
+        return tuple(innovations)
 
     def _linear_innovations(
         self, terms: LinearTerms, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise
@@ -237,7 +237,7 @@ class NoiseFilter(ModelProblem):
         values = self._values(theta, effects)
         states, spread = self._priors
         order = [states_of(self.form).index(n) for n in (self.dof.velocity, self.dof.position)]
-        found = []
+        innovations = []
         drives = self._driven(effects, noise)
         run, mean, cov = None, np.zeros(2), np.zeros((2, 2))
         for track, drive, start, std in zip(self._tracks, drives, states[:, order], spread[:, order], strict=True):
@@ -263,5 +263,5 @@ class NoiseFilter(ModelProblem):
                 return None
             if noise.differs:
                 integrate_out(e[1:, seen], mean, cov, own, S)
-            found.append((track.stamps[seen], own, S))
-        return tuple(found)
+            innovations.append((track.stamps[seen], own, S))
+        return tuple(innovations)

@@ -155,11 +155,11 @@ class NoisyObjective(FreeNumbers):
 
     def at(self, x: Array) -> Point | None:
         """Return the innovations at *x* (q,), or None if the filter fails."""
-        found = self.problem.innovations_at(*self.unpack(x))
-        if found is None:
+        innovations = self.problem.innovations_at(*self.unpack(x))
+        if innovations is None:
             return None
-        each = np.array([float(log_density(e, S, self.noise.freedom).sum()) for _, e, S in found])
-        return Point(self, x, found, each) if math.isfinite(float(each.sum())) else None
+        each = np.array([float(log_density(e, S, self.noise.freedom).sum()) for _, e, S in innovations])
+        return Point(self, x, innovations, each) if math.isfinite(float(each.sum())) else None
 
     def begun(self, x: Array) -> Point | None:
         """Return the innovations at *x* (q,), the first of a series of points.

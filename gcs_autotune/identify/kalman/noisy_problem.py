@@ -69,14 +69,16 @@ class NoisyProblem(NoiseFilter):
         if done is None:
             return None
         bank, result, _ = done
-        first, gain, found = len(bank.states) + 1, fit.gain, {}
+        first, gain, likelihoods = len(bank.states) + 1, fit.gain, {}
         for track, history in zip(bank.tracks, result.histories, strict=True):  # of a run in parts the last knows all
             scale = np.array([1.0, gain])
             cov = history.covariance[-1, first : first + 2, first : first + 2] / np.outer(scale, scale)
             precision: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
             mean = (history.mean[-1, first : first + 2] - [0.0, gain]) / scale
-            found[track.record.run] = RunLikelihood(track.record.run, precision - np.diag(wide**-2.0), precision @ mean)
-        return RunLikelihoods(tuple(found.values()))
+            likelihoods[track.record.run] = RunLikelihood(
+                track.record.run, precision - np.diag(wide**-2.0), precision @ mean
+            )
+        return RunLikelihoods(tuple(likelihoods.values()))
 
     def fit(
         self,
@@ -111,8 +113,8 @@ class NoisyProblem(NoiseFilter):
             return None
         effects = in_order([EffectInstance(**e) for e in kept["effects"]])
         noise, theta = ProcessNoise(**kept["noise"]), np.array(kept["theta"], dtype=np.float64)
-        found = self._fit(theta, effects, noise, 0)
-        return None if found is None else replace(found, covariance=np.array(kept["covariance"], dtype=np.float64))
+        fit = self._fit(theta, effects, noise, 0)
+        return None if fit is None else replace(fit, covariance=np.array(kept["covariance"], dtype=np.float64))
 
     def _fit(
         self,
@@ -233,9 +235,9 @@ class NoisyProblem(NoiseFilter):
                 sea = waves_ahead(waves, history.mean[s, -2:], np.append(t, end) - start)
                 rows[:, gust] = history.mean[s, n] * np.exp(-(t - start) / fit.noise.memory) + waves[1] * sea[:-1]
                 theta[own] = history.mean[s, n + 1 : n + 1 + len(own)]
-                found = simulator.run(theta, history.mean[s, :n].copy(), t, rows, np.array([start, end]))
-                if found is not None:
-                    errors.append(signal.values[goal] - found[0][-1, seen] - waves[0] * sea[-1])
+                motion = simulator.run(theta, history.mean[s, :n].copy(), t, rows, np.array([start, end]))
+                if motion is not None:
+                    errors.append(signal.values[goal] - motion[0][-1, seen] - waves[0] * sea[-1])
         return np.array(errors)
 
 

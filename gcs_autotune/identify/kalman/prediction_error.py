@@ -21,7 +21,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
-from gcs_autotune.identify.kalman.report import Found, report
+from gcs_autotune.identify.kalman.report import FilterEstimate, report
 from gcs_autotune.identify.kalman.smoother import iterate
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, first_states, task_of
 from gcs_autotune.identify.method import Method
@@ -182,7 +182,7 @@ def fit_by_prediction_error(case: Case) -> Fit[CoupledModel]:
             break
     levels = likelihood.levels_at(point)
     last = likelihood.at(point, full=True) or here
-    found = Found(
+    estimate = FilterEstimate(
         point.parameters,
         covariance,
         np.sqrt(np.diag(covariance)),
@@ -191,7 +191,7 @@ def fit_by_prediction_error(case: Case) -> Fit[CoupledModel]:
         moved,
         extra={"rounds": count},
     )
-    return report(task, "prediction-error", found)
+    return report(task, "prediction-error", estimate)
 
 
 def _moved(point: _Point, p: int, i: int, by: float) -> _Point:
@@ -229,9 +229,9 @@ def _thresholded(levels: Levels, by_drive: Array) -> Levels:
     return replace(levels, drive=np.where(share > ACTIVE, levels.drive, 0.0))
 
 
-def _as_it_was(result: FilterResult, levels: Levels) -> Found:
+def _as_it_was(result: FilterResult, levels: Levels) -> FilterEstimate:
     std = np.sqrt(np.diag(result.covariance))
-    return Found(result.parameters, result.covariance, std, levels, result, np.full(len(std), np.inf))
+    return FilterEstimate(result.parameters, result.covariance, std, levels, result, np.full(len(std), np.inf))
 
 
 METHOD = Method(

@@ -21,7 +21,7 @@ from gcs_autotune.identify.kalman.task import Task
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 
-__all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
+__all__ = ["MOST_POINTS", "FilterEstimate", "filter_doubts", "report"]
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ MOST_POINTS = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class FilterEstimate:
     """Result of a filter method, from which a ``Fit`` is built.
 
     - ``parameters`` (p,), ``covariance`` (p, p), ``bounds`` (p,): free parameters, their covariance and Cramer-Rao
@@ -52,13 +52,13 @@ class Found:
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
-def report(task: Task, method: str, found: Found) -> Fit[CoupledModel]:
-    """Return the ``Fit`` of *method*, built from its result *found*."""
+def report(task: Task, method: str, estimate: FilterEstimate) -> Fit[CoupledModel]:
+    """Return the ``Fit`` of *method*, built from its result *estimate*."""
     form, bank, case = task.bank.form, task.bank, task.case
-    std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    std = np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
     sought = [n for n in bank.free if not task.is_shift(n)]
     at = [bank.free.index(n) for n in sought]
-    values = {n: float(found.parameters[bank.free.index(n)]) for n in sought}
+    values = {n: float(estimate.parameters[bank.free.index(n)]) for n in sought}
     values |= {n: float(task.stamps or 0.0) for n in task.form.parameters if task.is_shift(n)}
     values = {
         n: values[n] if n in values else float(form.known[n]) for n in form.parameters if n in task.form.parameters
@@ -67,12 +67,12 @@ def report(task: Task, method: str, found: Found) -> Fit[CoupledModel]:
         values,
         {n: form.unit_of(n, case.input_units) for n in values},
         sought,
-        found.covariance[np.ix_(at, at)],
-        bounds=dict(zip(sought, found.bounds[at].tolist(), strict=True)),
+        estimate.covariance[np.ix_(at, at)],
+        bounds=dict(zip(sought, estimate.bounds[at].tolist(), strict=True)),
     )
     model = CoupledModel(task.form, values)
-    shift = {n: float(v) for n, v in zip(bank.free, found.parameters, strict=True) if task.is_shift(n)}
-    noise = {s: float(np.sqrt(v)) for s, v in zip(bank.signals, found.levels.noise, strict=True)}
+    shift = {n: float(v) for n, v in zip(bank.free, estimate.parameters, strict=True) if task.is_shift(n)}
+    noise = {s: float(np.sqrt(v)) for s, v in zip(bank.signals, estimate.levels.noise, strict=True)}
     motion = Motion.freely(CoupledModel(form, {**values, **shift}), case.records, noise)
     return fit_of(
         case,
@@ -81,15 +81,15 @@ def report(task: Task, method: str, found: Found) -> Fit[CoupledModel]:
         table,
         motion,
         structure=form.name,
-        doubts=(*found.doubts, *motion.doubts, *filter_doubts(task, found.last, found.moved, std, model)),
+        doubts=(*estimate.doubts, *motion.doubts, *filter_doubts(task, estimate.last, estimate.moved, std, model)),
         extra={
             "state_noise": {
-                s: float(np.sqrt(v)) for s, v in zip(bank.states, found.levels.drive, strict=True) if s in "uvwpqr"
+                s: float(np.sqrt(v)) for s, v in zip(bank.states, estimate.levels.drive, strict=True) if s in "uvwpqr"
             },
-            "log_likelihood": found.last.log_likelihood,
+            "log_likelihood": estimate.last.log_likelihood,
             "time_shift": sum(shift.values()) - (task.stamps or 0.0),
-            "innovations": _innovations(task, found.last),
-            **found.extra,
+            "innovations": _innovations(task, estimate.last),
+            **estimate.extra,
         },
     )
 

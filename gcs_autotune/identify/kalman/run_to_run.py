@@ -129,7 +129,7 @@ class RunLikelihoods:
         force, thrust : whether force and thrust may differ between runs. If not, the standard deviation is *least* for
             the force and zero for the thrust.
         """
-        best, found = -math.inf, (least, 0.0)
+        best, likeliest = -math.inf, (least, 0.0)
         wide = force and widest > least
         forces = [least, *np.geomspace(max(least, 0.01 * widest), widest, 25)[1:]] if wide else [least]
         thrusts = [0.0, *(MOST_THRUST * np.geomspace(0.1, 1.0, 12))] if thrust else [0.0]
@@ -138,8 +138,8 @@ class RunLikelihoods:
                 constant, q, Q = self._parts(float(b), float(s))
                 likelihood = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
                 if likelihood > best:
-                    best, found = likelihood, (float(b), float(s))
-        return found
+                    best, likeliest = likelihood, (float(b), float(s))
+        return likeliest
 
     def _parts(self, force: float, thrust: float) -> tuple[float, Array, Array]:
         """Return ``c``, ``q`` and ``Q`` of the log-likelihood ``c + q x - x Q x / 2`` of a common part ``x``.

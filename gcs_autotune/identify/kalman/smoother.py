@@ -19,7 +19,7 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels, Smoothed
-from gcs_autotune.identify.kalman.report import Found, report, thinned
+from gcs_autotune.identify.kalman.report import FilterEstimate, report, thinned
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.result import Fit
@@ -86,7 +86,7 @@ def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
         raise UsageError(f"rounds must be 1 or more, not {rounds}")
     ended = iterate(task, rounds)
     result = ended.result
-    found = Found(
+    estimate = FilterEstimate(
         result.parameters,
         result.covariance,
         np.sqrt(np.diag(result.covariance)),
@@ -95,7 +95,7 @@ def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
         ended.moved,
         extra={"rounds": ended.rounds, "smoothed": _smoothed(task, ended.smoothed)},
     )
-    return report(task, "smoother", found)
+    return report(task, "smoother", estimate)
 
 
 def iterate(task: Task, rounds: int) -> Ended:

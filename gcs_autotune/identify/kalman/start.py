@@ -133,21 +133,21 @@ def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[Record
     drive = np.concatenate([np.zeros(k), np.maximum(spread[k:] ** 2, 1e-12)])
     levels = Levels(noise, drive, np.zeros(0))
     theta = np.array([walk.known[n] for n in walk.parameters])
-    found = None
+    smoothed = None
     for _ in range(ROUNDS):
         result = bank.run(theta, prior, levels, full=True)
         if result is None:
             break
-        found = bank.smooth(result, levels)
-        levels = tuned(levels, found, 0.25 * noise)
+        smoothed = bank.smooth(result, levels)
+        levels = tuned(levels, smoothed, 0.25 * noise)
     t = bank.tracks[0].stamps
     n = len(states_of(form))
     X, seen = np.zeros((len(t), n)), np.zeros(k, dtype=bool)
     row = np.maximum(np.searchsorted(record.t_in, t, side="right") - 1, 0)
     inputs = np.ascontiguousarray(record.inputs[row])
-    if found is not None:
-        X[:, : 2 * k] = found.trajectories[0]
-        seen = np.mean(found.variances[0][:, k:], axis=0) < 0.25 * np.maximum(np.var(X[:, k : 2 * k], axis=0), 1e-12)
+    if smoothed is not None:
+        X[:, : 2 * k] = smoothed.trajectories[0]
+        seen = np.mean(smoothed.variances[0][:, k:], axis=0) < 0.25 * np.maximum(np.var(X[:, k : 2 * k], axis=0), 1e-12)
     X[:, 2 * k :] = inputs if n > 2 * k else 0.0
     nu_dot = np.gradient(X[:, k : 2 * k], t, axis=0)
     by_name = dict(zip(bank.signals, levels.noise, strict=True))
@@ -206,8 +206,8 @@ def _scale(force: Array, size: Array, value: float) -> float:
 
 def _balance(form: Form, theta: Array, motions: Sequence[RecordedMotion]) -> Balance:
     """Return the force balance of the equations at all stamps."""
-    found = [balance_of(program_of(form), theta, m.X, m.nu_dot, m.inputs) for m in motions]
-    return Balance(np.vstack([b.values for b in found]), np.vstack([b.by for b in found]))
+    balances = [balance_of(program_of(form), theta, m.X, m.nu_dot, m.inputs) for m in motions]
+    return Balance(np.vstack([b.values for b in balances]), np.vstack([b.by for b in balances]))
 
 
 def _make_inertia_positive(

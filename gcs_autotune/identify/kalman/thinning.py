@@ -32,7 +32,7 @@ def thinned_to(segments: Sequence[Segment], signal: str, interval: float) -> lis
     Inputs and measured velocities are averaged over a fraction of the interval. Segments without the signal are left
     out.
     """
-    found = []
+    thinned = []
     for segment in segments:
         if signal not in segment.signals:
             continue
@@ -40,8 +40,8 @@ def thinned_to(segments: Sequence[Segment], signal: str, interval: float) -> lis
         step = float(np.median(np.diff(own.t)))
         every = max(1, round(interval / step))
         kept = replace(own, t=own.t[::every], values=own.values[::every])
-        found.append(_coarser(replace(segment, signals={signal: kept}), interval / PER_SAMPLE))
-    return found
+        thinned.append(_coarser(replace(segment, signals={signal: kept}), interval / PER_SAMPLE))
+    return thinned
 
 
 def _coarser(segment: Segment, width: float) -> Segment:

@@ -69,9 +69,9 @@ def renew_waves(cov: Array, F: Array) -> None:
 
 def waves_ahead(waves: Array, state: Array, after: Array) -> Array:
     """Return the expected second wave state (k,) at the times *after* (k,) [s], from the two states *state* (2,)."""
-    F, found = np.zeros((2, 2)), np.zeros(len(after))
+    F, expected = np.zeros((2, 2)), np.zeros(len(after))
     if rough(waves):
         for k, h in enumerate(after.tolist()):
             wave_transition(waves, h, F)
-            found[k] = F[1] @ state
-    return found
+            expected[k] = F[1] @ state
+    return expected

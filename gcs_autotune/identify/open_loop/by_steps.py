@@ -97,12 +97,12 @@ def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepM
             errors = zip(readings, _as_read(readings, moved), w, strict=True)
             return np.concatenate([m @ _errors(r, moved, read) for r, read, m in errors])
 
-        found = least_squares(residual, theta[free] / scale, method="trf", x_scale=1.0)
+        optimum = least_squares(residual, theta[free] / scale, method="trf", x_scale=1.0)
         theta = theta.copy()
-        theta[free] = found.x * scale
-    jacobian = np.asarray(found.jac, dtype=float)
+        theta[free] = optimum.x * scale
+    jacobian = np.asarray(optimum.jac, dtype=float)
     information = jacobian.T @ jacobian
-    chi2, spare = 2.0 * float(found.cost), len(found.fun) - len(free)
+    chi2, spare = 2.0 * float(optimum.cost), len(optimum.fun) - len(free)
     covariance = np.zeros((4, 4))
     small = np.linalg.pinv(information) * np.outer(scale, scale)
     covariance[np.ix_(free, free)] = small * (max(chi2 / spare, 1.0) if spare > 0 else 1.0)
@@ -187,8 +187,8 @@ def _as_read(readings: Sequence[StepReading], theta: Array) -> list[tuple[float,
         nu = np.clip(nu + step * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4) / 6.0, -top, top)
         velocity.append(nu)
     nus, etas = np.array(velocity), np.array(position)
-    found = iter([_read_off(r, nus[:, i], etas[:, i]) for i, r in enumerate(chosen)])
-    return [next(found) if is_known else (math.nan, math.nan, math.nan) for is_known in known]
+    responses = iter([_read_off(r, nus[:, i], etas[:, i]) for i, r in enumerate(chosen)])
+    return [next(responses) if is_known else (math.nan, math.nan, math.nan) for is_known in known]
 
 
 def _read_off(r: StepReading, nu: Array, eta: Array) -> tuple[float, float, float]:
@@ -307,15 +307,15 @@ def fit_by_steps(case: Case) -> AxisFit:
 
 def _candidates(readings: Sequence[StepReading], structure: Structure | None) -> list[StepModel]:
     wanted: tuple[Structure, ...] = ("linear", "nonlinear", "affine") if structure is None else (structure,)
-    found = []
+    models = []
     for name in wanted:
         try:
             model = fit_readings(readings, name)
         except NotInformative:
             continue
         if structure is not None or name == "linear" or model.spare > 0:
-            found.append(model)
-    return found
+            models.append(model)
+    return models
 
 
 def _choose(models: Sequence[StepModel]) -> tuple[StepModel, bool]:
@@ -348,15 +348,15 @@ def _from_rest_or_steady(readings: Sequence[StepReading], model: StepModel) -> l
     A reading keeps its start value only if the velocity at the step is known. It is taken from a straight line through
     the motion before. If that motion was still curved, the start value is dropped.
     """
-    found: list[StepReading] = []
+    kept: list[StepReading] = []
     bends, off, nan = False, 0.0, Reading(math.nan, math.nan)
     for r, read in zip(readings, _as_read(readings, model.theta), strict=True):
         bent = bends or abs(off) > r.nu_0.std
         short = _still_moving(r, model)
         if not short:
-            found.append(replace(r, lag=nan, knee=nan, steady_only=True) if bent and not r.steady_only else r)
+            kept.append(replace(r, lag=nan, knee=nan, steady_only=True) if bent and not r.steady_only else r)
         bends, off = short, read[2] if math.isfinite(read[2]) else 0.0
-    return found
+    return kept
 
 
 def _still_moving(r: StepReading, model: StepModel) -> bool:

@@ -168,16 +168,16 @@ def find_holds(t: Array, values: Array, end: float, shortest: float = 0.0) -> tu
     far = _reach(values, band)
     least = max(shortest, _ramp_time(t, values, band) * LONGER)
     pieces = _longest_first(t, ends, far, least)
-    found: list[Hold] = []
+    holds: list[Hold] = []
     for i, j in pieces:
         held = ends[i : j + 1] - t[i : j + 1]
         level = float(np.average(values[i : j + 1], weights=np.maximum(held, 1e-9)))
         begin, stop = float(t[i]), float(min(ends[j], end))
-        if found and abs(level - found[-1].level) < 0.5 * band:
-            found[-1] = Hold(found[-1].start, stop, found[-1].level, found[-1].before)
+        if holds and abs(level - holds[-1].level) < 0.5 * band:
+            holds[-1] = Hold(holds[-1].start, stop, holds[-1].level, holds[-1].before)
         else:
-            found.append(Hold(begin, stop, level, found[-1].end if found else begin))
-    return tuple(found)
+            holds.append(Hold(begin, stop, level, holds[-1].end if holds else begin))
+    return tuple(holds)
 
 
 def _band(t: Array, values: Array, end: float, span: float) -> float:

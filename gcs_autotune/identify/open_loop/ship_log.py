@@ -64,8 +64,8 @@ class ShipLog:
 
     def channel(self, name: str) -> Channel | None:
         """Return the other channel called *name*, or None if it has fewer than two samples."""
-        found = self.others.get(name)
-        return found if found is not None and len(found) > 1 else None
+        channel = self.others.get(name)
+        return channel if channel is not None and len(channel) > 1 else None
 
     def speed(self, start: float, end: float) -> float:
         """Return the mean speed [m/s] between two times, NaN if unknown.
@@ -206,16 +206,16 @@ def find_executes(log: ShipLog) -> tuple[Execute, ...]:
     high, low = (float(np.median(v[v >= low + 0.9 * (high - low)])), float(np.median(v[v <= low + 0.1 * (high - low)])))
     if high <= 0.0 or low >= 0.0:
         return ()
-    state, found = 0, []
+    state, executes = 0, []
     last = 0
     for i, x in enumerate(v):
         new = 1 if x > HALF * high else -1 if x < HALF * low else state
         if new != state and new != 0:
             level = high if new > 0 else low
             before = 0.0 if state == 0 else (high if state > 0 else low)
-            found.append(_traced(t, v, last, i, before, level))
+            executes.append(_traced(t, v, last, i, before, level))
             state, last = new, i
-    return tuple(_levelled(t, v, found, float(t[-1])))
+    return tuple(_levelled(t, v, executes, float(t[-1])))
 
 
 def _traced(t: Array, v: Array, first: int, i: int, before: float, level: float) -> Execute:

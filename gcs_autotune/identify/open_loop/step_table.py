@@ -203,13 +203,13 @@ def unevenness(tau: Sequence[float], values: Sequence[float], parameter: str) ->
     if min(int(s.sum()) for s in sides.values()) < FEWEST:
         return ()
     mean = float(y.mean())
-    found = [_signs(x, y, parameter, mean)]
+    dependences = [_signs(x, y, parameter, mean)]
     for name, side in sides.items():
         line = scipy_stats().linregress(np.abs(x[side]), y[side])
         change = float(line.slope) * float(np.ptp(np.abs(x[side]))) / mean
-        found.append(Unevenness(parameter, "size+" if name == "+" else "size-", change, float(line.pvalue)))
-    found += _small(x, y, parameter, mean)
-    return tuple(f for f in found if f.p < SIGNIFICANCE)
+        dependences.append(Unevenness(parameter, "size+" if name == "+" else "size-", change, float(line.pvalue)))
+    dependences += _small(x, y, parameter, mean)
+    return tuple(f for f in dependences if f.p < SIGNIFICANCE)
 
 
 def _signs(x: Array, y: Array, parameter: str, mean: float) -> Unevenness:
@@ -247,8 +247,8 @@ def unevenness_doubts(rows: Sequence[StepRow], structure: str) -> list[Doubt]:
     tau = [r.tau for r in rows]
     drag = [r.beta if structure == "linear" else r.beta_quadratic for r in rows]
     inertia = [r.alpha_linear if structure == "linear" else r.alpha_nonlinear for r in rows]
-    found = (*unevenness(tau, drag, "drag"), *unevenness(tau, inertia, "inertia"))
-    return [Doubt(f"uneven-{f.parameter}-{f.kind}", _sentence(f), _CURE) for f in found if structure != "affine"]
+    dependences = (*unevenness(tau, drag, "drag"), *unevenness(tau, inertia, "inertia"))
+    return [Doubt(f"uneven-{f.parameter}-{f.kind}", _sentence(f), _CURE) for f in dependences if structure != "affine"]
 
 
 _CURE = (

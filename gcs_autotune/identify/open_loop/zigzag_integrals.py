@@ -65,12 +65,12 @@ class Instant:
 
 def find_instants(record: Segment, log: ShipLog, executes: Sequence[Execute]) -> tuple[Instant, ...]:
     """Return the start, the extreme headings and the crossings of one heading, in order of time."""
-    found: list[Instant] = []
+    instants: list[Instant] = []
     first = executes[0]
     if first.before == 0.0:
         start = _start(record, log, first)
         if start is not None:
-            found.append(start)
+            instants.append(start)
     borders = [*(e.t for e in executes), log.end]
     extremes: list[float] = []
     spans: list[tuple[float, float]] = []
@@ -90,7 +90,7 @@ def find_instants(record: Segment, log: ShipLog, executes: Sequence[Execute]) ->
         width = WINDOW * (high - low)
         made = _instant(record, _peak(record, at, (low, high), width), (low, high), width, "extreme")
         if made is not None:
-            found.append(made)
+            instants.append(made)
         if i + 1 < len(extremes):
             t, psi = log.heading(at, extremes[i + 1])
             before = t < high
@@ -99,8 +99,8 @@ def find_instants(record: Segment, log: ShipLog, executes: Sequence[Execute]) ->
                 continue
             made = _instant(record, crossing, (low, high), width, "crossing")
             if made is not None:
-                found.append(made)
-    return tuple(sorted(found, key=lambda i: i.t))
+                instants.append(made)
+    return tuple(sorted(instants, key=lambda i: i.t))
 
 
 def _middle(log: ShipLog, extremes: Sequence[float]) -> float:
@@ -279,7 +279,7 @@ def half_periods(rows: IntegralRows) -> tuple[HalfPeriodValues, ...]:
 
     The equations assume linear drag and no bias.
     """
-    found = []
+    periods = []
     whole = np.concatenate([[0.0], np.cumsum(rows.impulse)])
     for kind in ("extreme", "crossing"):
         chosen = [i for i, e in enumerate(rows.instants) if e.kind == kind]
@@ -287,8 +287,8 @@ def half_periods(rows: IntegralRows) -> tuple[HalfPeriodValues, ...]:
             one, other, impulse = rows.instants[a], rows.instants[b], float(whole[b] - whole[a])
             alpha = impulse / (other.r - one.r) if kind == "crossing" else math.nan
             beta = impulse / (other.psi - one.psi) if kind == "extreme" else math.nan
-            found.append(HalfPeriodValues(0.5 * (one.t + other.t), alpha, beta))
-    return tuple(sorted(found, key=lambda h: h.t))
+            periods.append(HalfPeriodValues(0.5 * (one.t + other.t), alpha, beta))
+    return tuple(sorted(periods, key=lambda h: h.t))
 
 
 def solve_rows(every: Sequence[IntegralRows], free: Sequence[bool]) -> tuple[Array, Array, float, float]:

@@ -161,16 +161,16 @@ def fit_jointly(parts: Sequence[Part], start: Mapping[str, float]) -> Joint | No
     everywhere = np.full(len(x), np.inf)
     still = np.concatenate([x[:k], everywhere[k:]])
     settled = descend(partial(_local, places), x, np.where(np.isinf(still), -np.inf, still), still)
-    found = None if settled is None else descend(partial(_local, places), settled.x, -everywhere, everywhere)
-    if found is None:
+    minimum = None if settled is None else descend(partial(_local, places), settled.x, -everywhere, everywhere)
+    if minimum is None:
         return None
     samples = sum(len(s.t) for p in parts for r in p.records for s in r.signals.values())
-    misfit = found.cost / max(samples - len(x), 1)
-    coloured = [replace(p, laws=_slow_laws(p, found.x)) for p in places]
-    last = descend(partial(_local, coloured), found.x, -everywhere, everywhere)
+    misfit = minimum.cost / max(samples - len(x), 1)
+    coloured = [replace(p, laws=_slow_laws(p, minimum.x)) for p in places]
+    last = descend(partial(_local, coloured), minimum.x, -everywhere, everywhere)
     if last is None:
         return None
-    return Joint(names, last.x[:k], _covariance(coloured, last.x, k), misfit, found.converged and last.converged)
+    return Joint(names, last.x[:k], _covariance(coloured, last.x, k), misfit, minimum.converged and last.converged)
 
 
 def _local(places: Sequence[_Place], vector: Array) -> Local | None:
@@ -218,8 +218,8 @@ def _covariance(places: Sequence[_Place], x: Array, k: int) -> Array:
             slope = place.laws[residual.signal].terms(residual.judged).slope
             own = place.columns[place.objective.columns[residual.segment]]
             influence.append((residual.jacobian * slope[:, None]) @ whole[np.ix_(own, np.arange(k))])
-    found = scores_covariance(influence)
-    raised = np.sqrt(np.maximum(1.0, np.diag(found) / np.diag(whole)[:k]))
+    empirical = scores_covariance(influence)
+    raised = np.sqrt(np.maximum(1.0, np.diag(empirical) / np.diag(whole)[:k]))
     covariance: Array = whole[:k, :k] * np.outer(raised, raised)
     return covariance
 

@@ -263,12 +263,12 @@ def _step(parsed: _StepData, plan: _PlanData, origin: str) -> PlanStep:
 
 def _final(parsed: _Motion, steps: Sequence[PlanStep], known: Mapping[str, float], origin: str) -> Final:
     where = f"{origin}, final"
-    found = dict.fromkeys(n for s in steps for n in (*s.isolated, *s.shared))
+    names = dict.fromkeys(n for s in steps for n in (*s.isolated, *s.shared))
     form = form_from(
         {
             "name": "final",
             "dofs": parsed.dofs,
-            "free": [n for n in found if n not in known],
+            "free": [n for n in names if n not in known],
             "known": known,
             "inputs": parsed.inputs,
             "coriolis": parsed.coriolis,

@@ -265,7 +265,7 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     ends = () if plan.final is None else plan.final.chosen.of(trials)
     meant = [*ends, *(run for step in plan.steps for run in step.chosen.of(trials))]
     unused = [run.name for run in trials if not any(run is other for other in meant)]
-    found = PlanResult(
+    outcome = PlanResult(
         plan=plan,
         steps=tuple(done),
         parameters=parameters,
@@ -277,7 +277,7 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
         skipped=tuple(skipped),
         doubts=(),
     )
-    return replace(found, doubts=plan_doubts(found, joint, unused))
+    return replace(outcome, doubts=plan_doubts(outcome, joint, unused))
 
 
 def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple[StepResult, tuple[Trial, ...]]:
@@ -293,13 +293,13 @@ def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> t
     start = {n: values.get(step.global_name(n), step.form.start.get(n, math.nan)) for n in step.form.free}
     form = step.form.fixing({n: start[n] for n in step.held})
     form = replace(form, start={n: v for n, v in start.items() if n in form.free and math.isfinite(v)})
-    found = fit(own, form, step.method, delay=step.delay, use=step.signals or None)
+    fitted = fit(own, form, step.method, delay=step.delay, use=step.signals or None)
     unseen = [_only_signals(t, form, step.signals) for t in (runs[-kept:] if kept else own[-1:])]
     try:
-        local = validate(found.model, unseen)
+        local = validate(fitted.model, unseen)
     except NotInformative:
         local = None
-    return StepResult(step, found, local, kept > 0), own
+    return StepResult(step, fitted, local, kept > 0), own
 
 
 def _only_signals(trial: Trial, form: Form, signals: Sequence[str]) -> Trial:

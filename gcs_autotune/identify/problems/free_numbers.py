@@ -230,5 +230,5 @@ class ModelFit:
         """
         i = self.effects.index(self.own(effect))
         variances = np.diag(covariance)[len(self.free) :]
-        found = zip(self.free_effects, variances, strict=False)
-        return {name: float(np.sqrt(max(v, 0.0))) for (k, name), v in found if k == i}
+        pairs = zip(self.free_effects, variances, strict=False)
+        return {name: float(np.sqrt(max(v, 0.0))) for (k, name), v in pairs if k == i}

@@ -84,12 +84,12 @@ class FittedModel:
         """
         own = self.records[record]
         stamps = own.stamps
-        found = Simulator(self.form).run(
+        motion = Simulator(self.form).run(
             self.theta, self.initial[record], own.t_in, own.inputs, stamps, sensitivities=True
         )
-        if found is None:
+        if motion is None:
             raise NotInformative(f"the model '{self.form.name}' diverges on run '{own.run}'")
-        return stamps, found[0]
+        return stamps, motion[0]
 
     def recorded_motion(self, record: int) -> RecordedMotion:
         """Return the simulated motion of the record with the index *record*, with accelerations and inputs.
@@ -135,14 +135,14 @@ def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedM
         raise UsageError(f"no parameter of '{fit.structure}' was fitted, so there is no error bound to report")
     records = tuple(r for run in runs for r in prepare_form(run, form, _signals(fit, form, run)))
     ground = initial_guess_of(form, records, model_delay(form, theta))
-    found = solve_form(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
-    if found is None:
+    solution = solve_form(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
+    if solution is None:
         raise NotInformative(
             f"the model '{form.name}' diverges on run '{records[0].run}' because its drag is destabilising"
         )
-    noise = {n: fit.noise[n] if fit.noise.get(n, 0.0) > 0.0 else level for n, level in found.noise.items()}
+    noise = {n: fit.noise[n] if fit.noise.get(n, 0.0) > 0.0 else level for n, level in solution.noise.items()}
     units = tuple(fit.parameters[n].unit for n in names)
-    return FittedModel(form, theta, free, names, signs, units, records, found.initial, noise)
+    return FittedModel(form, theta, free, names, signs, units, records, solution.initial, noise)
 
 
 def model_delay(form: Form, theta: Array) -> float:
@@ -266,8 +266,8 @@ def root_of(rows: Array) -> Array:
     p = rows.shape[1]
     R = np.zeros((p, p))
     if len(rows):
-        found = np.linalg.qr(rows, mode="r")
-        R[: len(found)] = found
+        root = np.linalg.qr(rows, mode="r")
+        R[: len(root)] = root
     return R
 
 
@@ -280,15 +280,15 @@ def information_on(subject: FittedModel) -> Information:
         The model diverges.
     """
     objective = subject.objective()
-    found = objective.residuals(objective.pack())
-    if found is None:
+    residuals = objective.residuals(objective.pack())
+    if residuals is None:
         raise NotInformative(f"the model '{subject.form.name}' diverges, so no information can be computed")
     p = len(subject.free)
     _, weight = objective.known()
     rows = []
     end = objective.size - objective.dated  # the shift of stamps, which all segments share, comes last
     for i, columns in enumerate(objective.columns):
-        J = np.vstack([r.jacobian / subject.noise[r.signal] for r in found if r.segment == i])
+        J = np.vstack([r.jacobian / subject.noise[r.signal] for r in residuals if r.segment == i])
         own = (columns >= p) & (columns < end)
         known = np.diag(np.sqrt(weight[columns]))[own & (weight[columns] > 0.0)]
         J = np.vstack([J, known])

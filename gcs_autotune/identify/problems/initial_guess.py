@@ -200,8 +200,8 @@ def _local(signal: Signal, t: Array, order: int) -> tuple[Array, Array, Array]:
     if not widths:
         return np.interp(t, signal.t, signal.values), np.zeros_like(t), np.zeros_like(t)
     width, _ = best_width(signal.t, signal.values, widths, order)
-    found = local_polynomials(signal.t, signal.values, signal.t, width, order)
-    value, first, second = (np.interp(t, signal.t, found.derivative(k)) for k in range(3))
+    polynomials = local_polynomials(signal.t, signal.values, signal.t, width, order)
+    value, first, second = (np.interp(t, signal.t, polynomials.derivative(k)) for k in range(3))
     return value, first, second
 
 
@@ -301,8 +301,8 @@ def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
     if np.all(np.isneginf(low)) and np.all(np.isposinf(high)):
         solution: Array = np.linalg.solve(R, target) / scale
         return solution
-    found: Array = lsq_linear(R, target, (low * scale, high * scale)).x / scale
-    return found
+    bounded: Array = lsq_linear(R, target, (low * scale, high * scale)).x / scale
+    return bounded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -371,8 +371,8 @@ class InitialGuess:
         pieces, initial = self.pieces()
         objective = Objective(StampedProblem(self.form, pieces, None, limits), theta, initial, fixed_states=True)
         at = partial(objective.at, noise=gaussian_noise(self.levels, robust=True))
-        found = descend(at, objective.pack(), *objective.limits(), trials=trials, rules=Rules(ROUGH))
-        return None if found is None else (objective.unpack(found.x)[0], found.cost)
+        minimum = descend(at, objective.pack(), *objective.limits(), trials=trials, rules=Rules(ROUGH))
+        return None if minimum is None else (objective.unpack(minimum.x)[0], minimum.cost)
 
     def _plain(self, limits: Limits) -> Array:
         """Return parameters (p,) of an uncoupled craft whose inertia and drag match the size of its forces."""

@@ -206,7 +206,7 @@ class Objective(FreeNumbers):
         sensitivities : whether to calculate the Jacobians.
         """
         theta, effects, initial, shift = self.unpack(x)
-        found = []
+        residuals = []
         for i, segment in enumerate(self.problem.segments):
             motion = self.simulators[i].predict(theta, effects, initial[i], segment, shift, sensitivities=sensitivities)
             if motion is None:
@@ -226,8 +226,8 @@ class Objective(FreeNumbers):
                     error, by = error / size, by / size[:, None] if len(by) else by
                 if name in self.scales and len(signal.alike):
                     error, by = _whitened(error, signal.alike), _whitened(by, signal.alike)
-                found.append(Residual(i, name, signal.t, signal.values, prediction, error, by, signal.step, fee))
-        return tuple(found)
+                residuals.append(Residual(i, name, signal.t, signal.values, prediction, error, by, signal.step, fee))
+        return tuple(residuals)
 
     def _level(self, name: str) -> float:
         known = 1.0 if self.problem.summary is None else self.problem.summary.level.get(name, 1.0)
@@ -238,13 +238,13 @@ class Objective(FreeNumbers):
 
         noise : noise model per signal.
         """
-        found = self.residuals(x)
-        if found is None:
+        residuals = self.residuals(x)
+        if residuals is None:
             return None
         prior, weight = self.known()
         off = x - prior
         cost, gradient, curvature = float(weight @ off**2), weight * off, np.diag(weight)
-        for residual in found:
+        for residual in residuals:
             error, J, own = residual.judged, residual.jacobian, self.columns[residual.segment]
             if not (good := residual.known).all():
                 error, J = error[good], J[good]
@@ -260,17 +260,17 @@ class Objective(FreeNumbers):
 
         floors : smallest noise level per signal.
         """
-        found = self.residuals(x)
-        if found is None:
+        residuals = self.residuals(x)
+        if residuals is None:
             return None
-        sums, counts = sums_of(found)
+        sums, counts = sums_of(residuals)
         prior, weight = self.known()
         off = x - prior
         cost, gradient, curvature = float(weight @ off**2), weight * off, np.diag(weight)
         for name, total in sums.items():
             n, floor = counts[name], floors[name]
             cost += n * np.log((total + n * floor**2) / n / floor**2)
-        for residual in found:
+        for residual in residuals:
             n, floor = counts[residual.signal], floors[residual.signal]
             share = n / (sums[residual.signal] + n * floor**2)
             e, J, own = residual.judged, residual.jacobian, self.columns[residual.segment]
@@ -288,14 +288,15 @@ class Objective(FreeNumbers):
         theta, effects, initial, shift = self.unpack(x)
         craft = tuple(e for e in effects if not EFFECTS[e.slug].is_disturbance)
         plain = Objective(self.problem, theta, initial, craft, shift=shift, fixed_effects=True)
-        found = plain.predicted(plain.pack(), sensitivities=False)
-        if found is None:
+        residuals = plain.predicted(plain.pack(), sensitivities=False)
+        if residuals is None:
             return
-        sums, counts = sums_of(found)
+        sums, counts = sums_of(residuals)
         levels = {n: max(float(np.sqrt(sums[n] / max(counts[n], 1))), floors[n]) for n in sums}
         runs = self.problem.segments
         left = [
-            EffectResidual(runs[r.segment].run, r.signal, r.t, r.judged, r.measured, levels[r.signal]) for r in found
+            EffectResidual(runs[r.segment].run, r.signal, r.t, r.judged, r.measured, levels[r.signal])
+            for r in residuals
         ]
         self.effects = tuple(EFFECTS[e.slug].learn(e, left) if EFFECTS[e.slug].is_disturbance else e for e in effects)
         self._recent.clear()
@@ -335,11 +336,11 @@ def _scales(segments: Sequence[Segment]) -> dict[str, float]:
     The fit estimates the noise level of this sample. The others have the same noise times their own standard deviation
     over the typical one.
     """
-    found: dict[str, list[Array]] = {}
+    deviations: dict[str, list[Array]] = {}
     for segment in segments:
         for name, signal in segment.signals.items():
-            found.setdefault(name, []).append(signal.std if len(signal.std) else np.zeros(1))
-    joined = {name: np.concatenate(stds) for name, stds in found.items()}
+            deviations.setdefault(name, []).append(signal.std if len(signal.std) else np.zeros(1))
+    joined = {name: np.concatenate(stds) for name, stds in deviations.items()}
     return {name: float(np.median(stds)) for name, stds in joined.items() if np.all(stds > 0.0)}
 
 

@@ -46,10 +46,10 @@ class MostLikely:
         """
         objective = subject.objective()
         wide = np.full(objective.size, np.inf)
-        found = alternate(objective, objective.pack(), gaussian_noise(subject.noise), -wide, wide, rounds)
-        if found is None:
+        fitted = alternate(objective, objective.pack(), gaussian_noise(subject.noise), -wide, wide, rounds)
+        if fitted is None:
             raise NotInformative(f"the model '{subject.form.name}' diverges on its runs")
-        minimum, laws = found
+        minimum, laws = fitted
         theta, _, initial, _ = objective.unpack(minimum.x)
         local = objective.at(minimum.x, laws)
         assert local is not None
@@ -69,8 +69,8 @@ class MostLikely:
         others = tuple(n for n in subject.free if n != own)
         objective = replace(subject, theta=theta, initial=initial).objective(others)
         wide = np.full(objective.size, np.inf)
-        found = descend(partial(objective.at, noise=self.noise_models), objective.pack(), -wide, wide)
-        if found is None:
+        minimum = descend(partial(objective.at, noise=self.noise_models), objective.pack(), -wide, wide)
+        if minimum is None:
             return None
-        there, _, states, _ = objective.unpack(found.x)
-        return found.cost, there, states
+        there, _, states, _ = objective.unpack(minimum.x)
+        return minimum.cost, there, states

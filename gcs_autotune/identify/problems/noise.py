@@ -211,13 +211,13 @@ class Rounded:
         def with_noise(log_sigma: float) -> Rounded:
             return replace(self, sigma=math.exp(log_sigma))
 
-        found = minimize_scalar(
+        optimum = minimize_scalar(
             lambda z: -with_noise(z).log_likelihood(error),
             bounds=(math.log(FINEST * self.quantum), math.log(2.0 * max(self.quantum, level))),
             method="bounded",
             options={"xatol": 1e-3},
         )
-        return with_noise(float(found.x))
+        return with_noise(float(optimum.x))
 
     def _cell(self, error: Array) -> tuple[Array, Array, Array]:
         """Return the edges of the cell in standard deviations, and its probability, accurate in both tails."""

@@ -81,7 +81,7 @@ def alternate(
 
     laws : name of the signal -> noise model at the start.
     """
-    found: Minimum[Local] | None = None
+    minimum: Minimum[Local] | None = None
     first = laws
     for turn in range(rounds):
         now, last = laws, turn == rounds - 1
@@ -93,15 +93,15 @@ def alternate(
         residuals = None if nearer is None else cost.residuals(nearer.x)
         if nearer is None or residuals is None:
             break
-        found, x, laws = nearer, nearer.x, likeliest(residuals, now)
+        minimum, x, laws = nearer, nearer.x, likeliest(residuals, now)
         settled = all(abs(laws[n].sigma / now[n].sigma - 1.0) < SETTLED for n in laws)
         settled = settled and (effort is None or not effort.exact or nearer.converged)
         if settled and effort is not None and effort.exact and not last:
-            found = descend(partial(cost.at, noise=laws), x, low, high) or found
+            minimum = descend(partial(cost.at, noise=laws), x, low, high) or minimum
         astray = effort is not None and turn >= 1 and max(laws[n].sigma / first[n].sigma for n in laws) > effort.astray
         if settled or astray:
             break
-    return None if found is None else (found, dict(laws))
+    return None if minimum is None else (minimum, dict(laws))
 
 
 def errors_of(residuals: Sequence[Residual], name: str) -> Array:
@@ -118,7 +118,7 @@ def likeliest(
         samples.
     """
     total = sum(int(r.known.sum()) for r in residuals)
-    found = {}
+    models = {}
     for name, law in laws.items():
         errors = errors_of(residuals, name)
         left = max(len(errors) * (1.0 - spent / total), 1.0)
@@ -129,8 +129,8 @@ def likeliest(
             else math.sqrt(errors @ errors)
         )
         level = max(spread / math.sqrt(left), rounding_error(residuals, name), 1e-12 * span, LEAST)
-        found[name] = law.likeliest(errors, level)
-    return found
+        models[name] = law.likeliest(errors, level)
+    return models
 
 
 def rounding_error(residuals: Sequence[Residual], name: str) -> float:

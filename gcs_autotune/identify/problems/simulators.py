@@ -152,12 +152,12 @@ class FormSimulator:
         values = np.zeros(self._size)
         values[self._places] = theta
         t_in = segment.t_in + shift if shift and segment.dating else segment.t_in
-        found = self._simulator.run(values, x_0, t_in, segment.inputs, segment.stamps, sensitivities=sensitivities)
-        if found is None:
+        motion = self._simulator.run(values, x_0, t_in, segment.inputs, segment.stamps, sensitivities=sensitivities)
+        if motion is None:
             return None
         predicted = {}
         for name, at in segment.at.items():
-            value, by = self._simulator.outputs(values, *found, name)
+            value, by = self._simulator.outputs(values, *motion, name)
             by = by[at]
             if self._dated and sensitivities:
                 late = by[:, self._count : self._count + 1] * float(segment.dating > 0.0)

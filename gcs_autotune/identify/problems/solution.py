@@ -163,13 +163,13 @@ def solve(
     objective = Objective(problem, theta, initial, in_order(effects), shift=shift)
     low, high = objective.limits()
     noise: Mapping[str, NoiseModel] = gaussian_noise(levels, robust=robust)
-    found = alternate(objective, objective.pack(), noise, low, high, rounds, effort)
-    if found is not None and quanta:
-        noise = {n: _rounded(n, model, quanta.get(n, 0.0), problem.segments) for n, model in found[1].items()}
-        found = alternate(objective, found[0].x, noise, low, high, ROUNDING_ROUNDS, effort)
-    if found is None:
+    fit = alternate(objective, objective.pack(), noise, low, high, rounds, effort)
+    if fit is not None and quanta:
+        noise = {n: _rounded(n, model, quanta.get(n, 0.0), problem.segments) for n, model in fit[1].items()}
+        fit = alternate(objective, fit[0].x, noise, low, high, ROUNDING_ROUNDS, effort)
+    if fit is None:
         return None
-    minimum, noise = found
+    minimum, noise = fit
     residuals = objective.residuals(minimum.x)
     if residuals is None:  # at the edge of running away, where a finer step decides otherwise
         return None
@@ -274,12 +274,12 @@ def _with_uncertainty(
 
 def _standing_at_bound(names: Sequence[str], x: Array, low: Array, high: Array) -> tuple[str, ...]:
     """Return the parameters in *names*, the first entries of *x*, that are at a limit."""
-    found = []
+    standing = []
     for i, name in enumerate(names):
         for edge in (low[i], high[i]):
             if np.isfinite(edge) and abs(x[i] - edge) <= AT_BOUND * max(abs(edge), abs(x[i])):
-                found.append(name)
-    return tuple(dict.fromkeys(found))
+                standing.append(name)
+    return tuple(dict.fromkeys(standing))
 
 
 def _raised_by(whole: Array, scores: Sequence[Array], rows: Sequence[Array]) -> Array:

@@ -124,12 +124,12 @@ def corrected(segments: Sequence[Segment], fitted: Sequence[Segment], solution: 
     sizes = [len(t.which) for t in tables]
     if not sum(sizes) or not all(t.finite for t in tables):
         return None
-    found = _moves(fitted, solution, tables)
-    if not np.isfinite(found).any():
+    shifts = _moves(fitted, solution, tables)
+    if not np.isfinite(shifts).any():
         return None
     return tuple(
         _moved(segment, table.which, moves)
-        for segment, table, moves in zip(segments, tables, np.split(found, np.cumsum(sizes)[:-1]), strict=True)
+        for segment, table, moves in zip(segments, tables, np.split(shifts, np.cumsum(sizes)[:-1]), strict=True)
     )
 
 
@@ -147,18 +147,18 @@ def _moves(segments: Sequence[Segment], solution: Solution, tables: Sequence[Swi
         )
         columns.append(own)
     S, J, score = np.vstack(columns), np.vstack(solution.rows), np.concatenate(solution.scores)
-    found = np.full(len(slack), np.nan)
+    shifts = np.full(len(slack), np.nan)
     for _ in range(ROUNDS):
-        open_ = np.isnan(found)
+        open_ = np.isnan(shifts)
         if not open_.any():
             break
-        left = score - S[:, ~open_] @ found[~open_]
+        left = score - S[:, ~open_] @ shifts[~open_]
         mean, std = _posterior(J, S[:, open_], left, WIDE * slack[open_], solution)
         nearest = _nearest(mean, std, slack[open_], loop[open_])
         if np.isnan(nearest).all():
             break
-        found[open_] = nearest
-    return found
+        shifts[open_] = nearest
+    return shifts
 
 
 def _posterior(J: Array, S: Array, score: Array, wide: Array, solution: Solution) -> tuple[Array, Array]:
@@ -177,13 +177,13 @@ def _nearest(mean: Array, std: Array, slack: Array, loop: Array) -> Array:
 
     It is NaN if two loops are about equally likely.
     """
-    found = np.full(len(mean), np.nan)
+    times = np.full(len(mean), np.nan)
     for i in range(len(mean)):
         places = np.arange(-slack[i], slack[i] + 0.5 * loop[i], loop[i])
         away = np.sort(((mean[i] - places) / std[i]) ** 2)
         if len(away) > 1 and away[1] - away[0] > SURELY:
-            found[i] = places[np.argmin(np.abs(mean[i] - places))]
-    return found
+            times[i] = places[np.argmin(np.abs(mean[i] - places))]
+    return times
 
 
 def _moved(segment: Segment, which: Index, moves: Array) -> Segment:

@@ -112,10 +112,10 @@ def _simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> _Ins
 
     Raise NotInformative if a run cannot be simulated.
     """
-    found = recipe.equations(as_simulated(recipe, records, theta)).errors(theta)
-    if found is None:
+    linearised = recipe.equations(as_simulated(recipe, records, theta)).errors(theta)
+    if linearised is None:
         raise NotInformative(f"the inertia matrix of '{recipe.form.name}' became singular")
-    return _Instruments(*found)
+    return _Instruments(*linearised)
 
 
 def _refined(
@@ -126,9 +126,9 @@ def _refined(
     estimate, rounds, base = first, 0, first.errors
     Z, bread = first.jacobian, np.eye(f)
     for rounds in range(1, ROUNDS + 1):
-        found = equations.errors(theta)
-        assert found is not None
-        base, J = found
+        linearised = equations.errors(theta)
+        assert linearised is not None
+        base, J = linearised
         errors = base - trusted.errors
         weights = np.ones_like(errors) / np.maximum(np.mean(errors**2, axis=0), 1e-300)
         Z = trusted.jacobian * weights[:, :, None]

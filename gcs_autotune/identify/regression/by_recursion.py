@@ -129,11 +129,11 @@ def recursive(batch: Estimate, rows: Sequence[Rows], forgetting: float) -> tuple
     R = np.diag(1.0 / batch.weights.mean(axis=0)) * _colour(batch)
     values, stds, at = [theta[:f].copy()], [np.sqrt(np.diag(P))], [t[first - 1]]
     for i in range(first, len(equations.E)):
-        found = replace(equations, E=equations.E[i : i + 1]).errors(theta)
+        linearised = replace(equations, E=equations.E[i : i + 1]).errors(theta)
         kept = math.exp(-max(t[i] - t[i - 1], 0.0) / forgetting)
         P = P / kept
-        if found is not None:
-            e, J = found[0][0], found[1][0]
+        if linearised is not None:
+            e, J = linearised[0][0], linearised[1][0]
             K = np.linalg.solve(R + J @ P @ J.T, J @ P).T
             theta = theta.copy()
             theta[:f] -= K @ e
@@ -142,12 +142,12 @@ def recursive(batch: Estimate, rows: Sequence[Rows], forgetting: float) -> tuple
         values.append(theta[:f].copy())
         stds.append(np.sqrt(np.maximum(np.diag(P), 0.0)))
         at.append(t[i])
-    found = equations.errors(theta)
-    if found is None:
+    linearised = equations.errors(theta)
+    if linearised is None:
         raise NotInformative(
             f"the recursion of '{equations.form.name}' ended in a singular inertia matrix. Use least-squares"
         )
-    estimate = Estimate(equations, theta, found[0], found[1], batch.weights, P, converged=True)
+    estimate = Estimate(equations, theta, linearised[0], linearised[1], batch.weights, P, converged=True)
     return estimate, History(np.array(at), np.array(values), np.array(stds))
 
 
@@ -162,9 +162,9 @@ def _running_time(rows: Sequence[Rows]) -> Array:
 def _first(equations: Equations, count: int, batch: Estimate) -> tuple[Array, Array]:
     """Return the estimate from the first *count* rows, and its covariance (f, f)."""
     part = replace(equations, E=equations.E[:count], ends=(count,))
-    found = solve(part, row_starts(part))
-    weights = np.broadcast_to(batch.weights.mean(axis=0), found.errors.shape)
-    return found.theta, inverse_of(replace(found, weights=weights).information) * _colour(batch)
+    estimate = solve(part, row_starts(part))
+    weights = np.broadcast_to(batch.weights.mean(axis=0), estimate.errors.shape)
+    return estimate.theta, inverse_of(replace(estimate, weights=weights).information) * _colour(batch)
 
 
 def _colour(batch: Estimate) -> float:

@@ -68,16 +68,16 @@ class Recipe:
 
     def rows(self, records: Sequence[Segment], motions: Sequence[GriddedMotion] | None = None) -> list[Rows]:
         """Return the rows of equations of each record."""
-        found = motions or self.motions(records)
-        return [rows_of(r, self.form, m, self.equation, self.window) for r, m in zip(records, found, strict=True)]
+        gridded = motions or self.motions(records)
+        return [rows_of(r, self.form, m, self.equation, self.window) for r, m in zip(records, gridded, strict=True)]
 
     def errors(self, draws: Sequence[NoiseDraw], theta: Array) -> list[Array]:
         """Return the acceleration errors (n, k) of every noise draw for the parameters *theta* (p,).
 
         Draws with a singular M are left out.
         """
-        found = (self.equations(d.records, d.motions).errors(theta) for d in draws)
-        return [f[0] for f in found if f is not None]
+        linearised = (self.equations(d.records, d.motions).errors(theta) for d in draws)
+        return [f[0] for f in linearised if f is not None]
 
     def with_spread(self, estimate: Estimate, draws: Sequence[NoiseDraw]) -> Estimate:
         """Return *estimate* with standard errors that include the effect of the signals' noise on the draws."""

@@ -99,8 +99,8 @@ def penalised_spline(signal: Signal, order: int, setting: float | None = None) -
     noise = reach = math.nan
     if setting is None:
         low, high = -8.0, 12.0
-        found = minimize_scalar(lambda e: fit.cross_validation(10.0**e), bounds=(low, high), method="bounded")
-        exponent = float(found.x)
+        optimum = minimize_scalar(lambda e: fit.cross_validation(10.0**e), bounds=(low, high), method="bounded")
+        exponent = float(optimum.x)
         floor = signal.step / math.sqrt(12.0)
         if floor > 0.0 and fit.noise(10.0**exponent) < floor:
             exponent = _where_noise_is(fit, floor, exponent, high)

@@ -186,11 +186,11 @@ def solve(
         raise NotInformative(f"{n} rows do not determine {f} parameters of '{equations.form.name}'. Use longer runs")
     best: tuple[float, Estimate] | None = None
     for start in starts:
-        found = _from(equations, start, robust, barrier)
-        if found is not None:
-            level = float(np.sum(np.log(np.maximum(np.mean(found.errors**2, axis=0), 1e-300))))
+        candidate = _from(equations, start, robust, barrier)
+        if candidate is not None:
+            level = float(np.sum(np.log(np.maximum(np.mean(candidate.errors**2, axis=0), 1e-300))))
             if best is None or level < best[0] - 1e-9:
-                best = (level, found)
+                best = (level, candidate)
     if best is None:
         raise NotInformative(
             f"the accelerations of '{equations.form.name}' do not follow from its inputs, so no inertia could be "
@@ -202,10 +202,10 @@ def solve(
 
 def _from(equations: Equations, start: Array, robust: bool, barrier: Barrier | None) -> Estimate | None:
     theta, f = start.copy(), len(equations.free)
-    found = equations.errors(theta)
-    if found is None:
+    linearised = equations.errors(theta)
+    if linearised is None:
         return None
-    weights = _weights(found[0], robust)
+    weights = _weights(linearised[0], robust)
     converged = False
     for _ in range(ROUNDS):
         at = weights
@@ -226,15 +226,15 @@ def _from(equations: Equations, start: Array, robust: bool, barrier: Barrier | N
         if minimum is None:
             return None
         theta[:f] = minimum.x
-        found = equations.errors(theta)
-        if found is None:
+        linearised = equations.errors(theta)
+        if linearised is None:
             return None
-        fresh = _weights(found[0], robust)
+        fresh = _weights(linearised[0], robust)
         change = float(np.max(np.abs(np.log(np.mean(fresh, axis=0) / np.mean(weights, axis=0)))))
         weights, converged = fresh, minimum.converged
         if change < SETTLED:
             break
-    e, J = found
+    e, J = linearised
     return Estimate(equations, theta, e, J, weights, np.zeros((f, f)), converged)
 
 

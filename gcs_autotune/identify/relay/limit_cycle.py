@@ -259,7 +259,7 @@ def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     MissingChannel, NotInformative, BadFile
         :func:`gcs_autotune.identify.signals.preparation.prepare` raised the error.
     """
-    return tuple(found.cycle for record in prepare(trial, dof) for found in settled_cycles(trial, record))
+    return tuple(settled.cycle for record in prepare(trial, dof) for settled in settled_cycles(trial, record))
 
 
 def settled_cycles(trial: Trial, record: Segment) -> list[Settled]:

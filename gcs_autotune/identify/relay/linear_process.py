@@ -206,14 +206,14 @@ def loop_trial(trial: Trial) -> Trial:
     MissingChannel
         The run contains neither ``psi_ref`` and ``psi`` nor those channels of depth or speed.
     """
-    found = next((r for r, (signal, _) in LOOPS.items() if r in trial and signal in trial), None)
-    if found is None:
+    command = next((r for r, (signal, _) in LOOPS.items() if r in trial and signal in trial), None)
+    if command is None:
         raise MissingChannel(
             f"run '{trial.name}' contains no closed loop. It needs psi_ref[rad] (the relay command) and psi[rad], or "
             f"z_ref[m] and z[m], or u_ref[m/s] and u[m/s]. Its columns are {', '.join(trial.channels)}"
         )
-    signal, dof = LOOPS[found]
-    reference, names = trial[found], DOFS[dof]
+    signal, dof = LOOPS[command]
+    reference, names = trial[command], DOFS[dof]
     values = np.unwrap(reference.values) if names.angular else reference.values
     channels = {
         names.position: replace(trial[signal], name=names.position),

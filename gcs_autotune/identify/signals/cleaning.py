@@ -86,12 +86,12 @@ def jumps_back(t: Array) -> NDArray[np.intp]:
     """Return the indices of the samples in *t* at which the clock jumps to an earlier time."""
     known = np.flatnonzero(np.isfinite(t))
     stamps = t[known]
-    found = []
+    jumps = []
     for i in np.flatnonzero(np.diff(stamps) < 0.0) + 1:
         after = stamps[i : i + JUMP_SAMPLES]
         if len(after) == JUMP_SAMPLES and np.all(after < stamps[i - 1]) and np.all(np.diff(after) >= 0.0):
-            found.append(known[i])
-    return np.array(found, dtype=np.intp)
+            jumps.append(known[i])
+    return np.array(jumps, dtype=np.intp)
 
 
 def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
@@ -203,13 +203,13 @@ def clipped(channel: Channel) -> NDArray[np.bool_]:
     steps = np.abs(np.diff(x))
     usual = float(np.median(steps[steps > 0.0]))
     least = max(SPEED * usual, QUANTA * quantum(x))
-    found = none.copy()
+    mask = none.copy()
     for extreme in (float(x.max()), float(x.min())):
         dwells = [(int(s), int(n)) for s, n in zip(starts, lengths, strict=True) if x[s] == extreme and n >= DWELL]
         broken_off = [d for d in dwells if _breaks_off(x, *d, least)]
         if broken_off and len(broken_off) >= 0.5 * len(dwells) and not _levels_off(x, extreme, least):
-            found |= x == extreme
-    return found
+            mask |= x == extreme
+    return mask
 
 
 def _breaks_off(x: Array, start: int, length: int, least: float) -> bool:
@@ -272,16 +272,16 @@ def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, 
     usual = float(np.median(dt))
     if float(np.mean(np.abs(dt - usual) <= 0.5 * usual)) < STEADY:
         return []
-    found = [(float(drive.t[i]) + usual, float(drive.t[i + 1])) for i in gaps_in(drive.t)]
-    if found:
+    holes = [(float(drive.t[i]) + usual, float(drive.t[i + 1])) for i in gaps_in(drive.t)]
+    if holes:
         notes.append(
             Doubt(
                 "input-gaps",
-                f"the input {drive.name} of run '{run}' is not recorded for {sum(b - a for a, b in found):.1f} s",
+                f"the input {drive.name} of run '{run}' is not recorded for {sum(b - a for a, b in holes):.1f} s",
                 "the motion during the gap was left out. Stay within good radio range",
             )
         )
-    return found
+    return holes
 
 
 def outside(channel: Channel, holes: list[tuple[float, float]]) -> Channel:

@@ -188,14 +188,14 @@ def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
     """
     alone = _heading_alone(trial, trial["psi"]) if "psi" in trial else []
     try:
-        found = contradictions_of(trial, use)
+        doubts = contradictions_of(trial, use)
     except BadFile as error:
         if not alone or not str(error).startswith("psi ") or "degrees" in str(error):
             raise
         # so fast that unwrapping lost count of the turns: the factor means nothing
         raise BadFile(f"{alone[0].cause}: {alone[0].cure}") from error
     check_axes(trial)
-    return found + alone + _inputs_alone(trial)
+    return doubts + alone + _inputs_alone(trial)
 
 
 def contradictions_of(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
@@ -203,12 +203,12 @@ def contradictions_of(trial: Trial, use: Sequence[str] | None = None) -> list[Do
 
     Exceptions are those of :func:`check_units`.
     """
-    found = contradictions(trial, use)
-    for c in found:
+    pairs = contradictions(trial, use)
+    for c in pairs:
         size = max(abs(c.value), 1.0 / abs(c.value)) if math.isfinite(c.value) and c.value else 0.0
         if c.unit and size > GROSS:
             raise BadFile(f"{c.cause}. Correct the unit in the header, or omit the wrong column (--use)")
-    return [Doubt(CONTRADICTION, c.cause, c.cure) for c in found]
+    return [Doubt(CONTRADICTION, c.cause, c.cure) for c in pairs]
 
 
 CONTRADICTION = "contradiction"

@@ -33,7 +33,7 @@ from gcs_autotune.identify.signals.segment import MIN_SAMPLES, MOST_ALIKE, Segme
 from gcs_autotune.models import FORMS, Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.rounding import counted
-from gcs_autotune.sensor import quantum
+from gcs_autotune.sensor import INDEPENDENT, quantum
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
 
@@ -81,8 +81,6 @@ LEAST_OWN = 0.05
 
 Without a limit, rounding of a file would decide on it.
 """
-INDEPENDENT = 0.05
-"""Correlation of the errors of two neighbouring samples below which they count as independent. Project choice."""
 TURN_RATES = ("p", "q", "r")
 """Names of the signals that the autopilot's gyro filter delays."""
 
@@ -345,7 +343,7 @@ def prepare_as_recorded(
     MissingChannel, BadFile, NotInformative
         No run can be used. The exception is that of :func:`prepare_form` for the first run.
     """
-    found: list[Segment] = []
+    prepared: list[Segment] = []
     doubts: list[Doubt] = []
     failures: list[tuple[str, NotInformative]] = []
     for run in runs:
@@ -356,12 +354,12 @@ def prepare_as_recorded(
         except NotInformative as error:
             failures.append((run.name, error))
             continue
-        found += segments
+        prepared += segments
         doubts += [note for segment in segments for note in segment.notes]
-    if not found:
+    if not prepared:
         raise failures[0][1]
     doubts += [left_out(name, error) for name, error in failures]
-    return found, doubts
+    return prepared, doubts
 
 
 def _all_signals(run: Trial, form: Form) -> list[str]:

@@ -60,9 +60,9 @@ class Signal:
         """Correlation (n,) of the error of each sample with that of the sample before; empty if all are independent."""
         if not np.any(self.memory > 0.0):
             return np.zeros(0)
-        found = np.zeros(len(self.t))
-        found[1:] = np.minimum(np.exp(-np.diff(self.t) / np.maximum(self.memory[1:], 1e-9)), MOST_ALIKE)
-        return found
+        correlation = np.zeros(len(self.t))
+        correlation[1:] = np.minimum(np.exp(-np.diff(self.t) / np.maximum(self.memory[1:], 1e-9)), MOST_ALIKE)
+        return correlation
 
     def since(self, start: float) -> Signal:
         """Return the signal from the time *start* [s] on."""

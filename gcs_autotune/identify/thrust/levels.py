@@ -113,24 +113,24 @@ def _solved(hats: Array, window: Array, u: Array, wanted: Array, lag: float) -> 
     best: _Solved | None = None
     for current in CURRENTS * np.max(np.abs(u)):
         rows = np.column_stack([hats, window @ _drag(u - current)])
-        found, rss = _least_squares(rows, wanted)
+        solution, rss = _least_squares(rows, wanted)
         if best is None or rss < best.rss:
-            best = _Solved(rss, rows, found, lag, float(current))
+            best = _Solved(rss, rows, solution, lag, float(current))
     for _ in range(STEPS):
         assert best is not None
         b, q = best.solution[hats.shape[1] : hats.shape[1] + 2]
         water = u - best.current
         rows = np.column_stack([hats, window @ np.column_stack([_drag(water), b + 2.0 * q * np.abs(water)])])
-        found, rss = _least_squares(rows, wanted)
-        moved = float(np.clip(found[-1], -MOST_STEP, MOST_STEP))
-        best = _Solved(rss, rows, found, lag, best.current + moved)
+        solution, rss = _least_squares(rows, wanted)
+        moved = float(np.clip(solution[-1], -MOST_STEP, MOST_STEP))
+        best = _Solved(rss, rows, solution, lag, best.current + moved)
     return best if best is not None and math.isfinite(best.rss) else None
 
 
 def _least_squares(rows: Array, wanted: Array) -> tuple[Array, float]:
     """Return the solution and its sum of squares, which is infinite if *rows* do not determine it."""
-    found, rss, rank, _ = np.linalg.lstsq(rows, wanted, rcond=None)
-    return found.astype(np.float64), float(rss[0]) if rank == rows.shape[1] else math.inf
+    solution, rss, rank, _ = np.linalg.lstsq(rows, wanted, rcond=None)
+    return solution.astype(np.float64), float(rss[0]) if rank == rows.shape[1] else math.inf
 
 
 def _drag(u: Array) -> Array:
@@ -152,13 +152,13 @@ def _levels(trial: Trial) -> tuple[Array, Array]:
 
 def _knots(outputs: Array) -> Array:
     """Return the different outputs, rising, without 0."""
-    found: list[list[float]] = []
+    groups: list[list[float]] = []
     for output in np.sort(outputs[np.abs(outputs) > SAME]):
-        if found and output - found[-1][0] < SAME:
-            found[-1].append(float(output))
+        if groups and output - groups[-1][0] < SAME:
+            groups[-1].append(float(output))
         else:
-            found.append([float(output)])
-    return np.array([float(np.mean(group)) for group in found])
+            groups.append([float(output)])
+    return np.array([float(np.mean(group)) for group in groups])
 
 
 def _hats(p: Array, knots: Sequence[float] | Array) -> Array:

@@ -33,8 +33,8 @@ def fit_slow_actuator(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | Non
     if at_once is None:
         return None
     tried = [(slug, fit_with_actuator(runs, plain, slug)) for slug in (RATE_LIMIT, LAG)]
-    found = [fit for slug, fit in tried if fit is not None and pays(fit, at_once, slug)]
-    best = min(found, key=lambda fit: fit.unexplained, default=None)
+    fits = [fit for slug, fit in tried if fit is not None and pays(fit, at_once, slug)]
+    best = min(fits, key=lambda fit: fit.unexplained, default=None)
     return best if best is not None and best.unexplained < LINEAR_ENOUGH else None
 
 

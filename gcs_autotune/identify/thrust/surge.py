@@ -149,8 +149,8 @@ def fit_surge(
     along = along_track(trials) or along
     if along is None or not along.matters:
         return _fit(trials, structure, delay, square)
-    found = _fit([through_water(t, along) for t in trials], structure, delay, square)
-    return replace(found, doubts=(*found.doubts, doubt_of(along)))
+    fitted = _fit([through_water(t, along) for t in trials], structure, delay, square)
+    return replace(fitted, doubts=(*fitted.doubts, doubt_of(along)))
 
 
 def _fit(
@@ -173,9 +173,9 @@ def _fit(
     square, std = known
     final = fit_axis([bent(t, square) for t in trials], dof="surge", structure=structure, delay=delay)
     slope = _carried(final, lambda q: at(q, structure_of(final.structure)), square, std)
-    found = _with_square(final, square, std, slope)
+    with_square = _with_square(final, square, std, slope)
     largest = max(float(np.max(np.abs(t["X"].values))) for t in trials)  # not the thrust that it was bent to
-    return replace(found, extra={**found.extra, "largest": {"X": largest}})
+    return replace(with_square, extra={**with_square.extra, "largest": {"X": largest}})
 
 
 def _profile(at: Callable[[float], _Point]) -> list[_Point]:
@@ -224,8 +224,8 @@ def _parabola(points: Sequence[_Point]) -> Array | None:
     three = [best, *near, *rest][:3]
     if len(three) < 3:
         return None
-    found: Array = np.polyfit([p.square for p in three], [p.misfit for p in three], 2)
-    return found if found[0] > 0.0 else None
+    parabola: Array = np.polyfit([p.square for p in three], [p.misfit for p in three], 2)
+    return parabola if parabola[0] > 0.0 else None
 
 
 def _top(points: Sequence[_Point]) -> float | None:

@@ -105,11 +105,11 @@ def fit_thrust_curve(
     if bent is None:
         return curve
     beyond = step is not None and _goes_beyond(step, runs, plain.model.axis.force)
-    found = _with_more(together, plain, bent, [DEAD_ZONE, LEVEL] if beyond else [DEAD_ZONE], QUADRATIC)
+    extended = _with_more(together, plain, bent, [DEAD_ZONE, LEVEL] if beyond else [DEAD_ZONE], QUADRATIC)
     banded = None if step is None or not with_band else _with_neutral_band(runs, plain, curve, bent, step)
-    if banded is not None and _likelihood(banded) > _likelihood(found):
+    if banded is not None and _likelihood(banded) > _likelihood(extended):
         return banded
-    return curve if found is bent else found
+    return curve if extended is bent else extended
 
 
 def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | None:
@@ -245,12 +245,12 @@ def fit_with_actuator(
     """Return a model with the actuator effects *slugs* and a neutral *band*, or None if it cannot be fitted."""
     effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
-        found = fit(
+        fitted = fit(
             [run if band is None else band.on(run) for run in runs], "affine", dof=plain.model.dof, effects=effects
         )
     except AutotuneError:
         return None
-    return found if band is None else band.within(found)
+    return fitted if band is None else band.within(fitted)
 
 
 def pays(fit: Fit[Model], without: Fit[Model], slug: str) -> bool:
@@ -279,7 +279,9 @@ def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = 
         share, (at, part) = effect_number(fit, QUADRATIC), _bent_at_half(fit)
         sure = share.value > _STDS * share.std
         square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command"
-    levels = f". Beyond {effect_number(fit, LEVEL).value:.0%} the force hardly grows" if LEVEL in has else ""
+    levels = (
+        f". The fit limits the force at {effect_number(fit, LEVEL).value:.0%} of full output" if LEVEL in has else ""
+    )
     if DEAD_ZONE in has:
         what = f"an actuator that does nothing below {effect_number(fit, DEAD_ZONE).value:.1%} of full output"
         if _lost(fit) == 0.0:

@@ -143,8 +143,8 @@ class Parameters:
             One has an invalid value, and *as_is* is not set.
         """
         wanted = list(dict.fromkeys(names))
-        found = self.read_existing(wanted, as_is=as_is)
-        missing = [name for name in wanted if name not in found]
+        values = self.read_existing(wanted, as_is=as_is)
+        missing = [name for name in wanted if name not in values]
         if missing:
             if lossy := self.session.lossy():
                 raise NoReply(f"{self.session.vehicle} did not answer the request for {', '.join(missing)}: {lossy}")
@@ -156,7 +156,7 @@ class Parameters:
                 "the right vehicle. Its firmware may be too old, too new, or built without this feature",
                 name=missing[0],
             )
-        return found
+        return values
 
     def request_also(self, names: Iterable[str]) -> None:
         """Request several parameters in addition to a pending read, without waiting."""
@@ -186,8 +186,8 @@ class Parameters:
             heard.ask(pending)
             if k > 0 and any(name in heard.fresh for name in pending):
                 tries = 2 * _TRIES
-        found = {name: heard.fresh[name] for name in wanted if name in heard.fresh}
-        return found if as_is else checked_all(found)
+        values = {name: heard.fresh[name] for name in wanted if name in heard.fresh}
+        return values if as_is else checked_all(values)
 
     def read_confirmed(self, names: Iterable[str]) -> dict[str, float]:
         """Return the values of *names*, each confirmed by a second answer (:mod:`gcs_autotune.link.surely`).
@@ -231,9 +231,9 @@ class Parameters:
             for name in wanted:
                 heard.request(name)
             self.session.wait_for(lambda: heard.first(wanted), REPLY)
-            found = heard.first(wanted)
-            if found:
-                return found, checked(found, heard.fresh[found])
+            first = heard.first(wanted)
+            if first:
+                return first, checked(first, heard.fresh[first])
         raise ParameterMissing(f"{self.session.vehicle} has none of {', '.join(wanted)}", name=wanted[0])
 
     def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
@@ -246,8 +246,8 @@ class Parameters:
         heard.forget(name for group in wanted for name in group)
         for _ in range(_TRIES):
             heard.ask_any([group for group in wanted if not heard.any_settled(group)])
-        found = (heard.first(group) for group in wanted)
-        return checked_all({name: heard.fresh[name] for name in found if name is not None})
+        existing = (heard.first(group) for group in wanted)
+        return checked_all({name: heard.fresh[name] for name in existing if name is not None})
 
     def read_full(self, timeout: float = 120.0) -> dict[str, float]:
         """Return name -> value of all parameters, from the parameter list. Missing entries are requested by index.
@@ -293,14 +293,14 @@ class Parameters:
         with self._watch.writing(name):
             for _ in range(_TRIES):
                 is_echoed = self._set(name, wanted)
-                found = self.read_confirmed([name])[name]
-                if same_float32(found, wanted):
+                stored = self.read_confirmed([name])[name]
+                if same_float32(stored, wanted):
                     break
                 if not is_echoed:
-                    raise self._not_accepted(name, wanted, found)
+                    raise self._not_accepted(name, wanted, stored)
             else:
-                raise self._not_accepted(name, wanted, found)
-        self._watch.wrote(name, found)
+                raise self._not_accepted(name, wanted, stored)
+        self._watch.wrote(name, stored)
 
     def _not_accepted(self, name: str, wanted: float, found: float) -> ParameterNotAccepted:
         return ParameterNotAccepted(

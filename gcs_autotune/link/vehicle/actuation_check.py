@@ -71,10 +71,10 @@ def await_neutral(session: Session, telemetry: Telemetry) -> None:
     """
     begun, deadline = telemetry.output_ticks, Deadline.after(session.liveness, _TIMEOUT)
     while not deadline.expired:
-        seen = telemetry.output_ticks
+        ticks = telemetry.output_ticks
         if session.wait_for(lambda: _is_neutral(telemetry, begun), min(_STALE_OUTPUTS, deadline.remaining)):
             return
-        if telemetry.output_ticks == seen:
+        if telemetry.output_ticks == ticks:
             session.request_message(_SERVO_OUTPUT_RAW)
     outputs = telemetry.outputs
     stuck = {n: f"{f:+.2f} of full output" for n, f in outputs.items() if not abs(f) <= _NEUTRAL}
@@ -154,11 +154,11 @@ def _follows(output: float, level: float, *, skid: bool) -> bool:
 
 def _deaf_outputs(level: float, streamer: SetpointStreamer, telemetry: Telemetry, mode: str) -> PreconditionFailed:
     output = telemetry.outputs.get("N", math.nan)
-    seen = f"{output:+.0%} in {mode}"
+    shown = f"{output:+.0%} in {mode}"
     if streamer.is_obeyed:
-        what = f"RC_CHANNELS shows the overrides, but SERVO_OUTPUT_RAW shows {seen}"
+        what = f"RC_CHANNELS shows the overrides, but SERVO_OUTPUT_RAW shows {shown}"
     else:
-        what = f"neither RC_CHANNELS nor SERVO_OUTPUT_RAW shows it ({seen})"
+        what = f"neither RC_CHANNELS nor SERVO_OUTPUT_RAW shows it ({shown})"
     return PreconditionFailed(
         f"the steering output does not follow: {level:+.0%} was sent, {what}. Check SERVOn_FUNCTION and the "
         "motor directions, the safety switch (BRD_SAFETY_DEFLT), and that no failsafe is active"

@@ -211,9 +211,9 @@ def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
     """Advance simulated time from ATTITUDE to ATTITUDE, after determining its phase in small steps."""
     if rate <= 0.0:
         return
-    transport, seen = craft.session.transport, craft.telemetry.ticks
+    transport, ticks = craft.session.transport, craft.telemetry.ticks
     transport.follow_tick(0.0, _FINE_STEP)
-    craft.session.wait_for(lambda: True if craft.telemetry.ticks > seen else None, 2.0 / rate)
+    craft.session.wait_for(lambda: True if craft.telemetry.ticks > ticks else None, 2.0 / rate)
     transport.follow_tick(craft.clock.now(), 1.0 / rate)
 
 

@@ -209,11 +209,11 @@ class InterferenceMonitor:
         GuardTripped
             Another station, a failsafe or a late copy changed mode or armed state; the message states which.
         """
-        found = self.look()
-        if found is not None:
+        change = self.look()
+        if change is not None:
             if self._watchdog.has_restarted:
                 self._watchdog.check()
-            raise GuardTripped(found.what, guard=self._guard)
+            raise GuardTripped(change.what, guard=self._guard)
 
     def check(self) -> None:
         """Raise an error if mode or armed state, or sticks or parameters that we control, were changed by others."""

@@ -180,9 +180,9 @@ class MavlinkCraft:
     def check_restart(self) -> None:
         """Request the vehicle's time since boot for a second, so that the watchdog can detect a restart."""
         watchdog = self.telemetry.watchdog
-        seen = watchdog.stamps
+        stamps = watchdog.stamps
         self.session.request_message(message_number("SYSTEM_TIME"))
-        self.session.wait_for(lambda: True if watchdog.has_restarted or watchdog.stamps > seen else None, 1.0)
+        self.session.wait_for(lambda: True if watchdog.has_restarted or watchdog.stamps > stamps else None, 1.0)
 
     def yield_to(self, what: str) -> None:
         """Leave the craft to an operator who has taken it by its sticks. *what* states it in words."""
@@ -452,8 +452,8 @@ class MavlinkCraft:
 
     def _is_taken(self) -> bool:
         """Release the neutral sticks if another station has commanded a mode. Return whether one has."""
-        found = self._interference.look()
-        if found is None or not found.mode_stands:
+        change = self._interference.look()
+        if change is None or not change.mode_stands:
             return False
         self._rest_sticks()
         self._let_go()
@@ -534,5 +534,5 @@ class MavlinkCraft:
 def read_failsafes(parameters: Parameters, firmware: Firmware) -> tuple[SetFailsafe, ...]:
     """Return the failsafes that act on the loss of a ground station, as set by *parameters*."""
     values = parameters.read_existing(dict.fromkeys(name for f in firmware.failsafes for name in f.parameters))
-    found = (failsafe.set_by(values) for failsafe in firmware.failsafes)
-    return tuple(failsafe for failsafe in found if failsafe is not None)
+    settings = (failsafe.set_by(values) for failsafe in firmware.failsafes)
+    return tuple(failsafe for failsafe in settings if failsafe is not None)

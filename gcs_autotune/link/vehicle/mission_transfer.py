@@ -185,7 +185,7 @@ def read_mission(session: Session) -> StoredMission:
     LinkLost, OperatorStopped
         From the session.
     """
-    items = next((found for _ in range(_TRIES) if (found := download(session)) is not None), None)
+    items = next((mission for _ in range(_TRIES) if (mission := download(session)) is not None), None)
     if items is None:
         raise NoReply(f"{session.vehicle} does not report its mission. Try a better link")
     now = ask_mission(session, lambda: session.request_message(_CURRENT), "MISSION_CURRENT")
@@ -211,8 +211,8 @@ def write_mission(session: Session, mission: StoredMission) -> None:
         result = _upload(session, mission.items)
     if result not in (_ACCEPTED, None):
         raise PreconditionFailed(f"{session.vehicle} rejects the mission ({enum_name('MAV_MISSION_RESULT', result)})")
-    found = read_mission(session)  # the acknowledgement may have been lost
-    if not same_mission(found.items, mission.items):
+    stored = read_mission(session)  # the acknowledgement may have been lost
+    if not same_mission(stored.items, mission.items):
         if result is None:
             raise NoReply(f"{session.vehicle} does not answer the upload of a mission. Try a better link")
         raise PreconditionFailed(
@@ -372,10 +372,10 @@ class MissionLoan:
             set_current(self._session, self._before.current)
 
     def _restored(self, before: StoredMission, ours: StoredMission) -> str:
-        found = read_mission(self._session)
-        if same_mission(found.items, before.items) and not same_mission(found.items, ours.items):
+        mission = read_mission(self._session)
+        if same_mission(mission.items, before.items) and not same_mission(mission.items, ours.items):
             return ""
-        if not is_ours(found.items, before.items, ours.items):
+        if not is_ours(mission.items, before.items, ours.items):
             self._session.notes.append("the mission stays as another station uploaded it during the run")
             return ""
         write_mission(self._session, before)

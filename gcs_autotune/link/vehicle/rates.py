@@ -321,11 +321,11 @@ class Rates:
         """Count again if a tolerated silence occurred during the count."""
         for _ in range(_COUNTED_AGAIN):
             begun = self._session.liveness.listened
-            found = self._count_once(duration, required)
+            rates = self._count_once(duration, required)
             lasted = self._session.liveness.listened - begun
             if not 0.0 < self._session.liveness.longest(lasted) <= self._session.patience:
                 break
-        return found
+        return rates
 
     def _count_once(self, duration: float, required: Mapping[str, float]) -> dict[str, float]:
         counts: Counter[str] = Counter()

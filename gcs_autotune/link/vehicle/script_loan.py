@@ -34,13 +34,13 @@ def script_folder(session: Session) -> str:
     NoReply
         It does not answer MAVLink FTP.
     """
-    found = next((folder for folder in _FOLDERS if has_remote_folder(session, folder)), "")
-    if not found:
+    path = next((folder for folder in _FOLDERS if has_remote_folder(session, folder)), "")
+    if not path:
         raise PreconditionFailed(
             f"{session.vehicle} has no folder {_FOLDERS[0]}. The autopilot makes it at a start with SCR_ENABLE 1 and "
             "an SD card: check both, and restart it"
         )
-    return found
+    return path
 
 
 def _restart_scripts(commands: Commands) -> None:

@@ -411,9 +411,9 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
     TelemetryFault
         NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
     """
-    seen, begun = telemetry.ticks, session.liveness.listened
+    ticks, begun = telemetry.ticks, session.liveness.listened
     requested = False
-    while telemetry.ticks == seen:
+    while telemetry.ticks == ticks:
         telemetry.watchdog.check()
         if session.liveness.listened - begun > _MISSED and not requested:  # a restart ends the requested streams
             requested = True

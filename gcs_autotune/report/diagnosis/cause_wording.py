@@ -45,11 +45,11 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
             yield Note(text, "Explained on held-out data")
         else:
             yield Note(f"This cause explains {share} of the power of the slowly varying force.", "Explained")
-    own = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
-    if own and math.isfinite(own[-1].evidence):
-        others = [r for r in diagnosis.ranking if r.step == own[-1].step and r.cause != cause.effect.slug]
+    of_cause = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
+    if of_cause and math.isfinite(of_cause[-1].evidence):
+        others = [r for r in diagnosis.ranking if r.step == of_cause[-1].step and r.cause != cause.effect.slug]
         rival = max((r for r in others if r.evidence > 0.0), key=lambda r: r.evidence, default=None)
-        yield Note(f"{_strength(own[-1])} {_rival_words(rival, cause)}", "Evidence")
+        yield Note(f"{_strength(of_cause[-1])} {_rival_words(rival, cause)}", "Evidence")
 
 
 def _strength(ranked: Ranked) -> str:

@@ -99,10 +99,8 @@ def diagnosis_document(
 ) -> Document:
     """Return the report of a diagnosis.
 
-    when : date and time of the diagnosis, ISO 8601. directory : folder of the diagnosis, for commands to copy. runs :
-    the runs examined, whose
-        inputs
-    and tracks are plotted.
+    when : date and time of the diagnosis, ISO 8601. directory : folder of the diagnosis, for commands to copy.
+    runs : the runs examined. Their inputs and tracks are plotted.
     """
     model_file = f"{directory}/{MODEL}" if directory else MODEL
     examined = _Examined(diagnosis, {run.name: run for run in runs}, model_file)

@@ -99,13 +99,14 @@ def named(cause: Cause) -> str:
 def value_words(value: Value, name: str = "") -> str:
     """Return an estimate as text with its standard error and unit, angles also in degrees.
 
-    name : name of the parameter; an ``anchor`` or a ``direction`` in radians is a heading.
+    name : name of the parameter; an ``anchor`` or a ``direction`` in radians is a heading. A ``frequency`` is not a
+        turn rate, so it is not shown in degrees.
     """
     number = format_parameter(name, value.value, value.std, value.unit)
     shown = pretty_unit(value.unit)
     if not shown or number in (UNKNOWN, NOT_IDENTIFIABLE):
         return number
-    unit, factor = to_people(value.unit)
+    unit, factor = ("", 1.0) if name == "frequency" else to_people(value.unit)
     angle = value.value % (2.0 * math.pi) if name in ("anchor", "direction") else value.value
     degrees = f" ({rounded_to(factor * angle, factor * value.std)}{unit})" if unit.startswith("°") else ""
     return f"{number} {shown}{degrees}"
@@ -308,8 +309,8 @@ def _found(diagnosis: Diagnosis) -> str:
     if gain is None or not gain.ratio >= 1.0:
         return said  # the sentence on the improvement follows
     it = "it" if len(diagnosis.causes) == 1 else "them"
-    seen = f"{signal_words(gain.signal)}{_ahead(gain)}"
-    return f"{said} Adding {it} does not improve prediction of the {seen} on held-out data."
+    where = f"{signal_words(gain.signal)}{_ahead(gain)}"
+    return f"{said} Adding {it} does not improve prediction of the {where} on held-out data."
 
 
 def _named_by_kind(diagnosis: Diagnosis) -> str:

@@ -33,6 +33,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_seconds,
     format_share,
     format_value,
+    listed,
     pretty_unit,
 )
 from gcs_autotune.report.tune.figures import step_series
@@ -107,8 +108,10 @@ class Comparison(Displayed):
         if not self.changed:
             return "No change of the craft was found: together, the models differ by no more than their uncertainty."
         changed = [(run, row.dof) for run, row in rows if row.changed]
-        others = " and ".join(dict.fromkeys(_number(self, run) for run, _ in changed))
-        differs = f"The model of run {others} differs by more than the intervals"
+        others = list(dict.fromkeys(_number(self, run) for run, _ in changed))
+        one = f"The model of run {others[0]} differs"
+        these = one if len(others) == 1 else f"The models of runs {listed(others)} differ"
+        differs = f"{these} by more than the intervals"
         unlike = list(dict.fromkeys(u for run, dof in changed for u in _unlike(self, run, dof)))
         if not unlike:
             return f"{differs}: the craft or its conditions have changed."
@@ -212,7 +215,7 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
     notes = ["* Outside its interval."] if any(outside.values()) else []
     if len(structures) == 1:
         damping = structure_words(structures.pop())
-        notes.append(f"To be compared, all models have {damping}. A run's own report may use another structure.")
+        notes.append(f"All models shown here have {damping}. A run's own report may use another structure.")
     yield Table(("", *heads), "l" + "r" * len(parameters), rows, " ".join(notes))
 
 

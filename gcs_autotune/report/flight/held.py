@@ -314,18 +314,18 @@ def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
 
 
 def _of_position(held: HeldPosition) -> _Story:
-    found = held.figures
+    figures = held.figures
     text = (
-        f"The craft holds its position within {100.0 * found.rms:.1f} cm and its heading within "
-        f"{math.degrees(found.heading):.1f} degrees rms."
+        f"The craft holds its position within {100.0 * figures.rms:.1f} cm and its heading within "
+        f"{math.degrees(figures.heading):.1f} degrees rms."
         if held.follows
-        else f"The craft does not hold its position: {100.0 * found.rms:.1f} cm and "
-        f"{math.degrees(found.heading):.1f} degrees rms."
+        else f"The craft does not hold its position: {100.0 * figures.rms:.1f} cm and "
+        f"{math.degrees(figures.heading):.1f} degrees rms."
     )
     rows = (
-        ("distance from the target, rms", f"{100.0 * found.rms:.1f}", "cm"),
-        ("heading error, rms", f"{math.degrees(found.heading):.1f}", "deg"),
-        ("overshoot", f"{100.0 * found.furthest:.1f}", "cm"),
+        ("distance from the target, rms", f"{100.0 * figures.rms:.1f}", "cm"),
+        ("heading error, rms", f"{math.degrees(figures.heading):.1f}", "deg"),
+        ("overshoot", f"{100.0 * figures.furthest:.1f}", "cm"),
     )
     loops = tuple(
         (name, format_number(d.wanted.omega_0, 3), f"{d.margins.vector:.2f}")
@@ -343,16 +343,16 @@ def _of_position(held: HeldPosition) -> _Story:
 
 
 def _of_distance(held: HeldDistance) -> _Story:
-    found = held.figures
+    figures = held.figures
     text = (
-        f"The craft keeps its distance to the wall within {100.0 * found.rms:.1f} cm rms."
+        f"The craft keeps its distance to the wall within {100.0 * figures.rms:.1f} cm rms."
         if held.follows
-        else f"The craft does not keep its distance to the wall: {100.0 * found.rms:.1f} cm rms."
+        else f"The craft does not keep its distance to the wall: {100.0 * figures.rms:.1f} cm rms."
     )
     rows = (
-        ("steady error, mean", f"{100.0 * found.mean:+.1f}", "cm"),
-        ("steady error, rms", f"{100.0 * found.rms:.1f}", "cm"),
-        ("overshoot", f"{100.0 * found.overshoot:.1f}", "cm"),
+        ("steady error, mean", f"{100.0 * figures.mean:+.1f}", "cm"),
+        ("steady error, rms", f"{100.0 * figures.rms:.1f}", "cm"),
+        ("overshoot", f"{100.0 * figures.overshoot:.1f}", "cm"),
     )
     return (
         text,
@@ -366,18 +366,18 @@ def _of_distance(held: HeldDistance) -> _Story:
 
 
 def _of_line(held: HeldLine) -> _Story:
-    found = held.figures
+    figures = held.figures
     text = (
-        f"The craft follows the line within {found.rms:.2f} m rms."
+        f"The craft follows the line within {figures.rms:.2f} m rms."
         if held.follows
-        else f"The craft does not stay on the line: {found.rms:.2f} m rms."
+        else f"The craft does not stay on the line: {figures.rms:.2f} m rms."
     )
     rows = (
-        ("distance, second half, rms", f"{found.rms:.2f}", "m"),
-        ("distance, second half, mean", f"{found.mean:+.2f}", "m"),
-        ("overshoot beyond the line", f"{found.overshoot:.2f}", "m"),
-        ("largest angle to the line", f"{math.degrees(found.approach):.0f}", "deg"),
-        ("output, second half, standard deviation", f"{100.0 * found.activity:.1f}", "% of full"),
+        ("distance, second half, rms", f"{figures.rms:.2f}", "m"),
+        ("distance, second half, mean", f"{figures.mean:+.2f}", "m"),
+        ("overshoot beyond the line", f"{figures.overshoot:.2f}", "m"),
+        ("largest angle to the line", f"{math.degrees(figures.approach):.0f}", "deg"),
+        ("output, second half, standard deviation", f"{100.0 * figures.activity:.1f}", "% of full"),
     )
     return (
         text,
@@ -429,16 +429,16 @@ def gains_of_own(design: OwnDesign) -> Table:
 
 
 def _margins(design: OwnDesign) -> Table:
-    found, (left, right) = design.margins, design.bound
+    margins, (left, right) = design.margins, design.bound
     rows = (
         (
             "gain margin",
-            f"{20.0 * math.log10(found.gain):.1f} dB (factor {found.gain:.2f})"
-            if math.isfinite(found.gain)
+            f"{20.0 * math.log10(margins.gain):.1f} dB (factor {margins.gain:.2f})"
+            if math.isfinite(margins.gain)
             else "unlimited",
         ),
-        ("phase margin", f"{math.degrees(found.phase):.0f}°"),
-        ("vector margin", f"{found.vector:.2f}"),
+        ("phase margin", f"{math.degrees(margins.phase):.0f}°"),
+        ("vector margin", f"{margins.vector:.2f}"),
         (
             "stable for every model within its uncertainty",
             f"{'yes' if left < right else 'no'} ({format_number(left, 3)}, must be below {format_number(right, 3)})",
@@ -487,8 +487,8 @@ def _draw(trial: Trial, panels: tuple[_Panel, ...], force: str = "") -> Drawing:
     heights = (2.4,) if len(panels) == 1 else (1.5,) * len(panels)
     figure, axes = new_axes((*heights, 1.4) if drives else heights)
     for panel, ax in zip(panels, axes, strict=False):
-        seen = thin(finite(panel.flown[0] - trial.start, panel.flown[1]))
-        ax.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
+        curve = thin(finite(panel.flown[0] - trial.start, panel.flown[1]))
+        ax.plot(curve.t, curve.y, color=AFTER, lw=1.2, label="flown")
         style = "steps-post" if panel.steps else "default"
         ax.plot(panel.wanted[0] - trial.start, panel.wanted[1], ds=style, color=WANTED, lw=1.0, label=panel.called)
         ax.set_ylabel(panel.label)

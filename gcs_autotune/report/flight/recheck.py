@@ -156,8 +156,8 @@ def _draw_response(axis: str, run: Trial, commanded: Sequence[tuple[float, float
     t, wanted = (np.array(column, dtype=np.float64) for column in zip(*commanded, strict=True))
     middle = 0.5 * float(wanted.max() + wanted.min()) if not SIGNALS[signal].down else 0.0
     figure, (axes,) = new_axes((2.8,))
-    seen = thin(finite(run[signal].t - run.start, factor * (run[signal].values - middle)))
-    axes.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
+    curve = thin(finite(run[signal].t - run.start, factor * (run[signal].values - middle)))
+    axes.plot(curve.t, curve.y, color=AFTER, lw=1.2, label="flown")
     steps = np.append(t, run.end) - run.start
     axes.step(steps, factor * (np.append(wanted, wanted[-1]) - middle), where="post", color=WANTED, lw=1.0)
     axes.lines[-1].set_label("commanded")

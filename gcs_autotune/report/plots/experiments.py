@@ -43,16 +43,16 @@ def profile_plot(profiles: Sequence[Profile]) -> Figure:
 
     figure = Figure(figsize=(3.2 * max(len(profiles), 1), 2.8), layout="constrained")
     grid = figure.subplots(1, max(len(profiles), 1), squeeze=False)[0]
-    for axes, found in zip(grid, profiles, strict=False):
-        axes.plot(found.values, found.deviance, "o-", ms=3, lw=1.2, color=BLUE)
-        axes.axhline(found.threshold, lw=0.8, color=RED)
-        for end in (found.low, found.high):
+    for axes, profile in zip(grid, profiles, strict=False):
+        axes.plot(profile.values, profile.deviance, "o-", ms=3, lw=1.2, color=BLUE)
+        axes.axhline(profile.threshold, lw=0.8, color=RED)
+        for end in (profile.low, profile.high):
             if math.isfinite(end):
                 axes.axvline(end, lw=0.8, ls="--", color=RED)
-        axes.set_ylim(0.0, 2.0 * found.threshold)
+        axes.set_ylim(0.0, 2.0 * profile.threshold)
         axes.locator_params(axis="x", nbins=4)
-        axes.set_xlabel(f"{found.name} [{found.unit}]")
-        axes.set_title("closed" if found.closed else "open", fontsize="small", loc="left")
+        axes.set_xlabel(f"{profile.name} [{profile.unit}]")
+        axes.set_title("closed" if profile.closed else "open", fontsize="small", loc="left")
     grid[0].set_ylabel("increase of -2 log-likelihood")
     return figure
 

@@ -38,9 +38,9 @@ def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
     """Plot measured and fitted motion of *trace* on *top* and the residual on *bottom*. Time is zero at the start of
     the trace.
     """
-    t, band, left, unit = _draw_motion(top, trace, label)
+    t, band, residual, unit = _draw_motion(top, trace, label)
     bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
-    bottom.plot(t, left, color=INK, lw=0.8)
+    bottom.plot(t, residual, color=INK, lw=0.8)
     bottom.set_ylabel(f"residual [{unit}]")
 
 
@@ -87,11 +87,11 @@ def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "
     UsageError
         There is no such trace.
     """
-    found = next((t for t in traces if run in ("", t.run) and signal in ("", t.signal)), None)
-    if found is None:
+    trace = next((t for t in traces if run in ("", t.run) and signal in ("", t.signal)), None)
+    if trace is None:
         have = ", ".join(f"{t.signal} of {t.run}" for t in traces) or "none"
         raise UsageError(f"no trace of {signal or 'any signal'} of {run or 'any run'}. Available: {have}")
-    _draw_motion(ax, found, "")
+    _draw_motion(ax, trace, "")
     ax.set_xlabel("time [s]")
     legend(ax)
     return ax

@@ -98,14 +98,14 @@ def draw_methods(selected: Fit[Model], fits: Sequence[Fit[Model]]) -> Figure | N
     figure, (axes,) = new_axes((0.34 * len(names) + 0.6,))
     for k, fit in enumerate(fits):
         for i, name in enumerate(names):
-            found = fit.parameters.get(name)
-            if found is None or found.status == "absent":
+            parameter = fit.parameters.get(name)
+            if parameter is None or parameter.status == "absent":
                 continue
             truth = selected.parameters[name].value
-            reach = abs(1.96 * found.std / truth) if np.isfinite(found.std) else 0.0
+            reach = abs(1.96 * parameter.std / truth) if np.isfinite(parameter.std) else 0.0
             y = i + 0.7 * (k / max(len(fits) - 1, 1) - 0.5)
             label = fit.method if i == 0 else None
-            axes.errorbar(found.value / truth, y, xerr=reach, fmt="o", ms=3, lw=1, color=_COLOURS[k], label=label)
+            axes.errorbar(parameter.value / truth, y, xerr=reach, fmt="o", ms=3, lw=1, color=_COLOURS[k], label=label)
     axes.set_yticks(range(len(names)), names)
     axes.set_xlim(0.0, 2.0)
     axes.invert_yaxis()

@@ -146,13 +146,13 @@ def answer_sentences(fit: Fit[Model]) -> tuple[str, ...]:
 
 def _residual_sentences(fit: Fit[Model]) -> tuple[str, ...]:
     """Return the residual of a coupled model, signal by signal."""
-    left = {n: r for n, r in fit.remainder.items() if n in SIGNALS}
-    if not left:
+    residuals = {n: r for n, r in fit.remainder.items() if n in SIGNALS}
+    if not residuals:
         return ()
-    rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in left.items())
-    coloured = {n: r for n, r in left.items() if r.unexplained > 0.0}
+    rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in residuals.items())
+    coloured = {n: r for n, r in residuals.items() if r.unexplained > 0.0}
     if not coloured:
-        return (f"Residual (rms): {rows}. It is white, like measurement noise.",)
+        return (f"Residual (rms): {rows}. It is mostly white, like measurement noise.",)
     rest = ", ".join(f"{n} {format_error(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
     return (f"Residual (rms): {rows}. Correlated, unexplained part: {rest}.",)
 
@@ -172,8 +172,10 @@ def verdict_of(fit: Fit[Model], unseen: Validation | None = None) -> Verdict:
     percent = fit.fit_percent if unseen is None else unseen.fit_percent
     said = explained_sentence(fit.fit_percent)
     if unseen is not None:
-        own = f" ({format_percent(fit.fit_percent)} of the motion used for the fit)" if fit.fit_percent > 0.0 else ""
-        said = explained_sentence(percent, "held-out motion", own)
+        identified = (
+            f" ({format_percent(fit.fit_percent)} of the motion used for the fit)" if fit.fit_percent > 0.0 else ""
+        )
+        said = explained_sentence(percent, "held-out motion", identified)
     worst = next((d for d in fit.doubts if d.grade == "distrust" and d.slug != "poor-fit"), None)
     if worst is not None:
         said = f"Do not trust this model: {worst.cause.split('. ')[0].rstrip('.')}. {said}"

@@ -157,10 +157,10 @@ def estimate_tables(study: Study) -> tuple[Table, ...]:
 
 
 def _estimate(fit: Fit[Model], name: str) -> str:
-    found = fit.parameters.get(name)
-    if found is None or found.status == "absent":
+    parameter = fit.parameters.get(name)
+    if parameter is None or parameter.status == "absent":
         return ""
-    return format_parameter(name, found.value, found.std, found.unit)
+    return format_parameter(name, parameter.value, parameter.std, parameter.unit)
 
 
 def run_table(study: Study) -> Table:

@@ -62,8 +62,17 @@ def structure_words(structure: str) -> str:
 
 
 def model_words(fit: AxisFit) -> str:
-    """Return the structure of a fitted model in words: its damping and its actuator effects."""
-    return structure_words(fit.structure) + with_effects(fit.effects)
+    """Return the structure of a fitted model in words: its damping and its actuator effects.
+
+    A thrust curve that cannot be distinguished from a straight line is not an effect of the actuator.
+    """
+    return structure_words(fit.structure) + with_effects([own for own in fit.effects if not _is_straight(fit, own)])
+
+
+def _is_straight(fit: AxisFit, own: EffectInstance) -> bool:
+    """Return whether the 95 % interval of a thrust curve's quadratic fraction includes 0."""
+    parameter = fit.parameters.get(own.label_of("share")) if own.slug == "quadratic-actuator" else None
+    return parameter is not None and abs(parameter.value) <= 1.96 * parameter.std
 
 
 def with_effects(effects: Sequence[EffectInstance]) -> str:
@@ -214,10 +223,10 @@ def _of_full(output: float) -> str:
 def _acting(effects: Sequence[EffectInstance], output: float) -> float:
     """Return the force due to *output* in the model, including the dead zone."""
     acting = np.full(1, output)
-    for own in effects:
-        law = EFFECTS[own.slug]
+    for effect in effects:
+        law = EFFECTS[effect.slug]
         if isinstance(law, Characteristic):
-            acting = law.acting(own, acting)
+            acting = law.acting(effect, acting)
     return float(acting[0])
 
 
@@ -226,10 +235,10 @@ def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance
     order."""
     fields = ("alpha", "beta", "beta_quadratic", "delta", "delay")
     value, slopes = told(fit.model, fit.effects), np.zeros(len(fit.parameters))
-    for k, (name, own) in enumerate(fit.parameters.items()):
-        if not own.std > 0.0:
+    for k, (name, parameter) in enumerate(fit.parameters.items()):
+        if not parameter.std > 0.0:
             continue
-        small = 1e-4 * max(abs(own.value), own.std)
+        small = 1e-4 * max(abs(parameter.value), parameter.std)
         model, effects = fit.model, list(fit.effects)
         if k < len(fields):
             model = replace(model, **{fields[k]: getattr(model, fields[k]) + small})
@@ -262,7 +271,7 @@ def remainder_sentence(left: Remainder, unit: str) -> str:
     if not math.isfinite(left.rms):
         return ""
     if left.unexplained <= 0.0:
-        return f"The residual ({rms} rms) is white, like measurement noise."
+        return f"The residual ({rms} rms) is mostly white, like measurement noise."
     noise, rest = format_error(left.noise, unit, 2), format_error(left.unexplained, unit, 2)
     return f"The residual is {rms} rms: {noise} white (noise), {rest} correlated and unexplained."
 
@@ -277,8 +286,8 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
     def number(name: str) -> str:
         if lacks_a_term:
             return f"about {format_number(own[name], 2)}"
-        found = fit.parameters.get(own.label_of(name))
-        return format_value(own[name], math.nan if found is None else found.std)
+        parameter = fit.parameters.get(own.label_of(name))
+        return format_value(own[name], math.nan if parameter is None else parameter.std)
 
     if own.slug == "quadratic-actuator":
         largest = own.constants["u_ref"]
@@ -333,14 +342,17 @@ def _parameter_value(parameter: Parameter) -> str:
 def meanings(fit: AxisFit) -> dict[str, str]:
     """Return name -> meaning of the parameters of one axis."""
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
-    found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
-    found[fit.model.axis.restoring_name] = "restoring moment per angle"
-    return found | effect_meanings(fit.effects)
+    by_name = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
+    by_name[fit.model.axis.restoring_name] = "restoring moment per angle"
+    return by_name | effect_meanings(fit.effects)
 
 
 def effect_meanings(effects: Sequence[EffectInstance]) -> dict[str, str]:
     """Return name -> meaning of the parameters of *effects*."""
-    return {own.label_of(q.name): q.meaning for own in effects for q in EFFECTS[own.slug].parameters}
+    meaning = {effect.label_of(q.name): q.meaning for effect in effects for q in EFFECTS[effect.slug].parameters}
+    # A thrust curve of throttle steps refers to full output, even if no step reached it.
+    curves = (e for e in effects if e.slug == "quadratic-actuator" and e.constants.get("u_ref") == 1.0)
+    return meaning | {e.label_of("share"): "quadratic fraction of the thrust at full output" for e in curves}
 
 
 def short_name(name: str) -> str:

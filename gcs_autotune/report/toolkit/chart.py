@@ -101,24 +101,24 @@ def _is_relative(text: Text) -> tuple[bool, bool]:
 
 def _scale(axis: Axis, limits: tuple[float, float]) -> dict[str, Any]:
     """Return name, limits, and fixed ticks of an axis. ``off``: shown numbers are smaller by this amount."""
-    found: dict[str, Any] = {"name": axis.get_label_text(), "lim": [float(f"{v:.6g}") for v in limits]}
+    scale: dict[str, Any] = {"name": axis.get_label_text(), "lim": [float(f"{v:.6g}") for v in limits]}
     if axis.get_scale() == "log":
-        found["log"] = 1
+        scale["log"] = 1
     places = [float(v) for v in axis.get_majorticklocs()]
-    told = [label.get_text().replace("\N{MINUS SIGN}", "-") for label in axis.get_majorticklabels()]
-    if any(words and not _NUMBER.fullmatch(words) for words in told) and "log" not in found:
-        found["ticks"] = list(zip(places, told, strict=False))
-        return found
-    offsets = [v - float(words) for v, words in zip(places, told, strict=False) if _NUMBER.fullmatch(words)]
+    tick_labels = [label.get_text().replace("\N{MINUS SIGN}", "-") for label in axis.get_majorticklabels()]
+    if any(words and not _NUMBER.fullmatch(words) for words in tick_labels) and "log" not in scale:
+        scale["ticks"] = list(zip(places, tick_labels, strict=False))
+        return scale
+    offsets = [v - float(words) for v, words in zip(places, tick_labels, strict=False) if _NUMBER.fullmatch(words)]
     if offsets and abs(offsets[0]) > 1.0:  # a heading that continues beyond 360 degrees
-        found["off"] = round(offsets[0], 6)
-    return found
+        scale["off"] = round(offsets[0], 6)
+    return scale
 
 
 def _parts(axes: Axes) -> list[dict[str, Any]]:
     """Return everything plotted on *axes*, the lowest first."""
     labels = _labels(axes)
-    found: list[tuple[float, dict[str, Any]]] = []
+    parts: list[tuple[float, dict[str, Any]]] = []
     grid = [abs(high - low) / STEPS for low, high in (axes.get_xlim(), axes.get_ylim())]
     logs = [axis.get_scale() == "log" for axis in (axes.xaxis, axes.yaxis)]
 
@@ -126,7 +126,7 @@ def _parts(axes: Axes) -> list[dict[str, Any]]:
         return _rounded(np.ma.filled(np.ma.asarray(values, dtype=float), np.nan), 0.0 if logs[k] else grid[k])
 
     for line in axes.lines:
-        found.append((line.get_zorder(), {**_line(line, axes, rounded), **_pen(line.get_color(), line, labels)}))
+        parts.append((line.get_zorder(), {**_line(line, axes, rounded), **_pen(line.get_color(), line, labels)}))
     for collection in axes.collections:
         is_lines = hasattr(collection, "get_segments")
         colours: Any = collection.get_edgecolor() if is_lines else collection.get_facecolor()
@@ -138,12 +138,12 @@ def _parts(axes: Axes) -> list[dict[str, Any]]:
         part = {"x": rounded(x, 0), "y": rounded(y, 1)}
         width: Any = collection.get_linewidth()
         look = {"w": float(width[0]), "d": "-"} if is_lines else {"fill": 1}
-        found.append((collection.get_zorder(), {**part, **look, **_pen(colours[0], collection, labels)}))
+        parts.append((collection.get_zorder(), {**part, **look, **_pen(colours[0], collection, labels)}))
     for patch in axes.patches:
         (x0, y0), (x1, y1) = patch.get_path().transformed(patch.get_patch_transform()).get_extents().get_points()
         in_x, _ = patch.get_transform().contains_branch_seperately(axes.transData)
         span = {"v": rounded([x0, x1], 0)} if in_x else {"h": rounded([y0, y1], 1)}
-        found.append((patch.get_zorder(), {**span, "fill": 1, **_pen(patch.get_facecolor(), patch, labels)}))
+        parts.append((patch.get_zorder(), {**span, "fill": 1, **_pen(patch.get_facecolor(), patch, labels)}))
     for text in axes.texts:
         x, y = getattr(text, "xy", text.get_position())
         words = {
@@ -152,8 +152,8 @@ def _parts(axes: Axes) -> list[dict[str, Any]]:
             "y": rounded([y], 1),
             "up": int(text.get_verticalalignment() == "bottom"),
         }
-        found.append((text.get_zorder(), {**words, **_pen(text.get_color(), text, labels)}))
-    return [part for _, part in sorted(found, key=lambda pair: pair[0])]
+        parts.append((text.get_zorder(), {**words, **_pen(text.get_color(), text, labels)}))
+    return [part for _, part in sorted(parts, key=lambda pair: pair[0])]
 
 
 def _rounded(values: np.ndarray[Any, np.dtype[np.float64]], step: float) -> list[float | None]:
@@ -187,11 +187,11 @@ def _line(line: Line2D, axes: Axes, rounded: Any) -> dict[str, Any]:
 
 def _labels(axes: Axes) -> dict[int, str]:
     """Return the label of each artist in the legend, by its identity. An error bar has several artists."""
-    found = {}
+    labels = {}
     for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
         for artist in _artists(handle):
-            found[id(artist)] = label
-    return found
+            labels[id(artist)] = label
+    return labels
 
 
 def _artists(handle: Any) -> Iterator[Artist]:

@@ -8,6 +8,7 @@ out, so a section can list optional parts.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -219,7 +220,7 @@ def files_section(directory: str, files: Iterable[str], title: str = "Files of t
     """
     links = tuple(Note(name, kind="bullet", file=name) for name in files)
     share = Note(
-        f"gcs-autotune share {directory}" if directory else "",
+        f"gcs-autotune share {shlex.quote(directory)}" if directory else "",
         "To pack them into one file to send to others:",
         kind="command",
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -42,7 +43,10 @@ class _Laid:
     folded: bool = False
 
 
-PHONE = 42
+FEW = 4
+"""Number of columns up to which a table stays a table on a phone if its longest pieces fit. Project choice."""
+
+PHONE = 43
 """Number of characters of a table row that fit on a phone 390 pixels wide. Project choice."""
 
 LEGIBLE = 14
@@ -61,6 +65,7 @@ def to_html(document: Document) -> str:
         lstrip_blocks=True,
     )
     environment.filters["glued"] = glued
+    environment.filters["cell"] = _cell
     environment.filters["wide"] = _is_wide
     environment.filters["quoted"] = quote
     sections = [laid for section in document.sections if (laid := _laid(section)).blocks]
@@ -112,10 +117,34 @@ def drawn(figure: Figure) -> Iterator[_Drawn]:
             yield _Drawn(caption, to_svg(drawing, figure.name, caption), to_chart(drawing))
 
 
+def _in_cell(text: str) -> str:
+    """Return a cell's *text* in the notation of the reports. It may break before its standard error."""
+    return glued(text).replace("\u00a0±", " ±")
+
+
+def _cell(text: str) -> Markup:
+    """Return a cell's *text* for HTML. A long name or path may break after ``_`` or ``/``."""
+    return Markup("<wbr>").join(_BREAK.split(_in_cell(text)))
+
+
+_BREAK = re.compile(r"(?<=[_/])(?=[A-Za-z0-9]{4})")
+"""Places inside a name or path where a cell may break. No unit has four letters after its stroke."""
+
+
 def _is_wide(table: Table) -> bool:
-    """Return whether a table is wider than a phone, which then shows each row as a block."""
+    """Return whether a table is wider than a phone, which then shows each row as a block.
+
+    A table of few columns stays a table if it fits, because its rows are there to be compared.
+    """
+    least = _longest_piece if len(table.heads) <= FEW else _least_width
     columns = [[head, *(row[i] for row in table.rows)] for i, head in enumerate(table.heads)]
-    return sum(_least_width(cells, a) for cells, a in zip(columns, table.align, strict=True)) > PHONE
+    return sum(least(cells, a) for cells, a in zip(columns, table.align, strict=True)) > PHONE
+
+
+def _longest_piece(cells: Sequence[str], _align: str) -> int:
+    """Return the length of the longest piece without a break in a column, and one character of space."""
+    words = (word for cell in cells for word in _in_cell(cell).split(" "))
+    return 1 + max(len(piece) for word in words for piece in _BREAK.split(word))
 
 
 def _least_width(cells: Sequence[str], align: str) -> int:

@@ -140,19 +140,19 @@ def _grid(table: Table) -> Padding:
     """Return a table without its empty and wide columns, and without the rows that the page folds."""
     is_headed = any(table.heads)
     lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold", show_header=is_headed)
-    rows = table.rows[: table.shown]
+    rows = [tuple(with_signs(visible(cell)) for cell in row) for row in table.rows[: table.shown]]
     used = [i for i in table.filled(rows) if table.heads[i] not in table.wide]
     for i in used:
         right = table.align[i] == "r"
-        head = Text(visible(table.heads[i]))
+        head = Text(with_signs(visible(table.heads[i])))
         widths = [cell_len(word) for word in head.plain.split()]
         # A head may wrap between its words, but a number or a name that is cut cannot be read or typed.
         if right or not any(" " in row[i] for row in rows):
-            widths += [cell_len(visible(row[i])) for row in rows]
+            widths += [cell_len(row[i]) for row in rows]
         least = max(widths, default=0)
         # The width is taken from the columns that may wrap, so those that cannot must not be among them.
-        whole = least >= max(cell_len(text) for text in (head.plain, *(visible(row[i]) for row in rows)))
+        whole = least >= max(cell_len(text) for text in (head.plain, *(row[i] for row in rows)))
         lines.add_column(head, justify="right" if right else "left", no_wrap=whole, min_width=least)
     for row in rows:
-        lines.add_row(*(TiedText(visible(row[i])) for i in used))
+        lines.add_row(*(TiedText(row[i]) for i in used))
     return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)

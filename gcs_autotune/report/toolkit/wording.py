@@ -53,7 +53,7 @@ _VERBATIM = re.compile(r"`[^`]*`|(?<!\w)'[^']*'(?!\w)|\"[^\"]*\"|gcs-autotune .*
 """Parts of a sentence to copy or quoted from elsewhere: commands, options, messages of a vehicle."""
 
 _UNIT = r"(?:min|ms|dB|Hz|rad|deg|kg|[ckm]?m|s|N|V)[²³]?(?:/(?:rad|deg|s|m)[²³]?)?(?!\w)"
-BEFORE_UNIT = re.compile(rf"(?<=\d) (?=[%°]|{_UNIT})|(?<=\d N) (?=m(?!\w))|(?<=\d min) (?=\d+ s(?!\w))")
+BEFORE_UNIT = re.compile(rf"(?<=\d) (?=[%°]|{_UNIT})|(?<=\d N) (?=[ms][²³]?(?!\w))|(?<=\d min) (?=\d+ s(?!\w))")
 """Space between a number and its unit."""
 
 _HEADINGS = ("anchor", "direction")
@@ -253,5 +253,5 @@ def sentence(text: str) -> str:
     if not text:
         return ""
     first = text.split()[0].rstrip(",.:;")
-    start = text[0].upper() if first.isalpha() and first not in SIGNALS else text[0]
+    start = text[0].upper() if first.replace("-", "").isalpha() and first not in SIGNALS else text[0]
     return start + text[1:] + ("" if text[-1] in ".!?" else ".")

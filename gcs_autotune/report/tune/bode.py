@@ -80,15 +80,15 @@ def draw_bode(
     read = tuple(zip(loops, (BEFORE, AFTER)[-len(loops) :], labels, margins, strict=True))
     crossings = [w for *_, m in read for w in (m.gain_at, m.phase_at) if math.isfinite(w)] or [1.0]
     low, high = min(crossings) / 10.0**DECADES, max(crossings) * 10.0**DECADES
-    for group, colour, label, found in read:
+    for group, colour, label, margin in read:
         for k, loop in enumerate(group):
-            strong = k == found.narrowest
+            strong = k == margin.narrowest
             _draw(top, bottom, loop, (low, high), colour, label if strong else "", strong)
-        if found.stable and math.isfinite(found.phase_at):
-            bottom.plot([found.phase_at] * 2, [-180.0, math.degrees(found.phase) - 180.0], color=colour, lw=2.4)
-        if found.stable and math.isfinite(found.gain_at):
-            at_180 = -20.0 * math.log10(found.gain) * (1.0 if found.gain_at > found.phase_at else -1.0)
-            top.plot([found.gain_at] * 2, [0.0, at_180], color=colour, lw=2.4)
+        if margin.stable and math.isfinite(margin.phase_at):
+            bottom.plot([margin.phase_at] * 2, [-180.0, math.degrees(margin.phase) - 180.0], color=colour, lw=2.4)
+        if margin.stable and math.isfinite(margin.gain_at):
+            at_180 = -20.0 * math.log10(margin.gain) * (1.0 if margin.gain_at > margin.phase_at else -1.0)
+            top.plot([margin.gain_at] * 2, [0.0, at_180], color=colour, lw=2.4)
     top.axhline(0.0, color=FAINT, lw=0.9)
     bottom.axhline(-180.0, color=FAINT, lw=0.9)
     top.set_xscale("log")

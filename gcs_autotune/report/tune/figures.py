@@ -97,10 +97,12 @@ class StepSeries:
 class RelaySeries:
     """A relay experiment: times since its start [s], positions relative to the relay's reference [rad or m].
 
-    ``switches``: times at which the relay switched; ``last_from``: start of the last ``periods``.
+    ``switches``: times at which the relay switched; ``last_from``: start of the last ``periods``; ``signals``: the
+    signals plotted.
     """
 
     name: str
+    signals: PlottedSignals
     position: Curve
     rate: Curve | None
     output: Curve | None
@@ -179,6 +181,7 @@ def relay_series(trial: Trial, watched: PlottedSignals, periods: int = 5) -> Rel
     first = float(switched[-2 * periods - 1]) if len(switched) > 2 * periods else float(position.t[0])
     return RelaySeries(
         name=trial.name,
+        signals=watched,
         position=position,
         rate=_from(trial[watched.velocity], start, 0.0) if watched.velocity in trial else None,
         output=_from(trial[watched.force], start, 0.0) if watched.force in trial else None,
@@ -214,22 +217,22 @@ def step_figure(story: TuneStory) -> Iterator[Figure]:
 
 
 def relay_figures(story: TuneStory) -> Iterator[Figure]:
-    """Yield a figure of each relay experiment, then one of the limit cycles."""
-    swung = story.swung
-    noun = swung.noun
+    """Yield a figure of each relay experiment, then one of the limit cycles of each signal."""
     flown = {run.name: run for run in story.relays}
-    found = (relay_series(trial, swung) for trial in story.relays[:MOST_RELAYS])
-    relays = [series for series in found if series is not None]
+    candidates = (relay_series(trial, story.signals_of(trial)) for trial in story.relays[:MOST_RELAYS])
+    relays = [series for series in candidates if series is not None]
     for i, relay in enumerate(relays, start=1):
+        noun = relay.signals.noun
         caption = f"Relay experiment '{relay.name}': {noun} relative to its reference, with the relay switches marked."
         if flown[relay.name].reason:
             caption += f" End: {flown[relay.name].reason}."
         if not len(relay.switches):
             caption = f"Throttle steps '{relay.name}': {noun} relative to its value before the first step."
         yield Figure(f"relay-{i}", caption, partial(_draw_relay, relay, story))
-    if relays:
-        caption = f"Limit cycles: rate of change against {noun}. Bold: the last periods (at most five)."
-        yield Figure("cycle", caption, partial(_draw_cycles, relays, swung))
+    for signals in dict.fromkeys(relay.signals for relay in relays):
+        caption = f"Limit cycles: rate of change against {signals.noun}. Bold: the last periods (at most five)."
+        alike = [relay for relay in relays if relay.signals == signals]
+        yield Figure(f"cycle-{signals.position}", caption, partial(_draw_cycles, alike, signals))
 
 
 def fit_figures(story: TuneStory) -> Iterator[Figure]:
@@ -299,12 +302,12 @@ def _levels(story: TuneStory) -> list[float]:
 
 def _bode_caption(margins: Sequence[LoopMargins], *, several: bool) -> str:
     words = []
-    for found, label in zip(margins, ("present", "new"), strict=True):
-        if not found.stable:
+    for margin, label in zip(margins, ("present", "new"), strict=True):
+        if not margin.stable:
             words.append(f"{label} gains: unstable")
             continue
-        gain = f"{format_number(found.gain, 3)} in gain" if math.isfinite(found.gain) else "no limit in gain"
-        words.append(f"{label} gains: {gain}, {format_quantity(found.phase, 'rad', 3)} in phase")
+        gain = f"{format_number(margin.gain, 3)} in gain" if math.isfinite(margin.gain) else "no limit in gain"
+        words.append(f"{label} gains: {gain}, {format_quantity(margin.phase, 'rad', 3)} in phase")
     thin_lines = " Thin lines: the loop at other speeds and outputs." if several else ""
     told = "; ".join(words)
     return f"Bode plot of the design model, with the loop opened at the actuator. Margins: {told}.{thin_lines}"
@@ -321,6 +324,9 @@ def _step_caption(story: TuneStory) -> str:
     if story.step_before is None and story.step_after is None:
         return f"Predicted (not measured) {what} step with the old and the new gains."
     if story.step_before is None or story.step_after is None:
+        flown = step_series(story.step_after if story.step_before is None else story.step_before, story.stepped)
+        if flown is not None and len(flown.legs) < 2:
+            return f"Measured {what} step, which ended before the step back. Below: the actuator."
         return f"Measured {what} step (left) and step back (right). Below: the actuator."
     return (
         f"The same {what} step (left) and step back (right), measured with the old and the new gains, over the time "
@@ -353,7 +359,7 @@ def _draw_step(story: TuneStory) -> Drawing | None:
     top.set_ylabel(f"change of {what} [{unit}]")
     if SIGNALS[story.stepped.position].down:
         top.invert_yaxis()  # shared by the row: depth grows downwards
-    _label_output(bottom, story)
+    _label_output(bottom, story, story.dof.force)
     legend(top)
     return figure
 
@@ -393,7 +399,7 @@ def _predicted(prediction: Prediction, name: str) -> Curve:
 
 
 def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
-    swung = story.swung
+    swung = relay.signals
     figure, (top, bottom) = new_axes((1.9, 0.9))
     scale = _people(swung)
     what, unit, _ = _noun(swung)
@@ -419,7 +425,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
     if SIGNALS[swung.position].down:
         top.invert_yaxis()  # depth grows downwards
     _draw_output(bottom, relay.output, story, INK)
-    _label_output(bottom, story)
+    _label_output(bottom, story, swung.force)
     bottom.set_xlabel("time [s] (shaded: the last periods, at most five)" if len(relay.switches) else "time [s]")
     legend(top)
     return figure
@@ -463,9 +469,9 @@ def _draw_output(axes: Axes, curve: Curve | None, story: TuneStory, colour: str)
     axes.step(few.t, _output_scale(story) * few.y, where="post", color=colour, lw=1.0)
 
 
-def _label_output(axes: Axes, story: TuneStory) -> None:
+def _label_output(axes: Axes, story: TuneStory, force: str) -> None:
     unit = "% of full output" if _output_scale(story) != 1.0 else pretty_unit(_output_unit(story))
-    axes.set_ylabel(f"{story.dof.force} [{unit}]")
+    axes.set_ylabel(f"{force} [{unit}]")
 
 
 def _output_unit(story: TuneStory) -> str:

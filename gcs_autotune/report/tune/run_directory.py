@@ -95,8 +95,8 @@ def _parts(story: TuneStory) -> Mapping[str, Any]:
 
 def _list_files(directory: Path, written: Iterable[str] = (SUMMARY, PAGE)) -> tuple[str, ...]:
     """Return the files of a run with those that are still to be *written*."""
-    found = {p.relative_to(directory).as_posix() for p in directory.rglob("*") if p.is_file() and p.suffix != ".part"}
-    return tuple(sorted(found | set(written)))
+    present = {p.relative_to(directory).as_posix() for p in directory.rglob("*") if p.is_file() and p.suffix != ".part"}
+    return tuple(sorted(present | set(written)))
 
 
 def _write(path: Path, text: str) -> Path:

@@ -123,9 +123,17 @@ class TuneStory:
     @property
     def swung(self) -> PlottedSignals:
         """The signals plotted for the experiments: a boat's speed for throttle steps, else the position."""
-        told = next((str(t.meta["signal"]) for t in self.relays if "signal" in t.meta), self.dof.position)
-        signal = told if told == "u" else self.dof.position
-        return PLOTTED_SIGNALS.get(signal, _plain(self.dof))
+        return next((self.signals_of(trial) for trial in self.relays if "signal" in trial.meta), self._of(self.dof))
+
+    def signals_of(self, experiment: Trial) -> PlottedSignals:
+        """Return the signals plotted for one *experiment*. A tune of the position flies one per direction."""
+        if experiment.meta.get("signal") == "u":
+            return PLOTTED_SIGNALS["u"]
+        return self._of(DOFS.get(str(experiment.meta.get("dof")), self.dof))
+
+    @staticmethod
+    def _of(dof: Dof) -> PlottedSignals:
+        return PLOTTED_SIGNALS.get(dof.position, _plain(dof))
 
     @property
     def changes(self) -> tuple[Change, ...]:

@@ -135,7 +135,8 @@ def beside_table(story: TuneStory) -> Table:
 def route_table(before: TrackMetrics, after: TrackMetrics | None) -> Table:
     """Return how the legs of a mission were followed, before and after."""
     corners = [f"at corner {n}, greatest" for n in range(1, len(before.corners) + 1)]
-    labels = ("distance from the route, rms", "in the second half of legs, rms", *corners, "time")
+    places = ("distance from the route, rms", "in the second half of legs, rms", *corners)
+    labels = (*places, "time from first to last waypoint")
     values = [(m.rms, m.late, *m.corners, m.seconds) for m in (before, after) if m is not None]
     units = ["m"] * (len(labels) - 1) + ["s"]
     rows = tuple(
@@ -184,8 +185,8 @@ def thrust_table(before: Linearity, after: Linearity | None) -> Table:
 
 
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:
-    found = () if metrics is None else _METRICS
-    rows = tuple((label, show(metrics)) for _, label, show in found if metrics is not None)
+    shown = () if metrics is None else _METRICS
+    rows = tuple((label, show(metrics)) for _, label, show in shown if metrics is not None)
     note = _span_note(math.nan if metrics is None else metrics.span)
     return Table(("lower is better", "present gains"), "lr", rows, note)
 

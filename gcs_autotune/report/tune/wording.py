@@ -109,7 +109,7 @@ def position_words(before: PositionMetrics, after: PositionMetrics | None) -> st
     name, when = ("push", "under the push") if math.isfinite(now.push) else ("hold", "while holding")
     if math.isfinite(getattr(now, name)):
         was = "" if after is None else f" (before: {format_quantity(getattr(before, name), 'm', 2)})"
-        words += f"; {format_quantity(getattr(now, name), 'm', 2)} rms off {when}{was}"
+        words += f"; distance {when} {format_quantity(getattr(now, name), 'm', 2)} rms{was}"
     return f"{words}."
 
 
@@ -217,8 +217,8 @@ def parameters_sentence(story: TuneStory) -> str:
     if not changed:
         return "All parameters have their original values, verified by reading back."
     written = [name for name in changed if name in {c.parameter for c in story.changes}]
-    names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
-    also = f" The vehicle itself, not this tool, changed {own}." if own else ""
+    names, others = ", ".join(written), ", ".join(name for name in changed if name not in written)
+    also = f" The vehicle itself, not this tool, changed {others}." if others else ""
     if not written:
         return (
             f"All parameters written during the run have their original values again, verified by reading back.{also}"
@@ -239,6 +239,11 @@ SIMULATED_UNDO = (
 def undo_sentence(story: TuneStory) -> str:
     """Return the sentence that introduces :func:`undo_command`."""
     written = bool(story.changes) and story.ending in ("kept", "restored", "aborted")
+    if written and story.parameters_after and not any(c.parameter in story.differences for c in story.changes):
+        return (
+            "The original gains are on the vehicle, so there is nothing to undo. This command restores the saved "
+            "original parameters:"
+        )
     if written and story.vehicle.get("simulated", False):
         return f"{SIMULATED_UNDO}:"
     if written:

@@ -91,7 +91,7 @@ function draw() {
   $("prove-row").hidden = !changed.length;
   if (style.error) { $("style-told").textContent = `No gains: ${style.error}`; return; }
   const { before, after } = style.metrics, m = style.margins;
-  const settles = (one) => (one.settling === null ? "does not settle" : `settles in ${short(one.settling)} s`);
+  const settles = (one) => (one.settling === null ? "does not settle in the time shown" : `settles in ${short(one.settling)} s`);
   $("style-told").textContent = `Predicted: ${settles(after)} (present gains: ${settles(before)}), overshoot ${Math.round(100 * after.overshoot)} % `
     + `(${Math.round(100 * before.overshoot)} %). Smallest margins over the 95 % region: a factor of ${m.gain === null ? "any size" : short(m.gain)} in gain, `
     + `${m.phase === null ? "any" : `${Math.round(m.phase * 180 / Math.PI)}°`} of phase. Largest output ${Math.round(100 * style.largest_output)} % of full.`;

@@ -48,7 +48,7 @@ def test_a_white_remainder_is_noise() -> None:
     left = remainder_of([noise(0.01), noise(0.01, seed=2)])
     assert left.rms == pytest.approx(0.01, rel=0.05)
     assert left.unexplained == 0.0
-    assert "is white, like measurement noise" in remainder_sentence(left, "rad")
+    assert "is mostly white, like measurement noise" in remainder_sentence(left, "rad")
 
 
 def test_a_correlated_remainder_is_unexplained_beyond_the_sensor_noise() -> None:
@@ -138,9 +138,13 @@ def test_a_model_with_a_thrust_curve_is_named_so_and_its_numbers_are_in_the_tabl
     )
     assert model_words(bent) == "quadratic damping, with quadratic thrust curve"
     assert any("q = 0.82 ± 0.03" in reported for reported in model_sentences(bent))
-    assert ("share", "0.82 ± 0.03", "1", "quadratic fraction of the thrust at the largest command", "") in model_table(
+    assert ("share", "0.82 ± 0.03", "1", "quadratic fraction of the thrust at full output", "") in model_table(
         bent
     ).rows
+    flown = replace(bent, effects=(replace(curve, constants={"u_ref": 0.965}),))
+    assert "quadratic fraction of the thrust at the largest command" in {row[3] for row in model_table(flown).rows}
+    straight = replace(bent, parameters={**bent.parameters, share.name: replace(share, value=-0.01)})
+    assert model_words(straight) == "quadratic damping"
 
 
 def test_the_steady_speed_at_full_output_includes_the_actuator_effects() -> None:

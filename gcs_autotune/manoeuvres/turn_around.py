@@ -10,11 +10,11 @@ from typing import Any
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 
-__all__ = ["TurnAbout", "TurnAboutSettings"]
+__all__ = ["TurnAround", "TurnAroundSettings"]
 
 
 @dataclass(frozen=True, slots=True)
-class TurnAboutSettings:
+class TurnAroundSettings:
     """Settings: constant rudder until the heading has changed by ``angle`` [rad].
 
     ``output`` steering and ``throttle`` are fractions of full; a positive output turns to starboard. ``patience`` [s]
@@ -27,14 +27,14 @@ class TurnAboutSettings:
     patience: float = 120.0
 
 
-class TurnAbout(Manoeuvre):
+class TurnAround(Manoeuvre):
     """Turns a boat around with constant rudder, without a control loop, so that it does not depend on the
     present gains.
     """
 
-    kind, purpose = "turn-about", "transit"
+    kind, purpose = "turn-around", "transit"
 
-    def __init__(self, settings: TurnAboutSettings) -> None:
+    def __init__(self, settings: TurnAroundSettings) -> None:
         super().__init__()
         self._settings = settings
 

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from runs_in_the_tank import towed
+from open_loop_runs import towed
 
 from gcs_autotune import clock
 from gcs_autotune.diagnose import Diagnosis, diagnose, missing_force

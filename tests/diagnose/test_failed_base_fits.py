@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runs_in_the_tank import sailed, squares, towed
+from open_loop_runs import sailed, squares, towed
 
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.referee import run_case

@@ -26,7 +26,7 @@ from gcs_autotune.manoeuvres.set_point_relay import LEAST_SWITCHINGS, SetPointRe
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
 
-from .pond import PondCraft, at_rest
+from .toy_craft import PondCraft, at_rest
 
 CRUISE = 2.0
 QUAY = Area((Zone(((-50.0, -50.0), (100.0, -50.0), (100.0, 50.0), (-50.0, 50.0))),), "harbour.geojson")

@@ -6,7 +6,7 @@ from collections.abc import MutableMapping
 
 import numpy as np
 import pytest
-from runs_in_the_tank import towed
+from open_loop_runs import towed
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.adequacy import nonparametric_rivals

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runs_in_the_tank import BOAT, UNITS
+from open_loop_runs import BOAT, UNITS
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.identify import MOVED_TOO, moved_besides, moved_too
