@@ -358,6 +358,10 @@ class Effect:
         """
         return {}
 
+    def turns(self, effect: EffectInstance) -> bool:
+        """Return whether this disturbance turns the craft. Its track then follows the measured heading."""
+        return False
+
     # -- documentation
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.documents import conformed
 from gcs_autotune.effects.effect import Drive, EffectInstance, Observed
 from gcs_autotune.effects.table import EFFECTS
+from gcs_autotune.effects.track import along_heading
 from gcs_autotune.errors import BadFile
 from gcs_autotune.models import CoupledModel, Form, Simulator
 from gcs_autotune.notebook import Displayed
@@ -181,7 +182,8 @@ class ExtendedSimulator:
         truth, by = moved
         seen = self._observe(effects, truth)
         if not sensitivities:
-            return {n: (seen.signals[n][at], np.empty((len(at), 0))) for n, at in passage.at.items()}
+            predicted = {n: (seen.signals[n][at], np.empty((len(at), 0))) for n, at in passage.at.items()}
+            return self._steered(effects, predicted, passage)
         passed = self._through_sensors(effects, truth, seen, by)
         run = _Simulated(theta, effects, x_0, passage, truth, seen, passed)
         columns = []
@@ -191,13 +193,14 @@ class ExtendedSimulator:
                 return None
             columns.append(found)
         within, states = len(self.free), len(self._columns)
-        return {
+        predicted = {
             n: (
                 seen.signals[n][at],
                 np.hstack([passed[n][at, :within], *(c[n][at, None] for c in columns), passed[n][at, states:]]),
             )
             for n, at in passage.at.items()
         }
+        return self._steered(effects, predicted, passage)
 
     def truth(self, theta: Array, effects: Sequence[EffectInstance], x_0: Array, passage: Passage) -> Observed | None:
         """Return all true signals at all stamps, or None if the motion diverges.
@@ -212,7 +215,22 @@ class ExtendedSimulator:
         signals *truth*.
         """
         seen = self._observe(effects, truth)
-        return {n: seen.signals[n][at] for n, at in passage.at.items()}
+        predicted = {n: (seen.signals[n][at], np.empty((len(at), 0))) for n, at in passage.at.items()}
+        return {n: y for n, (y, _) in self._steered(effects, predicted, passage).items()}
+
+    def _steered(
+        self, effects: Sequence[EffectInstance], predicted: dict[str, tuple[Array, Array]], passage: Passage
+    ) -> dict[str, tuple[Array, Array]]:
+        """Return *predicted* with the track along the measured heading, if a disturbance turns the craft."""
+        turned = any(entry.turns(e) for entry, e in zip(self.entries, effects, strict=True))
+        heading = passage.measured.get("psi")
+        if not turned or heading is None or not {"x", "y", "psi"} <= set(passage.at):
+            return predicted
+        if not np.array_equal(passage.at["x"], passage.at["y"]):
+            return predicted
+        x, y, psi = (predicted[n] for n in ("x", "y", "psi"))
+        stamps = {n: passage.stamps[passage.at[n]] for n in ("x", "psi")}
+        return predicted | along_heading((x, y), psi, stamps["x"], stamps["psi"], heading)
 
     def extended_theta(self, theta: Array, effects: Sequence[EffectInstance]) -> Array:
         """Return the parameters (e,) of the extended form: the base parameters *theta* and the derivatives of

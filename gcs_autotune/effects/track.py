@@ -1,4 +1,6 @@
-"""Where the craft is between the stamps of a run, from its recorded positions: for effects that depend on the place."""
+"""Tracks: where the craft is between the stamps of a run, for effects that depend on the place; and the track that
+follows from the measured heading, for disturbances that turn the craft.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ from gcs_autotune.effects.effect import Drive
 from gcs_autotune.smoothing import best_width, local_polynomials
 from gcs_autotune.trial import Channel
 
-__all__ = ["on_track"]
+__all__ = ["along_heading", "on_track"]
 
 Array = NDArray[np.float64]
 
@@ -48,3 +50,33 @@ def _path(place: Channel) -> tuple[Array, Array, Array]:
     width, _ = best_width(t, values, widths, degree=2)
     fitted = local_polynomials(t, values, t, width, degree=2)
     return t, fitted.derivative(0), fitted.derivative(1)
+
+
+Predicted = tuple[Array, Array]
+"""Values (n,) of a predicted signal, and their Jacobian (n, q)."""
+
+
+def along_heading(
+    track: tuple[Predicted, Predicted], heading: Predicted, t: Array, t_heading: Array, measured: Channel
+) -> dict[str, Predicted]:
+    """Return the predicted positions ``x`` and ``y`` with each step turned by the error of the predicted heading.
+
+    A disturbance that turns the craft also moves it sideways, and this error adds up along the track. No simulation
+    predicts it, but it follows from the *measured* heading.
+
+    track : predicted ``x`` and ``y`` at the stamps *t* (n,). heading : predicted heading at the stamps *t_heading*.
+    """
+    (x, x_by), (y, y_by), (psi, psi_by) = *track, heading
+    known = np.isfinite(measured.values)
+    off = np.interp(t_heading, measured.t[known], np.unwrap(measured.values[known])) - psi
+    every = np.union1d(t, t_heading)
+    turn = np.exp(1j * np.interp(every, t_heading, np.unwrap(off)))
+    by = np.column_stack([turn, *(-1j * turn * np.interp(every, t_heading, column) for column in psi_by.T)])
+    summed = np.zeros_like(by)
+    np.cumsum(0.5 * (by[1:] + by[:-1]) * np.diff(every)[:, None], axis=0, out=summed[1:])
+    mean = np.diff(summed[np.searchsorted(every, t)], axis=0) / np.diff(t)[:, None]
+    step, step_by = np.diff(x + 1j * y), np.diff(x_by + 1j * y_by, axis=0)
+    moved = np.cumsum(np.concatenate([[x[0] + 1j * y[0]], mean[:, 0] * step]))
+    first = x_by[:1] + 1j * y_by[:1]
+    moved_by = np.cumsum(np.concatenate([first, mean[:, :1] * step_by + mean[:, 1:] * step[:, None]]), axis=0)
+    return {"x": (moved.real, moved_by.real), "y": (moved.imag, moved_by.imag)}

@@ -42,6 +42,12 @@ FASTEST = 0.7
 """Highest frequency searched, relative to half the sampling rate. Project choice."""
 BETTER = 10.0
 """Minimum reduction of minus twice the log-likelihood by a band, compared with red noise. Project choice."""
+SLOW, DRIFT = (0.05, 0.1, 0.2, 0.3), 0.03
+"""Constants for a slow force beside a band. Project choice.
+
+- ``SLOW``: highest frequencies of the slow motion that are tried, relative to that of the band.
+- ``DRIFT``: start value of its rms, relative to that of the wave force.
+"""
 SMOOTH = 0.005
 """Fraction of every signal's residual that the filter must leave. If it leaves less, the record was smoothed.
 
@@ -167,7 +173,22 @@ def _alone(kin: Mapping[str, _Kin], red: Mapping[str, float], low: float, high: 
     p, value = _fitted(kin, low, high, starts)
     if not _is_narrow(p, low, high) or sum(red.values()) - value < BETTER:
         return None
-    return p, {s: cost(None, own.records) for s, own in kin.items()}
+    before = {s: cost(None, own.records) for s, own in kin.items()}
+    beside = _drift_beside(kin, p, value, low, high)
+    return p if beside is None else beside, before
+
+
+def _drift_beside(kin: Mapping[str, _Kin], p: Array, value: float, low: float, high: float) -> Array | None:
+    """Return the band *p* of cost *value*, fitted again with a slow force beside it; None if that is not better.
+
+    It is fitted only if the band leaves an excess of slow motion, because the fit takes long.
+    """
+    laws = {s: own.law(*np.exp([p[0], p[1], r]).tolist()) for (s, own), r in zip(kin.items(), p[2:], strict=True)}
+    left = {s: own.whitened(laws[s]) for s, own in kin.items()}
+    if max(_slow_gain(left, edge * math.exp(p[0])) for edge in SLOW) < BETTER:
+        return None
+    both, other = _fitted(kin, low, high, [np.append(p, math.log(DRIFT))])
+    return both if _is_narrow(both, low, high) and value - other > BETTER else None
 
 
 def _with_drift(kin: Mapping[str, _Kin], red: Mapping[str, float], low: float, high: float) -> Accepted | None:
@@ -295,6 +316,22 @@ def _peak_gain(white: Mapping[str, _Kin], low: float, high: float) -> float:
     return float(np.max(gain))
 
 
+def _slow_gain(white: Mapping[str, _Kin], edge: float) -> float:
+    """Return the gain from one level of the spectrum below the frequency *edge* [rad/s], and a lower one above it.
+
+    It is twice the log-likelihood ratio, as in :func:`_peak_gain`, for records *white* without a band.
+    """
+    gain = 0.0
+    for own in white.values():
+        spectra = [_periodogram(t, e) for t, e in own.records]
+        omega, power = (np.concatenate([s[k][1:] for s in spectra]) for k in (0, 1))
+        slow, fast = power[omega < edge], power[omega >= edge]
+        if len(slow) and len(fast) and np.mean(slow) > np.mean(fast):
+            logs = [len(part) * math.log(max(float(np.mean(part)), 1e-300)) for part in (power, slow, fast)]
+            gain += 2.0 * (logs[0] - logs[1] - logs[2])
+    return gain
+
+
 def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
     """Return the frequencies [rad/s] of the highest peaks of the spectrum, and of the spectrum weighted against
     drift."""
@@ -415,7 +452,7 @@ class WaveDisturbance(Effect):
 
     No simulation predicts the phase of the force. The force is estimated from the residuals of position and velocity,
     and judged by predicting one sample ahead. A sea of many frequencies is one band. ``drift`` is estimated if a slow
-    force beside the band is supported.
+    force beside the band is supported. Waves in yaw also move the track, which then follows the measured heading.
 
     The mean of the second-order force is not part of this effect. On one heading it enters the equation of motion as
     the constant force ``X_0`` does, whatever the speed. So no run distinguishes it from ``input-bias``, and on
@@ -499,6 +536,10 @@ class WaveDisturbance(Effect):
         settled = deviation[-1]
         white *= settled
         return white[:, 0], white[:, 1:], 2.0 * float(np.sum(np.log(deviation / settled)))
+
+    def turns(self, effect: EffectInstance) -> bool:
+        """Return whether there is a band in yaw. The track then follows the heading that the waves cause."""
+        return effect.place == "yaw" and any(v > 0.0 for n, v in effect.constants.items() if n.startswith("ratio "))
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
         """Return name -> standard error, from the curvature of the likelihood.

@@ -223,3 +223,47 @@ def test_the_size_is_identified_from_the_most_promising_starts(case: Case) -> No
         turn = 2.0 * np.pi if name == "direction" else np.inf
         error = abs(value - case.values[name])
         assert min(error, abs(turn - error)) < 0.05 * abs(case.values[name]) + 0.02, (name, value)
+
+
+# -- the track under waves that turn the craft
+
+
+WAVY = BOAT.sail(Water(lambda t, s, held: {"N": 4.0 * np.sin(1.5 * t)}))
+
+
+def steered(place: str) -> tuple[ExtendedSimulator, tuple[EffectInstance, ...], np.ndarray, np.ndarray]:
+    """Return a simulator of the boat with known waves at *place*, its parameters and its initial state."""
+    wave = EffectInstance(
+        "wave-disturbance", place, {"frequency": 1.5, "bandwidth": 0.01}, {"filter": 1.0, "ratio psi": 4.0}
+    )
+    simulator = ExtendedSimulator(BOAT.form, (wave,), BOAT.form.free, (), ("x", "y", "psi", "u", "v", "r"))
+    return simulator, (wave,), BOAT.model().theta, np.array([BOAT.start[n] for n in simulator.states])
+
+
+def test_the_track_follows_the_heading_to_which_waves_turn_the_craft() -> None:
+    passage, errors = BOAT.passage(WAVY), {}
+    for place in ("yaw", "surge"):
+        simulator, waves, theta, x_0 = steered(place)
+        ran = simulator.run(theta, waves, x_0, passage)
+        assert ran is not None
+        errors[place] = max(float(np.abs(ran[n][0] - WAVY[n]).max()) for n in ("x", "y"))
+    assert errors["surge"] > 1.0  # waves ahead do not turn the craft, so its track stays the simulated one
+    assert errors["yaw"] < 0.02
+
+
+def test_the_turned_track_has_consistent_sensitivities() -> None:
+    simulator, waves, theta, x_0 = steered("yaw")
+    passage = BOAT.passage(WAVY)
+    ran = simulator.run(theta, waves, x_0, passage, sensitivities=True)
+    assert ran is not None
+    both, first = np.concatenate([theta, x_0]), len(theta)
+    for k in range(len(both)):
+        h = 1e-4 * max(abs(both[k]), 0.1)
+        ends = [
+            simulator.run(p[:first], waves, p[first:], passage) for p in (both + h * (np.arange(len(both)) == k), both)
+        ]
+        column = k if k < first else first + ("x", "y", "psi", "u", "v", "r").index(simulator.states[k - first])
+        for n in ("x", "y"):
+            assert ends[0] is not None and ends[1] is not None
+            moved = (ends[0][n][0] - ends[1][n][0]) / h
+            assert ran[n][1][:, column] == pytest.approx(moved, abs=2e-3 * max(float(np.abs(moved).max()), 1.0))
