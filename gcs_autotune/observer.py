@@ -113,11 +113,14 @@ class Intention:
     """One sentence of the announcement, without its "will".
 
     row : its row in the table that a terminal shows, with *brief* beside it; empty for a sentence without a row.
+    is_usual : whether every run does so, unless told otherwise. A terminal then shows the sentence only with
+        ``--verbose``.
     """
 
     text: str
     row: str = ""
     brief: str = ""
+    is_usual: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from gcs_autotune.axes import excitation_of, position_axis
 from gcs_autotune.craft import Observation
-from gcs_autotune.design import style_of
+from gcs_autotune.design import STYLES, style_of
 from gcs_autotune.manoeuvres import FAR_OUT, NEARLY, Envelope
 from gcs_autotune.observer import Intention
 from gcs_autotune.sname import DOFS
@@ -20,7 +20,7 @@ from gcs_autotune.workflow.excursion import (
 )
 from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, WORKING_DEPTH
 from gcs_autotune.workflow.itinerary import Itinerary
-from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
+from gcs_autotune.workflow.settings import PATIENCE, CommonSettings, TuneSettings
 
 __all__ = [
     "after_a_silence",
@@ -172,22 +172,24 @@ def styled(name: str, *, designs: bool = True) -> Intention:
     if designs:
         margins = f"gain margin {style.gain_margin:.3g}, phase margin {math.degrees(style.phase_margin):.0f} deg"
         brief = f"{name}: bandwidth {100.0 * style.bandwidth:.0f} %, {margins}"
-        return Intention(f"design for style {name}: {style}", "Style", brief)
+        return _unless_usual(style == STYLES["normal"], f"design for style {name}: {style}", "Style", brief)
     told = f"an error up to {style.slower:.2g} times as large is accepted if the actuator travels clearly less"
     return Intention(f"compare by style {name}: {told}", "Style", f"{name}: {told}")
 
 
 def in_modes(modes: Sequence[str], back: str, when: str) -> Intention:
-    """Return a sentence on the *modes* that are used, at least one, and on *back*, the mode to return to.
+    """Return a sentence on the *modes* that are used, at least one, and on *back*, the mode to return to. Its brief
+    text is for the row that also announces the arming.
 
     when : when the vehicle returns, as text.
     """
     *others, last = modes
     used = f"{', '.join(others)}{' and ' if others else ''}{last}"
     if list(modes) == [back]:
-        return Intention(f"stay in mode {back}", "Modes", f"{back}, as now")
-    text = f"use mode{'s' * bool(others)} {used}, and return to {back} {when}"
-    return Intention(text, "Modes", f"{used}; {back} {when}")
+        return Intention(f"stay in mode {back}", brief=f"mode {back}, as now", is_usual=True)
+    plural = "s" * bool(others)
+    text = f"use mode{plural} {used}, and return to {back} {when}"
+    return Intention(text, brief=f"mode{plural} {used}; {when} {back}", is_usual=True)
 
 
 def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention, ...]:
@@ -202,7 +204,12 @@ def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[Intention
     if not armed:
         text += ", and arm the vehicle again if it was disarmed, after asking"
         brief += "; asks to rearm"
-    return (Intention(text, "Link", brief),)
+    return (_unless_usual(settings.patience == PATIENCE, text, "Link", brief),)
+
+
+def _unless_usual(is_usual: bool, text: str, row: str, brief: str) -> Intention:
+    """Return an intention that has a row only if it differs from the usual one."""
+    return Intention(text, brief=brief, is_usual=True) if is_usual else Intention(text, row, brief)
 
 
 def some_of(names: Sequence[str], *, asks: bool, every: bool = False) -> tuple[str, str]:

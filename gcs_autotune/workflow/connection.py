@@ -53,10 +53,16 @@ LEAST_WATCHING: Mapping[str, float] = {"ATTITUDE": 1.0, "SERVO_OUTPUT_RAW": 1.0}
 """Message -> lowest rate [Hz] at which a craft can be watched."""
 
 
-def arming(craft: MavlinkCraft) -> Intention:
-    """Return a warning of what happens at arming: steering thrusters produce thrust during their check."""
+def arming(craft: MavlinkCraft, modes: str = "") -> Intention:
+    """Return a warning of what happens at arming: steering thrusters produce thrust during their check.
+
+    modes : the modes of the run, for the same row of the announcement; empty: arming alone.
+    """
     armed = "leave the vehicle armed" if craft.armed else "arm the vehicle, and disarm it at the end"
-    brief = "no, the vehicle is armed already" if craft.armed else "yes, and disarms at the end"
+    if modes:
+        brief = f"armed already; {modes}" if craft.armed else f"yes; {modes}, disarmed"
+    else:
+        brief = "no, the vehicle is armed already" if craft.armed else "yes, and disarms at the end"
     steers_by_thrust = craft.skid or not craft.firmware.needs_way
     twitched = "turning thrusters" if steers_by_thrust else "steering"
     without = "" if steers_by_thrust else ", without thrust,"

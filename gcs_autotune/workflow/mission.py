@@ -200,11 +200,12 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
     """
     craft = visit.craft
     visit.log.itinerary = mission.itinerary
+    modes = in_modes(mission.modes, craft.mode, "at the end")
     visit.log.announce(
         Intentions(
             (
-                arming(craft),
-                in_modes(mission.modes, craft.mode, "at the end"),
+                arming(craft, modes.brief),
+                modes,
                 Intention(f"move: {mission.movements}", "Moves", mission.moves_briefly or mission.movements),
                 *mission.needs,
                 *after_a_silence(visit.common, armed=craft.armed),

@@ -29,6 +29,9 @@ known as well.
 """
 
 
+PATIENCE = 60.0
+"""Usual longest silence [s] of the vehicle after which a run continues. Project choice."""
+
 _COMMON_NUMBERS = ("throttle", "speed", "delay", "control_rate", "patience")
 _TUNE_NUMBERS = (
     *("step", "step_duration", "relay_output", "relay_hysteresis", "settling_time", "omega_0", "full_scale"),
@@ -106,7 +109,7 @@ class CommonSettings:
     structure: Structure | None = None
     delay: float | None = None
     control_rate: float | None = None
-    patience: float = 60.0
+    patience: float = PATIENCE
     resume: Path | None = None
     fetch_log: bool = False
     envelope: Envelope = field(default_factory=Envelope)

@@ -253,7 +253,12 @@ class _Job:
         craft, settings = visit.craft, self._settings
         flown = [step for step in steps if step.ending == "open"]
         back = ", with a return to the start in between" if craft.firmware.needs_way else ""
-        yield replace(arming(craft), text=f"{arming(craft).text}, for each step")
+        used = sorted({mode for mission in left.values() for mode in mission.modes})
+        modes = in_modes(used, craft.mode, "after each step") if used else None  # None: only rechecks are left
+        armed = arming(craft, "" if modes is None else modes.brief)
+        yield replace(armed, text=f"{armed.text}, for each step")
+        if modes is not None:
+            yield modes
         order = ", ".join(step.name for step in flown)
         yield Intention(f"tune in this order: {order}{back}", "Order", order)
         for step in steps:
@@ -282,9 +287,6 @@ class _Job:
         )
         brief = written if settings.dry_run else "gains, without asking again; only better ones stay"
         yield Intention(f"write {written}", "Writes", brief)
-        used = sorted({mode for mission in left.values() for mode in mission.modes})
-        if used:  # not if only rechecks are left
-            yield in_modes(used, craft.mode, "after each step")
 
     def _done(self, craft: MavlinkCraft) -> dict[str, JobStep]:
         """Return the finished steps of the job that is resumed; check that its vehicle has not changed since.

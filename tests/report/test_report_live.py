@@ -145,11 +145,12 @@ def test_a_message_before_any_progress_is_a_plain_line(terminal):
 
 
 def test_a_job_step_announces_only_what_is_new():
-    style, space = Intention("design for style normal", "Style", "normal"), Intention("need 2 m", "Space", "2 m")
+    style, space = Intention("design for style quick", "Style", "quick"), Intention("need 2 m", "Space", "2 m")
     again = Intention("continue if messages stop")
+    usual = Intention("design for style normal", is_usual=True)
     observer, out, _ = _observer(terminal=True)
     for writes in ("gains of two loops", "some of ATC_ANG_YAW_P", "some of PSC_POSZ_P"):
-        step = Intentions((style, space, again, Intention(f"write {writes}", "Writes", writes)))
+        step = Intentions((style, space, again, usual, Intention(f"write {writes}", "Writes", writes)))
         observer.say("link: sitl:bluerov2")
         observer.note(step)
         for text in step.texts:
@@ -159,6 +160,7 @@ def test_a_job_step_announces_only_what_is_new():
         assert shown.count(once) == 1
     assert shown.count("Writes") == 3
     assert "will write" not in shown
+    assert "style normal" not in shown
 
 
 def test_a_command_to_copy_stays_on_one_line():

@@ -216,7 +216,8 @@ class TerminalObserver:
             self.say(f"vehicle message: {quoted([fact.text])}")
 
     def _announce(self, intentions: Intentions) -> None:
-        """Show a table, one row per intention with its brief. The sentences of these rows are then not repeated.
+        """Show a table, one row per intention with its brief. The sentences of these rows are then not repeated,
+        and those of usual intentions are left out.
 
         An intention that was announced before, for the whole job, is not shown again.
         """
@@ -230,7 +231,8 @@ class TerminalObserver:
         for each in rows:
             table.add_row(Text(each.row), Text(self._typeset(each.brief)))
         self._console.print(table)
-        self._shown |= {f"will {each.text}" for each in (*known, *rows)}
+        usual = (each for each in intentions.each if each.is_usual)
+        self._shown |= {f"will {each.text}" for each in (*known, *rows, *usual)}
         self._announced |= {each.brief or each.text for each in intentions.each}
 
     def close(self) -> None:
