@@ -105,6 +105,7 @@ def test_figures_read_from_the_run_directory_agree_with_a_run_without_noise(
     assert read["heading"] == pytest.approx(20.0 * DEG, abs=1.5 * DEG)
 
 
+@pytest.mark.slow
 def test_identify_recovers_the_hidden_model_from_the_run_directory(
     charlie: tuple[SitlHarness, Any],
 ) -> None:

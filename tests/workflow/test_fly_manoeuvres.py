@@ -27,6 +27,7 @@ def read(run: Any) -> dict[str, float]:
     return {f.slug: f.reading.value for sheet in ship_figures(run) for f in sheet.figures}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "vehicle", "options", "slugs"),
     [
