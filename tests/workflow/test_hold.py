@@ -180,7 +180,7 @@ def test_the_report_contains_gains_margins_and_the_limit_of_the_loop(flights: Fl
 @pytest.mark.parametrize("vehicle", ["videoray-lasers", "videoray-beams"])
 def test_an_rov_before_a_wall_is_tuned_end_to_end_and_keeps_its_distance(vehicle: str, tmp_path: Path) -> None:
     """Algorithm 8.5 on the VideoRay with two laser distances, or two beams that look aside."""
-    harness = SitlHarness(tmp_path, vehicle)
+    harness = SitlHarness(tmp_path, vehicle, **SLOW_LOOP)
     settings = HoldSettings("distance", harness.settings("heading"))
     found = hold(settings, Unattended(), Ear(harness.said), WHEN)
     assert isinstance(found, HeldDistance)
