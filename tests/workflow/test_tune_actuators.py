@@ -194,6 +194,7 @@ def test_a_pull_test_in_pulses_gives_trim_and_end_points(tmp_path: Path) -> None
     harness.assert_as_found()
 
 
+@pytest.mark.slow
 def test_an_experiment_uses_the_thrust_curve_of_a_pull_test(tmp_path: Path) -> None:
     harness = boat(tmp_path)
     curve = np.sign(LEVELS) * (0.7 * np.abs(LEVELS) + 0.3 * LEVELS**2)
