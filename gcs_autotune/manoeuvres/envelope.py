@@ -111,17 +111,23 @@ class Guard:
     def share(self, envelope: Envelope, anchor: Observation, now: Observation) -> float:
         """Return the used fraction of the limit; 0 if it does not apply, ``inf`` if value or limit is NaN."""
         pair = self.measure(envelope, anchor, now)
-        if pair is None:
+        if pair is None or self._never_trips(pair[1]):
             return 0.0
         value, limit = pair
-        if limit == math.inf or (self.below and limit == 0.0):
-            return 0.0
         holds = value >= limit if self.below else value <= limit
         if not (holds and math.isfinite(value)):
             return math.inf
         if self.below:
             return limit / value
         return value / limit if limit > 0.0 else 0.0
+
+    def applies(self, envelope: Envelope, now: Observation) -> bool:
+        """Return whether *envelope* has a limit that can trip; it depends on no value of *now*."""
+        pair = self.measure(envelope, now, now)
+        return pair is not None and not self._never_trips(pair[1])
+
+    def _never_trips(self, limit: float) -> bool:
+        return limit == math.inf or (self.below and limit == 0.0)
 
     def is_known(self, envelope: Envelope, anchor: Observation, now: Observation) -> bool:
         """Return whether the guarded signal exists."""
@@ -183,7 +189,8 @@ class Watch:
         self.envelope = envelope
         self.anchor = anchor if home is None else replace(anchor, x=home.x, y=home.y)
         began = (anchor,) if home is None else (anchor, home)
-        self._known = {g.name for g in GUARDS if any(g.is_known(envelope, o, o) for o in began)}
+        self._guards = [g for g in GUARDS if g.applies(envelope, anchor)]
+        self._known = {g.name for g in self._guards if any(g.is_known(envelope, o, o) for o in began)}
 
     @property
     def room(self) -> Room:
@@ -256,7 +263,7 @@ class Watch:
         """
         self._anchor_late(now)
         nearest, most = "", 0.0
-        for guard in GUARDS:
+        for guard in self._guards:
             if guard.name not in self._known:
                 if not guard.is_known(self.envelope, self.anchor, now):
                     continue

@@ -248,13 +248,13 @@ class _NominalMotion:
         """Advance by *seconds* [s], one control tick."""
         o, h, late, turn = self._output, seconds / INSIDE, self._late, self._plant.yaw.acceleration
         forces = (("X", o.X), ("Y", o.Y), ("Z", o.Z))
-        driven = {force: law for force, tau in forces if (law := _law(self._command, self._plant, force, tau))}
         psi, r, x, y, z, along = self._psi, self._r, self._x, self._y, self._z, self._along
+        driven = [(f, law) for f, tau in forces if (law := _law(self._command, self._plant, f, tau, along[f]))]
         for _ in range(INSIDE):
             late.append(o.N)
             r += h * turn(r, late.popleft())
             psi += h * r
-            for force, law in driven.items():
+            for force, law in driven:
                 along[force] += h * law(along[force], z)
             for force, (angle, rate) in self._tilt.items():
                 if isinstance(self._command, HeadingTarget):
@@ -352,16 +352,20 @@ def _steered(command: Command, craft: NominalPlant, psi: float, r: float, u: flo
     return Actuate(X=thrust, N=max(-1.0, min(1.0, N)))
 
 
-def _law(command: Command, craft: NominalPlant, force: str, tau: float) -> Callable[[float, float], float] | None:
+def _law(
+    command: Command, craft: NominalPlant, force: str, tau: float, nu: float
+) -> Callable[[float, float], float] | None:
     """Return the acceleration [m/s^2] along *force* as a function of velocity and depth. None: it stays zero.
 
     The autopilot's own depth or speed loop acts if *command* is for it, otherwise the output *tau*. Without a model the
-    craft moves ahead at its speed, or not at all.
+    craft moves ahead at its speed, or not at all. *nu* is the present velocity: a craft at rest without a force stays
+    at rest.
     """
     if force == "Z" and isinstance(command, DepthTarget):
         return lambda nu, z: 2.0 * LOOP_RATE * (LOOP_RATE * (command.z - z) - nu)
     if model := craft.others.get(force):
-        return lambda nu, z: model.acceleration(nu, tau)
+        at_rest = nu == 0.0 and tau + model.delta == 0.0
+        return None if at_rest else lambda nu, z: model.acceleration(nu, tau)
     if force != "X":
         return None
     speed = command.speed if isinstance(command, HeadingTarget) else craft.speed if tau > 0.0 else 0.0

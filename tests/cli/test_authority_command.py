@@ -29,6 +29,7 @@ def words(tmp_path: Path) -> list[str]:
     return ["authority", *models, "--parameters", str(tmp_path / "boat.param")]
 
 
+@pytest.mark.slow
 def test_page_parameters_and_rules_are_written(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

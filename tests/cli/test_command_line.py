@@ -237,6 +237,7 @@ def test_ctrl_c_ends_the_process_cleanly_with_code_130(tmp_path):
     assert summary["differences"] == {}
 
 
+@pytest.mark.slow
 def test_params_are_saved_and_restored_through_files(capsys, tmp_path):
     path = tmp_path / "all.param"
     assert run(capsys, "params", "save", path, "--connect", "sitl:charlie")[0] == 0

@@ -35,6 +35,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     return capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_gains_for_ardurover_are_printed_with_the_defaults_saved_and_shown_on_a_page(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     model = written(tmp_path / "boat.json", YAW)
@@ -213,6 +214,7 @@ def test_the_default_line_design_matches_hold(capsys, tmp_path):
     assert found["guidance"] == LAWS[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("loop", "more"), [("heading", ("--speed", "1.2")), ("heading", ("--own",))])
 def test_a_gentle_loop_has_wider_margins_and_about_half_the_bandwidth(capsys, tmp_path, loop, more):
     model = written(tmp_path / "boat.json", YAW)

@@ -70,6 +70,7 @@ def test_a_hidden_dead_zone_is_identified_and_three_files_are_written(found):
     assert f"--model {found}/model.json" in page
 
 
+@pytest.mark.slow
 def test_the_extended_model_explains_the_runs_it_was_made_for(capsys, runs, found):
     code, out, _ = run(
         capsys, "diagnose", runs[2], "--model", found / "model.json", "--effects", "input-bias", "--json"
@@ -147,6 +148,7 @@ def test_json_is_the_only_output_and_nothing_is_written(capsys, tmp_path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_without_out_the_folder_is_named_after_the_first_run(capsys, tmp_path, monkeypatch, runs):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "diagnose", runs[0], runs[1], *FAST)

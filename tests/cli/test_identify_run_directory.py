@@ -13,6 +13,7 @@ from gcs_autotune.cli import main
 WIDTH = 0.05
 
 
+@pytest.mark.slow
 def test_runs_fitted_with_effects_are_fitted_with_them_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -98,6 +98,7 @@ def test_a_wrong_parameter_of_a_supplied_model_comes_first() -> None:
 
 
 @pytest.mark.parametrize("name", STORIES)
+@pytest.mark.usefixtures("words_only")
 def test_terminal_and_page_begin_with_the_lead(name: str) -> None:
     reported = STORIES[name]()
     lead = lead_sentence(reported)
@@ -113,6 +114,7 @@ def test_the_first_figure_comes_before_the_verdict() -> None:
     assert page.index('class="lead') < page.index("<svg") < page.index('class="verdict')
 
 
+@pytest.mark.usefixtures("words_only")
 def test_a_hint_is_shown_with_its_evidence_and_the_deciding_test_in_all_outputs() -> None:
     reported = replace(unexplained(), hints=(HINT,))
     words = {note.label: note.text for note in hint_notes(reported, HINT)}

@@ -173,6 +173,7 @@ def test_an_aborted_tune_reports_the_reason_and_leaves_out_unknown_results(pages
         assert absent not in text
 
 
+@pytest.mark.usefixtures("words_only")
 def test_an_abort_after_the_push_does_not_claim_that_the_old_gains_are_back():
     story = replace(stories.kept(), ending="aborted", reason="link lost", kept=None, parameters_after={})
     text = Page(stories.page_of(story)).text
@@ -180,6 +181,7 @@ def test_an_abort_after_the_push_does_not_claim_that_the_old_gains_are_back():
     assert "No parameter was written" not in text
 
 
+@pytest.mark.usefixtures("words_only")
 def test_gains_proved_better_before_a_late_abort_are_reported_as_changed():
     story = replace(stories.kept(), ending="aborted", reason="the mode could not be restored")
     text = Page(stories.page_of(story)).text
@@ -187,11 +189,13 @@ def test_gains_proved_better_before_a_late_abort_are_reported_as_changed():
     assert "Changed on the vehicle, verified by reading back: ATC_RAT_YAW_P" in text
 
 
+@pytest.mark.usefixtures("words_only")
 def test_parameters_that_were_not_restored_are_listed():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_ANG_YAW_P": 1.82})
     assert "NOT RESTORED: ATC_ANG_YAW_P" in Page(stories.page_of(story)).text
 
 
+@pytest.mark.usefixtures("words_only")
 def test_parameters_changed_by_the_vehicle_are_reported_as_such():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_SLEW_YAW": 99.0})
     text = Page(stories.page_of(story)).text
@@ -199,6 +203,7 @@ def test_parameters_changed_by_the_vehicle_are_reported_as_such():
     assert "The vehicle itself, not this tool, changed ATC_SLEW_YAW." in text
 
 
+@pytest.mark.usefixtures("words_only")
 def test_kept_gains_unstable_within_the_uncertainty_are_not_green():
     story = replace(stories.kept(), proposal=stories.proposal(worst_stable=False))
     assert 'class="verdict bad"' in stories.page_of(story)

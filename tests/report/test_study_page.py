@@ -40,14 +40,18 @@ def study() -> Study:
     return Study("Identification of yaw", "2026-11-21T10:00:00", (row,), outcomes, how_unseen="Predicted.")
 
 
-def test_the_page_is_reproducible_and_loads_no_external_resources(study: Study) -> None:
-    page = to_html(study_document(study))
+@pytest.fixture(scope="module")
+def page(study: Study) -> str:
+    return to_html(study_document(study))
+
+
+def test_the_page_is_reproducible_and_loads_no_external_resources(study: Study, page: str) -> None:
     assert page == to_html(study_document(study))
     assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", page)
     assert Page(page).runs_only_ours
 
 
-def test_the_page_is_well_formed_and_names_are_escaped(study: Study) -> None:
+def test_the_page_is_well_formed_and_names_are_escaped(page: str) -> None:
     open_tags: list[str] = []
 
     class Reader(HTMLParser):
@@ -60,13 +64,13 @@ def test_the_page_is_well_formed_and_names_are_escaped(study: Study) -> None:
                 while open_tags.pop() != tag:
                     pass
 
-    Reader().feed(to_html(study_document(study)))
+    Reader().feed(page)
     assert open_tags == []
-    assert "run &lt;1&gt;" in to_html(study_document(study))
+    assert "run &lt;1&gt;" in page
 
 
-def test_page_and_terminal_show_value_check_and_refusal(study: Study) -> None:
-    for text in (to_html(study_document(study)), render_text(study_document(study))):
+def test_page_and_terminal_show_value_check_and_refusal(study: Study, page: str) -> None:
+    for text in (page, render_text(study_document(study))):
         assert "alpha_r" in text
         assert "no relay here" in text
         assert "held-out" in text
@@ -86,14 +90,13 @@ def test_a_fit_plots_itself_in_a_notebook(study: Study) -> None:
     assert any("model" in (line.get_label() or "") for line in figure.axes[0].lines)
 
 
-def test_the_page_plots_the_input_under_every_fit_and_the_track(study: Study) -> None:
+def test_the_page_plots_the_input_under_every_fit_and_the_track(study: Study, page: str) -> None:
     run = trial()
     t = run["r"].t
     gone = {"x": Channel("x", "m", t, 0.5 * t), "y": Channel("y", "m", t, 0.1 * t)}
-    bare = to_html(study_document(study))
-    page = to_html(study_document(replace(study, trials=(replace(run, channels={**run.channels, **gone}),))))
-    assert sum(figure.count("N [N m]") for figure in re.findall(r"<svg.*?</svg>", page, re.DOTALL)) == 2
-    assert "east [m]; circle: start, square: end" in page
-    assert "N [N m]" not in bare
-    assert "circle: start" not in bare
-    assert "95 % interval [% of value]" in bare
+    full = to_html(study_document(replace(study, trials=(replace(run, channels={**run.channels, **gone}),))))
+    assert sum(figure.count("N [N m]") for figure in re.findall(r"<svg.*?</svg>", full, re.DOTALL)) == 2
+    assert "east [m]; circle: start, square: end" in full
+    assert "N [N m]" not in page
+    assert "circle: start" not in page
+    assert "95 % interval [% of value]" in page

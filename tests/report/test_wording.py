@@ -104,6 +104,7 @@ def study(found: AxisFit, unseen: float) -> Study:
 
 
 @pytest.mark.parametrize("unseen", [81.0, -15.0])
+@pytest.mark.usefixtures("words_only")
 def test_terminal_and_page_show_one_verdict_and_the_terminal_shows_it_last(found: AxisFit, unseen: float) -> None:
     judged = study(found, unseen)
     verdict = verdict_of(judged.fit, judged.answer.unseen)

@@ -107,10 +107,24 @@ TRUTH = {"alpha_r": 16.361, "beta_r": 4.909}
 FIRST = "first self-oscillation"
 
 
-@pytest.mark.parametrize("rate", [0.0, SLOW])
-def test_a_boat_is_identified_from_the_log_of_its_script(tmp_path, rate):
-    harness = Scripted(tmp_path, rate=rate)
-    fit = harness.aboard()
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    harness = Scripted(tmp_path_factory.mktemp("flown"))
+    return harness, harness.aboard()
+
+
+@pytest.mark.slow
+def test_a_boat_is_identified_from_the_log_of_its_script(flown):
+    assert_identified(*flown)
+
+
+@pytest.mark.slow
+def test_a_boat_on_a_slow_link_is_identified_from_the_log_of_its_script(tmp_path):
+    harness = Scripted(tmp_path, rate=SLOW)
+    assert_identified(harness, harness.aboard())
+
+
+def assert_identified(harness, fit):
     for name, truth in TRUTH.items():
         assert fit.parameters[name].value == pytest.approx(truth, rel=0.02)
     harness.assert_gone()
@@ -124,9 +138,9 @@ def test_a_boat_is_identified_from_the_log_of_its_script(tmp_path, rate):
     assert (relay.ending, second.ending, step.ending) == ("completed",) * 3
 
 
-def test_the_run_and_its_log_alone_can_be_identified(tmp_path, capsys):
-    harness = Scripted(tmp_path, "blueboat")
-    fit = harness.aboard()
+@pytest.mark.slow
+def test_the_run_and_its_log_alone_can_be_identified(flown, capsys):
+    harness, fit = flown
     capsys.readouterr()
     for source in (harness.directory, harness.directory / "onboard-1.bin"):
         assert main(["identify", str(source), "--dof", "yaw", "--structure", fit.structure, "--json"]) == 0
@@ -134,6 +148,7 @@ def test_the_run_and_its_log_alone_can_be_identified(tmp_path, capsys):
         assert found["alpha_r"]["value"] == pytest.approx(fit.parameters["alpha_r"].value, rel=0.05)
 
 
+@pytest.mark.slow
 def test_an_rov_with_a_late_position_estimate_is_identified_in_depth(tmp_path):
     harness = Scripted(tmp_path, "falcon", SCHED_LOOP_RATE=100.0)
     harness.host.has_position = False
@@ -144,6 +159,7 @@ def test_an_rov_with_a_late_position_estimate_is_identified_in_depth(tmp_path):
     harness.assert_restored()
 
 
+@pytest.mark.slow
 def test_a_silent_link_does_not_end_the_script(tmp_path):
     harness = Scripted(tmp_path, SIM_RC_FAIL=0)
     harness.when(FIRST, lambda: setattr(harness.card, "lost_until", harness.vehicle.seconds + 12.0))

@@ -178,6 +178,7 @@ def test_a_completed_plan_is_evaluated_again_without_asking_or_moving(tmp_path: 
     assert {model.fit.dof for model in result.models} == {"heave", "yaw"}
 
 
+@pytest.mark.slow
 def test_the_conditions_are_met_before_each_run(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     text = "[conditions]\ncalm = true\nmin-depth = 3.0\n[[run]]\nmanoeuvre = 'doublets'\nduration = 6\nsteering = 0.3\n"

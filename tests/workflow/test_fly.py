@@ -18,7 +18,7 @@ from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.seatrials import ship_figures
 from gcs_autotune.workflow import FlySettings, Unattended, fly
 
-from .sitl_harness import WHEN, Answers, Ear, SitlHarness
+from .sitl_harness import SLOW_LOOP, WHEN, Answers, Ear, SitlHarness
 
 DEG = math.pi / 180.0
 PAIR = {"heading": 20.0 * DEG, "rudder": 20.0 * DEG, "full-rudder": 30.0 * DEG}
@@ -105,6 +105,7 @@ def test_figures_read_from_the_run_directory_agree_with_a_run_without_noise(
     assert read["heading"] == pytest.approx(20.0 * DEG, abs=1.5 * DEG)
 
 
+@pytest.mark.slow
 def test_identify_recovers_the_hidden_model_from_the_run_directory(
     charlie: tuple[SitlHarness, Any],
 ) -> None:
@@ -144,7 +145,7 @@ def test_everything_is_announced_and_the_vehicle_is_restored(charlie: tuple[Sitl
 
 
 def test_an_rov_flies_a_zig_zag_with_its_yaw_moment_and_holds_its_depth(tmp_path: Path) -> None:
-    harness = SitlHarness(tmp_path, "bluerov2")
+    harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     result = flown(harness, SHARE, side=-1)
     first = next(m for m in result.trial.marks if m.kind == "execute")
     assert first.detail["N"] == -0.6

@@ -80,6 +80,7 @@ def test_the_vehicles_own_fence_is_read_and_monitored(tmp_path: Path) -> None:
         fly(rock, None)
 
 
+@pytest.mark.slow
 def test_a_fence_that_the_vehicle_does_not_report_is_mentioned(tmp_path: Path) -> None:
     def silent(t: float, message: Any) -> list[Any]:
         return [] if message.get_type() == "MISSION_COUNT" else [message]

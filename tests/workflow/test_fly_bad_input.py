@@ -34,6 +34,7 @@ def test_a_spiral_without_enough_space_is_refused_before_arming_with_a_feasible_
     assert not harness.vehicle.autopilot.armed
 
 
+@pytest.mark.slow
 def test_a_stalling_rudder_ends_the_zig_zag_with_the_advice_to_use_less(tmp_path: Path) -> None:
     stalls = make_effect("rudder-stall", "yaw", {"angle": 0.25, "drop": 1.0})
     harness = SitlHarness(tmp_path, effects=[stalls])

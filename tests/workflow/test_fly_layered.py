@@ -16,7 +16,7 @@ from gcs_autotune.plain_json import json_text
 from gcs_autotune.workflow import FlightPlan, FlightResult, FlySettings, Unattended, fly_plan, load_flight_plan
 from gcs_autotune.workflow import load_models as models_in
 
-from .sitl_harness import WHEN, Ear, SitlHarness
+from .sitl_harness import SLOW_LOOP, WHEN, Ear, SitlHarness
 from .test_fly_area import square
 
 BLUEBOAT = {"yaw": SingleDof("yaw", "1", 4.1, 1.2, 1.9, delay=0.05)}
@@ -62,7 +62,7 @@ def assert_as_before(harness: SitlHarness) -> None:
 
 @pytest.mark.slow
 def test_a_craft_without_a_model_is_identified_and_then_hovers(tmp_path: Path) -> None:
-    harness = SitlHarness(tmp_path, "bluerov2-sway")
+    harness = SitlHarness(tmp_path, "bluerov2-sway", **SLOW_LOOP)
     result = flown(harness, "hover", options={"duration": 15.0})
     found = figures(result)
     assert found["target-rms"] < 0.1

@@ -27,6 +27,7 @@ def read(run: Any) -> dict[str, float]:
     return {f.slug: f.reading.value for sheet in ship_figures(run) for f in sheet.figures}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "vehicle", "options", "slugs"),
     [
@@ -56,6 +57,7 @@ def test_saturated_thrusters_are_reported(tmp_path: Path) -> None:
     assert "at the output" in result.remarks[0]
 
 
+@pytest.mark.slow
 def test_a_turn_that_is_not_completed_is_reported_and_the_record_is_kept(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with pytest.raises(NotAchieved, match="Use more helm"):

@@ -25,6 +25,7 @@ def heaved(tmp_path: Path, name: str, vehicle: str = "bluerov2", **more: Any) ->
     return harness, flown(harness, options, name, force="Z", **more)
 
 
+@pytest.mark.slow
 def test_heave_of_default_size_is_reduced_to_stay_within_the_depth_limit(tmp_path: Path) -> None:
     harness, result = heaved(tmp_path, "free-decay")
     announced = [text for text in harness.said if "is reduced to" in text]

@@ -130,6 +130,7 @@ def test_all_parameters_of_a_roll_model_are_recovered_and_survive_a_file(tmp_pat
     assert validate(found.model, run).fit_percent > 98.0
 
 
+@pytest.mark.slow
 def test_a_decay_held_by_weak_thrusters_does_not_bias_the_model_of_a_relay() -> None:
     runs = [synthetic(TRUTH), decay(TRUTH, 0.3, 0.4)]
     found = fit_axis(runs).model

@@ -31,6 +31,30 @@ def held(
     return found
 
 
+class Flights(dict[tuple[str, str], tuple[SitlHarness, HeldLoop]]):
+    """Vehicle and axis -> the vehicle and its flight, each flown when first asked for."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __missing__(self, case: tuple[str, str]) -> tuple[SitlHarness, HeldLoop]:
+        vehicle, axis = case
+        loop = SLOW_LOOP if vehicle in ("videoray", "bluerov2") else {}
+        harness = SitlHarness(self._folder / "-".join(case), vehicle, **loop)
+        self[case] = harness, held(harness, axis)
+        return self[case]
+
+    def models(self, vehicle: str, axis: str) -> tuple[ModelFile, ...]:
+        """Return the models identified in a flight."""
+        harness, _ = self[vehicle, axis]
+        return load_models(harness.directory)
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> Flights:
+    return Flights(tmp_path_factory.mktemp("held"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("vehicle", "axis"),
@@ -43,9 +67,8 @@ def held(
         ("bluerov2", "depth"),
     ],
 )
-def test_every_vehicle_follows_its_reference_model(vehicle: str, axis: str, tmp_path: Path) -> None:
-    harness = SitlHarness(tmp_path, vehicle)
-    found = held(harness, axis)
+def test_every_vehicle_follows_its_reference_model(vehicle: str, axis: str, flights: Flights) -> None:
+    harness, found = flights[vehicle, axis]
     assert found.follows
     assert found.design.margins.vector >= 0.5
     assert found.design.bound[0] < found.design.bound[1]
@@ -70,29 +93,27 @@ def test_a_supplied_model_replaces_the_experiments(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_model_from_a_file_replaces_the_relays(tmp_path: Path) -> None:
-    first = SitlHarness(tmp_path / "first", "blueboat")
-    held(first, "heading")
-    again = SitlHarness(tmp_path / "again", "blueboat")
-    found = held(again, "heading", models=load_models(first.directory))
+def test_a_model_from_a_file_replaces_the_relays(flights: Flights, tmp_path: Path) -> None:
+    again = SitlHarness(tmp_path, "blueboat")
+    found = held(again, "heading", models=flights.models("blueboat", "heading"))
     assert found.follows
     assert "relay-1" not in " ".join(again.said)
 
 
 @pytest.mark.slow
-def test_a_required_bandwidth_is_used_and_held_for_the_required_time(tmp_path: Path) -> None:
+def test_a_required_bandwidth_is_used_and_held_for_the_required_time(flights: Flights, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
-    found = held(harness, "heading", seconds=15.0, omega_0=0.8)
+    found = held(harness, "heading", seconds=15.0, omega_0=0.8, models=flights.models("blueboat", "heading"))
     assert found.design.wanted.omega_0 == pytest.approx(0.8)
     assert "own-hold: completed, held for 15 s" in " ".join(harness.said)
     assert found.metrics.rise > 2.0
 
 
 @pytest.mark.slow
-def test_a_loop_that_is_too_fast_is_refused_with_the_fastest_possible(tmp_path: Path) -> None:
+def test_a_loop_that_is_too_fast_is_refused_with_the_fastest_possible(flights: Flights, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     with pytest.raises(NoGainsMeetSpec, match=r"too fast: .* The fastest that is possible is"):
-        held(harness, "heading", omega_0=20.0)
+        held(harness, "heading", omega_0=20.0, models=flights.models("blueboat", "heading"))
     harness.assert_neutral()
     assert not harness.vehicle.autopilot.armed
 
@@ -111,9 +132,11 @@ def line(harness: SitlHarness, **changes: Any) -> HeldLine:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("guidance", ["indirect", "direct", "integral", "adaptive"])
-def test_a_boat_follows_a_line_with_every_guidance_law(guidance: str, tmp_path: Path) -> None:
+def test_a_boat_follows_a_line_with_every_guidance_law(guidance: str, flights: Flights, tmp_path: Path) -> None:
+    """The first law on a boat that is identified for it, the others with the model of another flight."""
     harness = SitlHarness(tmp_path, "blueboat")
-    found = line(harness, guidance=guidance, offset=-6.0)
+    models = () if guidance == "indirect" else flights.models("blueboat", "heading")
+    found = line(harness, guidance=guidance, offset=-6.0, models=models)
     assert found.follows
     assert found.figures.rms < 0.3
     assert found.figures.overshoot < 1.5
@@ -124,9 +147,14 @@ def test_a_boat_follows_a_line_with_every_guidance_law(guidance: str, tmp_path: 
 
 
 @pytest.mark.slow
-def test_a_rudder_boat_far_from_the_line_keeps_its_approach_angle(tmp_path: Path) -> None:
+def test_a_rudder_boat_far_from_the_line_keeps_its_approach_angle(flights: Flights, tmp_path: Path) -> None:
     found = line(
-        SitlHarness(tmp_path, "charlie"), guidance="direct", offset=20.0, length=130.0, approach=math.radians(30.0)
+        SitlHarness(tmp_path, "charlie"),
+        guidance="direct",
+        offset=20.0,
+        length=130.0,
+        approach=math.radians(30.0),
+        models=flights.models("charlie", "heading"),
     )
     assert found.follows
     assert math.degrees(found.figures.approach) < 35.0
@@ -140,8 +168,8 @@ def test_an_rov_cannot_follow_a_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_report_contains_gains_margins_and_the_limit_of_the_loop(tmp_path: Path) -> None:
-    found = held(SitlHarness(tmp_path, "videoray"), "depth")
+def test_the_report_contains_gains_margins_and_the_limit_of_the_loop(flights: Flights) -> None:
+    _, found = flights["videoray", "depth"]
     page = to_html(hold_document(found, "Hold: depth", WHEN))
     for words in ("K_P", "phase margin", "The loop cannot be faster because"):
         assert words in page
@@ -152,7 +180,7 @@ def test_the_report_contains_gains_margins_and_the_limit_of_the_loop(tmp_path: P
 @pytest.mark.parametrize("vehicle", ["videoray-lasers", "videoray-beams"])
 def test_an_rov_before_a_wall_is_tuned_end_to_end_and_keeps_its_distance(vehicle: str, tmp_path: Path) -> None:
     """Algorithm 8.5 on the VideoRay with two laser distances, or two beams that look aside."""
-    harness = SitlHarness(tmp_path, vehicle)
+    harness = SitlHarness(tmp_path, vehicle, **SLOW_LOOP)
     settings = HoldSettings("distance", harness.settings("heading"))
     found = hold(settings, Unattended(), Ear(harness.said), WHEN)
     assert isinstance(found, HeldDistance)

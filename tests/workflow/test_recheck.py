@@ -138,6 +138,7 @@ def test_uninformative_sizes_are_halved_and_flown_again_without_a_good_verdict(t
     assert '<div class="verdict neutral">' in (harness.directory / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_limit_that_a_recheck_cannot_keep_is_refused_before_arming(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with pytest.raises(PreconditionFailed, match=r"needs \d+ m, but the limit --max-distance is 30 m"):

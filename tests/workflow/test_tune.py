@@ -14,6 +14,7 @@ from gcs_autotune.mavlink import load_params, read_tlog
 from gcs_autotune.trial import load_trial
 from sitl.effects import parse_effect
 
+from .conftest import taken_plainly
 from .sitl_harness import QUICK, SLOW_LOOP, Answers, SitlHarness
 
 
@@ -161,13 +162,23 @@ def test_the_journal_is_settled_in_the_end(tuned):
     assert state.debts == {}
 
 
+def with_supplied_sizes(folder):
+    harness = SitlHarness(folder, "automarine", **SLOW_LOOP)
+    sizes = {"relay_output": 0.4, "relay_hysteresis": math.radians(15.0), "step": math.radians(20.0)}
+    with pytest.MonkeyPatch.context() as patched:
+        taken_plainly(patched)
+        return harness, harness.tune(dry_run=True, step_duration=15.0, **sizes)
+
+
+@pytest.fixture(scope="module")
+def sized(tmp_path_factory):
+    return with_supplied_sizes(tmp_path_factory.mktemp("sized"))
+
+
 @pytest.mark.slow
-@pytest.mark.usefixtures("plainly")
-def test_the_same_seed_gives_a_bit_identical_record(tmp_path):
+def test_the_same_seed_gives_a_bit_identical_record(sized, tmp_path):
     runs = []
-    for name in ("a", "b"):
-        harness = SitlHarness(tmp_path / name, "automarine", **SLOW_LOOP)
-        harness.tune(dry_run=True)
+    for harness, _ in (sized, with_supplied_sizes(tmp_path)):
         files = sorted((harness.directory / "trials").glob("*.csv"))
         runs.append([f.read_bytes() for f in files] + [(harness.directory / "telemetry.tlog").read_bytes()])
     assert runs[0] == runs[1]
@@ -257,12 +268,8 @@ def test_a_run_directory_is_never_overwritten(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("plainly")
-def test_relay_and_step_sizes_can_be_supplied(tmp_path):
-    harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
-    story = harness.tune(
-        dry_run=True, relay_output=0.4, relay_hysteresis=math.radians(15.0), step=math.radians(20.0), step_duration=15.0
-    )
+def test_relay_and_step_sizes_can_be_supplied(sized):
+    _, story = sized
     assert story.relays[0].meta["C"] == pytest.approx(0.4)
     assert story.relays[0].meta["x_a"] == pytest.approx(math.radians(15.0))
     assert story.step_before.meta["size"] == pytest.approx(math.radians(20.0))

@@ -39,6 +39,7 @@ def pulls(force: Any, command: Any = LEVELS, unit: str = "1") -> PullTest:
     return PullTest("pulls", np.asarray(command, dtype=float), np.asarray(force, dtype=float), unit)
 
 
+@pytest.mark.slow
 def test_a_dead_zone_and_weak_astern_thrust_are_corrected_and_proved(tmp_path: Path) -> None:
     harness = boat(tmp_path, "blueboat", "dead-zone@X.width=0.1")
     story = actuators(harness)
@@ -58,6 +59,7 @@ def test_a_dead_zone_and_weak_astern_thrust_are_corrected_and_proved(tmp_path: P
     assert announced.index("will write some of MOT_THR_MIN") < announced.index("State before the run")
 
 
+@pytest.mark.slow
 def test_a_tuned_vehicle_is_left_unchanged_by_another_tune(tmp_path: Path) -> None:
     parameters = {"MOT_THR_MIN": 10.0, "MOT_THST_ASYM": 2.0, "CRUISE_THROTTLE": 33.0}
     harness = boat(tmp_path, "blueboat", "dead-zone@X.width=0.1", parameters=parameters)
@@ -75,6 +77,7 @@ def test_a_dry_run_writes_nothing(tmp_path: Path) -> None:
     harness.assert_as_found()
 
 
+@pytest.mark.slow
 def test_parameters_that_are_not_better_are_restored(tmp_path: Path) -> None:
     harness = boat(tmp_path)
     story = actuators(harness, pull_test=pulls(LEVELS * np.abs(LEVELS)))  # of another thruster
@@ -83,6 +86,7 @@ def test_parameters_that_are_not_better_are_restored(tmp_path: Path) -> None:
     harness.assert_as_found()
 
 
+@pytest.mark.slow
 def test_a_pull_test_gives_the_parameters(tmp_path: Path) -> None:
     harness = boat(tmp_path)
     force = np.where(LEVELS > 0.0, 55.2, 27.6) * LEVELS
@@ -91,6 +95,7 @@ def test_a_pull_test_gives_the_parameters(tmp_path: Path) -> None:
     assert written(harness) == {"MOT_THST_ASYM": pytest.approx(2.0, rel=0.01)}
 
 
+@pytest.mark.slow
 def test_a_declined_change_is_not_written(tmp_path: Path) -> None:
     harness = boat(tmp_path)
     operator = Answers(True, False)
@@ -100,6 +105,7 @@ def test_a_declined_change_is_not_written(tmp_path: Path) -> None:
     harness.assert_as_found()
 
 
+@pytest.mark.slow
 def test_a_stop_during_the_proof_restores_everything(tmp_path: Path) -> None:
     harness = boat(tmp_path)
 
@@ -112,6 +118,7 @@ def test_a_stop_during_the_proof_restores_everything(tmp_path: Path) -> None:
     harness.assert_restored()
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_is_restored(tmp_path: Path) -> None:
     def meddling(t: float, message: Any) -> Iterable[Any]:
         if any("new gains written" in text for text in harness.said):
@@ -129,6 +136,7 @@ def test_an_interrupted_run_is_restored(tmp_path: Path) -> None:
     assert Journal.read(harness.directory / "journal.jsonl").is_settled
 
 
+@pytest.mark.slow
 def test_a_rudder_offset_on_both_courses_is_trimmed(tmp_path: Path) -> None:
     harness = boat(tmp_path, "charlie", "input-bias@yaw.bias=0.1")
     story = actuators(harness, dry_run=True)
@@ -186,6 +194,7 @@ def test_a_pull_test_in_pulses_gives_trim_and_end_points(tmp_path: Path) -> None
     harness.assert_as_found()
 
 
+@pytest.mark.slow
 def test_an_experiment_uses_the_thrust_curve_of_a_pull_test(tmp_path: Path) -> None:
     harness = boat(tmp_path)
     curve = np.sign(LEVELS) * (0.7 * np.abs(LEVELS) + 0.3 * LEVELS**2)

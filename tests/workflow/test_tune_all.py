@@ -155,6 +155,7 @@ def test_nothing_is_flown_when_the_answer_is_no(tmp_path, scripted) -> None:
     assert not bench.harness.vehicle.autopilot.armed
 
 
+@pytest.mark.slow
 def test_a_failed_loop_skips_only_the_loops_that_depend_on_it(tmp_path, scripted) -> None:
     bench, script = Bench(tmp_path, "blueboat"), scripted(speed=NotInformative("no motion"))
     story = bench.tune()

@@ -7,7 +7,7 @@ import pytest
 from gcs_autotune.link import Journal
 from gcs_autotune.mavlink import load_params
 
-from .sitl_harness import SitlHarness
+from .sitl_harness import SLOW_LOOP, SitlHarness
 
 pytestmark = pytest.mark.slow
 
@@ -18,7 +18,7 @@ SCALES = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
-    harness = SitlHarness(tmp_path_factory.mktemp("tuned47"), "videoray", names="4.7")
+    harness = SitlHarness(tmp_path_factory.mktemp("tuned47"), "videoray", names="4.7", **SLOW_LOOP)
     return harness, harness.tune(axis="depth")
 
 

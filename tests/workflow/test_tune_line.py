@@ -61,6 +61,7 @@ def theirs() -> list[tuple[int, int, int]]:
     return [(i.command, i.latitude, i.longitude) for i in THEIRS[1:]]
 
 
+@pytest.mark.slow
 def test_better_parameters_are_kept_and_the_mission_is_restored(tmp_path: Path) -> None:
     harness = tuned(tmp_path)
     story = line(harness)
@@ -81,6 +82,7 @@ def test_better_parameters_are_kept_and_the_mission_is_restored(tmp_path: Path) 
     assert announced.index("replaces the vehicle's own one") < announced.index("State before the run")
 
 
+@pytest.mark.slow
 def test_a_dry_run_flies_once_and_writes_nothing(tmp_path: Path) -> None:
     harness = tuned(tmp_path)
     story = line(harness, dry_run=True)
@@ -162,6 +164,7 @@ def test_an_interrupted_run_is_restored_with_its_mission(tmp_path: Path) -> None
     assert Journal.read(journal).is_settled
 
 
+@pytest.mark.slow
 def test_an_untuned_boat_is_flown_on_request_and_the_report_states_it(tmp_path: Path) -> None:
     harness = tuned(tmp_path, ATC_SPEED_P=0.2, ATC_SPEED_I=0.2)
     assert line(harness, untuned=True, dry_run=True).ending == "dry-run"
@@ -181,6 +184,7 @@ def test_a_current_nearly_as_fast_as_the_mission_is_refused_with_the_accepted_sp
     assert_as_before(harness)
 
 
+@pytest.mark.slow
 def test_a_current_too_strong_for_the_boat_ends_the_flight_with_its_speed(tmp_path: Path) -> None:
     north = [parse_effect("steady-current.V_x=-2.6")]
     harness = tuned(tmp_path, effects=north, WP_SPEED=3.5)

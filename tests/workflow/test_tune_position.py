@@ -36,6 +36,7 @@ def changed(harness: SitlHarness) -> set[str]:
     return {n for n, v in harness.vehicle.parameters.values.items() if v != harness.parameters[n]}
 
 
+@pytest.mark.slow
 def test_better_gains_are_kept_after_a_step_and_a_push(tmp_path: Path) -> None:
     harness = rov(tmp_path)
     story = position(harness)
@@ -55,6 +56,7 @@ def test_better_gains_are_kept_after_a_step_and_a_push(tmp_path: Path) -> None:
     assert announced.index("need about") < announced.index("State before the run")
 
 
+@pytest.mark.slow
 def test_a_dry_run_writes_nothing_and_flies_once(tmp_path: Path) -> None:
     harness = rov(tmp_path)
     story = position(harness, dry_run=True)
@@ -63,6 +65,7 @@ def test_a_dry_run_writes_nothing_and_flies_once(tmp_path: Path) -> None:
     harness.assert_as_found()
 
 
+@pytest.mark.slow
 def test_the_newer_parameter_names_are_written(tmp_path: Path) -> None:
     harness = rov(tmp_path, names="4.7")
     story = position(harness)
@@ -71,6 +74,7 @@ def test_the_newer_parameter_names_are_written(tmp_path: Path) -> None:
     assert {c.parameter for c in story.changes} <= {"PSC_NE_POS_P", "PSC_NE_VEL_P", "PSC_NE_VEL_I"}
 
 
+@pytest.mark.slow
 def test_a_delay_lowers_the_gains_to_the_margins(tmp_path: Path) -> None:
     late = [parse_effect(f"input-delay@{axis}.delay=0.4") for axis in "XY"]
     harness = rov(tmp_path, effects=late)
@@ -80,6 +84,7 @@ def test_a_delay_lowers_the_gains_to_the_margins(tmp_path: Path) -> None:
     assert "predicted margins" in " ".join(harness.said)
 
 
+@pytest.mark.slow
 def test_gains_that_are_not_better_are_restored(tmp_path: Path) -> None:
     harness = rov(tmp_path, parameters={"PSC_POSXY_P": 2.0, "PSC_VELXY_I": 0.9})
     story = position(harness)
@@ -101,6 +106,7 @@ def test_an_rov_that_does_not_move_sideways_ends_at_the_sign_check(tmp_path: Pat
     harness.assert_as_found()
 
 
+@pytest.mark.slow
 def test_in_a_current_a_boat_holds_closer_with_a_smaller_radius(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
     harness.vehicle.plant.water.V_x, harness.vehicle.plant.water.V_y = 0.2, 0.2
