@@ -42,7 +42,6 @@ def test_a_screen_of_24_lines_shows_gains_verdict_and_undo_at_any_number_of_doub
         assert any(needed in line for line in screen), needed
 
 
-<<<<<<< HEAD
 def test_a_screen_of_24_lines_shows_the_end_of_a_heading_tune_with_all_its_sentences():
     kept = stories.kept()
     turning = replace(kept.metrics_before, itae=22.7), replace(kept.metrics_after, itae=15.6)
@@ -51,9 +50,7 @@ def test_a_screen_of_24_lines_shows_the_end_of_a_heading_tune_with_all_its_sente
     assert any(line.startswith("╭") for line in screen) and "params restore" in screen[-1]
 
 
-=======
 @pytest.mark.usefixtures("words_only")
->>>>>>> suite
 def test_the_verdict_of_the_page_links_to_the_undo_command():
     page = to_html(tune_document(stories.kept()))
     assert page.index('class="verdict') < page.index('<a href="#undo">How to undo</a>') < page.index('id="undo"')
