@@ -157,10 +157,10 @@ def limit_by_loop_rate(problem: DesignProblem, shown: GainCandidate) -> str:
 
 
 def _on_the_specification(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_refined: bool) -> Iterator[str]:
-    for objection in shown.objections:
+    if shown.objections:
         yield (
             "the gains do not meet the specification, but are the best inside the documented ranges. Not met: "
-            f"{objection}"
+            f"{'; '.join(shown.objections)}"
         )
     if is_refined:
         settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)

@@ -164,6 +164,7 @@ def design(
         ruler=ruler_of(spec),
         beside=beside,
         limit=limit,
+        unmet=tuple(map(axis.names.worded, shown.objections)) if changes else (),
         is_matched=bool(changes) and not is_refined,
     )
 

@@ -192,6 +192,7 @@ class Proposal(Displayed):
     - ``is_matched``: whether the gains follow ``wanted``. Otherwise they minimise the ITAE, and ``wanted`` only started
       the search.
     - ``beside``: prediction for another mode that uses the same gains, or None.
+    - ``unmet``: which requirements of the specification the new gains do not meet, in words.
     - ``limit``: why the margins miss the specification, if a slow loop of the autopilot is the reason.
     """
 
@@ -213,6 +214,7 @@ class Proposal(Displayed):
     spread: float = math.nan
     ruler: Ruler = field(default_factory=Ruler)
     beside: Beside | None = None
+    unmet: tuple[str, ...] = ()
     limit: str = ""
     is_matched: bool = True
 

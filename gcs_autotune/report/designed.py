@@ -220,7 +220,7 @@ def _own_document(d: DesignedOwn, when: str) -> Document:
         verdict=Verdict(
             f"A {d.design.wanted.kind.capitalize()} loop of {format_number(d.design.wanted.omega_0, 3)} rad/s.",
             "good" if analysis.worst_margins.stable else "bad",
-            (f"The loop cannot be faster because {d.design.limited_by}.",),
+            (f"No faster loop was chosen: {d.design.limited_by}.",),
         ),
         sections=(
             Section(

@@ -7,12 +7,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.axis.run_comparison import RunComparison
+from gcs_autotune.identify.coupled.one_axis import _in_own_names
 from gcs_autotune.identify.doubts import DOUBTS, DoubtRow, doubts_about
+from gcs_autotune.identify.fit_builder import axis_table
 from gcs_autotune.identify.outlier_run import DifferentPair, MisfittingRun, OutlierRun
+from gcs_autotune.models import SingleDof
 
 
 @dataclass(frozen=True)
@@ -60,3 +64,11 @@ def test_neither_of_two_runs_is_called_the_outlier() -> None:
     assert pair.slug == "run-apart" and "'a' and 'b'" in pair.cause
     (different,) = doubts_about(DifferentPair(("a", "b"), 2.04))
     assert different.slug == "runs-disagree" and "2.0 times better" in different.cause
+
+
+def test_a_doubt_about_one_axis_has_the_names_of_its_table() -> None:
+    pitch = SingleDof("pitch", "1", 0.03, 0.07, 0.05, 0.0, 0.0, 0.1)
+    table = axis_table(pitch, np.zeros((6, 6)), ["fitted"] * 6)
+    doubt = Doubt("correlated", "M_q and M_qq, M_qdot and M_sintheta", "omit M_q")
+    (renamed,) = _in_own_names(pitch.axis, table, [doubt])
+    assert renamed == Doubt("correlated", "beta_q and beta_qq, alpha_q and gamma_theta", "omit beta_q")

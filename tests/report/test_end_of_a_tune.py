@@ -7,14 +7,14 @@ from dataclasses import replace
 import pytest
 import report_stories as stories
 
-from gcs_autotune.design import Change
+from gcs_autotune.design import Change, PositionMetrics
 from gcs_autotune.report import Document, to_html, tune_document
 from gcs_autotune.report.toolkit.document import Section, cautions
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import with_signs
 from gcs_autotune.report.tune.figures import step_figure
 from gcs_autotune.report.tune.tables import gains_table
-from gcs_autotune.report.tune.wording import undo_sentence, verdict_of
+from gcs_autotune.report.tune.wording import position_words, undo_sentence, verdict_of
 
 REPORT_AND_PROMPT = 3
 """Lines below the verdict: a blank one, the path of the report and the prompt."""
@@ -48,6 +48,22 @@ def test_a_screen_of_24_lines_shows_the_end_of_a_heading_tune_with_all_its_sente
     lines = render_text(tune_document(replace(kept, beside=turning))).splitlines()
     screen = lines[-(24 - REPORT_AND_PROMPT) :]
     assert any(line.startswith("╭") for line in screen) and "params restore" in screen[-1]
+
+
+def test_margins_below_those_of_the_style_are_stated_with_the_verdict():
+    kept, unmet = stories.kept(), ("gain margin 2.37 is less than 2.50", "phase margin 32 deg is less than 45 deg")
+    assert "The style requires" not in render_text(tune_document(kept))
+    short = replace(kept, proposal=replace(kept.proposal, unmet=unmet))
+    end = " ".join(render_text(tune_document(short)).replace("│", " ").split())
+    assert "The style requires more: gain margin 2.37 is less than 2.50; phase margin 32° is less than 45°." in end
+
+
+def test_a_position_that_is_held_worse_than_before_is_stated_with_the_verdict():
+    before = PositionMetrics(7.4, 0.07, 4.4, 0.018, 0.084, 0.15, 0.25)
+    better, worse = replace(before, push=0.04, hold=0.017), replace(before, push=0.04, hold=0.026)
+    assert "while holding" not in position_words(before, better)
+    words = position_words(before, worse)
+    assert words.endswith("(before: 0.084 m); distance while holding 0.026 m rms (before: 0.018 m).")
 
 
 @pytest.mark.usefixtures("words_only")

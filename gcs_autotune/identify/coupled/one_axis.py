@@ -8,7 +8,8 @@ Estimates and covariances of the two descriptions differ only by signs.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.doubt import once
+from gcs_autotune.identify.doubt import Doubt, once
 from gcs_autotune.identify.doubts import OF_THE_RUNS
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, Table, axis_table, fit_of
 from gcs_autotune.identify.free_run import rms_of
@@ -44,7 +45,7 @@ def axis_fit(case: Case, structure: Structure, fit: Fit[Model]) -> AxisFit:
         table,
         motion,
         structure=structure,
-        doubts=fit.doubts,
+        doubts=_in_own_names(record.dof, table, fit.doubts),
         extra=fit.extra,
         axis=AxisDetails(main),
     )
@@ -104,7 +105,7 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
         residual_rms=rms,
         fit_percent=fit.fit_percent,
         used=fit.used,
-        doubts=once([*(d for d in plain.doubts if d.slug in OF_THE_RUNS), *fit.doubts]),
+        doubts=once([*(d for d in plain.doubts if d.slug in OF_THE_RUNS), *_in_own_names(axis, table, fit.doubts)]),
         traces=own or fit.traces,
         extra=fit.extra,
         decision=None,
@@ -118,6 +119,18 @@ def _derivatives(dof: Dof) -> tuple[tuple[str, ...], tuple[float, ...]]:
     if not dof.restored:
         return dof.derivative_names(), SIGNS
     return (*dof.derivative_names(), dof.restoring_derivative), (*SIGNS, -1.0)
+
+
+def _in_own_names(dof: Dof, table: Table, doubts: Sequence[Doubt]) -> tuple[Doubt, ...]:
+    """Return *doubts* about the derivatives of one axis with the names that its *table* gives them."""
+    names = dict(zip(_derivatives(dof)[0], table.parameters, strict=False))
+    longest_first = sorted(names, key=len, reverse=True)
+    word = re.compile(rf"(?<!\w)({'|'.join(map(re.escape, longest_first))})(?!\w)")
+
+    def renamed(text: str) -> str:
+        return word.sub(lambda match: names[match[1]], text)
+
+    return tuple(replace(doubt, cause=renamed(doubt.cause), cure=renamed(doubt.cure)) for doubt in doubts)
 
 
 def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:

@@ -400,7 +400,7 @@ def _of_loop(held: HeldLoop) -> _Story:
     sentences = (
         f"Overshoot {100.0 * metrics.overshoot:.1f} % of the step (model function {100.0 * held.promised:.1f} %), "
         f"steady error {100.0 * metrics.steady_error:.1f} %.",
-        f"The loop cannot be faster because {held.design.limited_by}.",
+        f"No faster loop was chosen: {held.design.limited_by}.",
     )
     return (
         text,
@@ -441,7 +441,7 @@ def _margins(design: OwnDesign) -> Table:
         ("vector margin", f"{margins.vector:.2f}"),
         (
             "stable for every model within its uncertainty",
-            f"{'yes' if left < right else 'no'} ({format_number(left, 3)}, must be below {format_number(right, 3)})",
+            f"{'yes' if left < right else 'no'} (bound {format_number(left, 3)}, limit {format_number(right, 3)})",
         ),
     )
     return Table(("margin", "value"), "ll", rows)

@@ -32,6 +32,8 @@ class PlottedSignals:
 PLOTTED_SIGNALS: Mapping[str, PlottedSignals] = {
     "psi": PlottedSignals("psi", "r", "N", "rad", "heading"),
     "z": PlottedSignals("z", "w", "Z", "m", "depth"),
+    "phi": PlottedSignals("phi", "p", "K", "rad", "roll"),
+    "theta": PlottedSignals("theta", "q", "M", "rad", "pitch"),
     "x": PlottedSignals("x", "u", "X", "m", "position ahead"),
     "y": PlottedSignals("y", "v", "Y", "m", "position abeam"),
     "u": PlottedSignals("u", "", "X", "m/s", "speed"),

@@ -102,14 +102,16 @@ def route_words(before: TrackMetrics, after: TrackMetrics | None) -> str:
 
 
 def position_words(before: PositionMetrics, after: PositionMetrics | None) -> str:
-    """Return one sentence on the step, and on the push or the holding without one."""
+    """Return one sentence on the step, and on the push, or on the holding without a push or if it became worse."""
     now = before if after is None else after
     was = "" if after is None else f" (before: {format_quantity(before.itae, 's^2', 2)})"
     words = f"Position (measured): step error {format_quantity(now.itae, 's^2', 2)}{was}"
-    name, when = ("push", "under the push") if math.isfinite(now.push) else ("hold", "while holding")
-    if math.isfinite(getattr(now, name)):
-        was = "" if after is None else f" (before: {format_quantity(getattr(before, name), 'm', 2)})"
-        words += f"; distance {when} {format_quantity(getattr(now, name), 'm', 2)} rms{was}"
+    worse = after is not None and after.hold > before.hold
+    shown = [("push", "under the push")] if math.isfinite(now.push) else []
+    for name, when in [*shown, ("hold", "while holding")][: 1 + worse]:
+        if math.isfinite(getattr(now, name)):
+            was = "" if after is None else f" (before: {format_quantity(getattr(before, name), 'm', 2)})"
+            words += f"; distance {when} {format_quantity(getattr(now, name), 'm', 2)} rms{was}"
     return f"{words}."
 
 
@@ -179,6 +181,7 @@ def safety(proposal: Proposal) -> str:
     return (
         f"With {gains} the loop is stable over the whole 95 % region of the identified model. "
         f"Margins at its worst point: {_margin_words(worst)}."
+        + (f" The style requires more: {'; '.join(proposal.unmet)}." if proposal.unmet else "")
     )
 
 
@@ -204,9 +207,7 @@ def _margin_words(margins: Margins) -> str:
 
 def parameters_sentence(story: TuneStory) -> str:
     """Return a sentence on the state of the vehicle's parameters at the end of a tune, as far as known."""
-    if not story.parameters_before:
-        return "No parameter was read, and none was written."
-    if not story.changes or story.ending in ("dry-run", "declined", "unchanged"):
+    if not story.parameters_before or not story.changes or story.ending in ("dry-run", "declined", "unchanged"):
         return "No parameter was written."
     if not story.parameters_after:
         return (
