@@ -67,6 +67,8 @@ class Archive:
         logs = [p.name for p in folder.iterdir() if p.suffix.lower() in DROPPED and p.name != "telemetry.tlog"]
         return {
             "name": folder.name,
+            "when": visible(str(summary.get("when", "")).replace("T", " ")[:16]),
+            "craft": visible(_craft(summary)),
             "title": visible(str(summary.get("title") or ("log" if logs else "run"))),
             "ending": visible(str(summary.get("ending", ""))),
             "reason": visible(str(summary.get("reason", ""))),
@@ -144,6 +146,14 @@ class Archive:
             shutil.rmtree(folder, ignore_errors=True)
             raise
         return folder.name
+
+
+def _craft(summary: Mapping[str, Any]) -> str:
+    """Return the craft of a run by its firmware and link; a simulated one by its link alone."""
+    vehicle = summary.get("vehicle")
+    known = vehicle if isinstance(vehicle, Mapping) else {}
+    firmware, link = (str(known.get(name) or "") for name in ("firmware", "link"))
+    return link if known.get("simulated") or not firmware else " on ".join(filter(None, (firmware, link)))
 
 
 def _change(summary: Mapping[str, Any]) -> str:

@@ -129,5 +129,5 @@ def test_intervals_are_percentages_and_those_including_zero_are_labelled():
         (axes,) = draw_intervals(known).axes
     assert [t.get_text() for t in axes.get_yticklabels()] == ["a", "b"]
     assert list(axes.lines[0].get_xdata()) == pytest.approx([-9.8, 9.8])
-    assert [t.get_text() for t in axes.texts] == ["± 9.8 %", "± 392 %, not distinguishable from zero"]
+    assert [t.get_text() for t in axes.texts] == ["± 9.8 %", "± 392 %, may be zero"]
     assert draw_intervals({"c": known["c"]}) is None

@@ -80,6 +80,7 @@ def test_derivatives_are_explained_in_words() -> None:
     assert meaning_of("X_u") == "surge force by surge"
     assert meaning_of("N_rr") == "yaw moment by yaw rate squared"
     assert meaning_of("Y_rdot") == "added mass: sway force by yaw acceleration"
+    assert meaning_of("N_rdot", alone=False) == "inertia with added mass: yaw moment by yaw acceleration"
     assert meaning_of("Z_0") == "constant heave force"
     assert meaning_of("k_thrust") == ""
 

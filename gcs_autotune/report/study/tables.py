@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.identify import Fit, Model, Parameter, Validation, is_of_one_axis
 from gcs_autotune.report.study.study import MethodOutcome, Study
 from gcs_autotune.report.toolkit.axis_fit import effect_meanings, meanings, model_table, short_name
@@ -17,7 +18,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_seconds,
     pretty_unit,
 )
-from gcs_autotune.sname import signal_meaning
+from gcs_autotune.sname import DOFS, signal_meaning
 
 __all__ = [
     "choice_table",
@@ -54,6 +55,10 @@ _STATES = {
     "z": "depth",
 }
 
+MASSES = ("m", "I_x", "I_y", "I_z")
+"""Parameters of the rigid body. In a model without them, inertias contain the added mass."""
+_INERTIAS = frozenset(dof.derivative_names()[0] for dof in DOFS.values())
+"""Derivatives of a force by the acceleration in its own direction."""
 _NAMED = {
     "m": "mass",
     "I_x": "moment of inertia in roll",
@@ -75,7 +80,8 @@ def parameter_table(fit: Fit[Model]) -> Table:
     if is_of_one_axis(fit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
         return model_table(fit)
     axis = meanings(fit) if is_of_one_axis(fit) else None
-    effects = effect_meanings(fit.effects)
+    own = fit.model.effects if isinstance(fit.model, ExtendedModel) else ()
+    effects, alone = effect_meanings((*own, *fit.effects)), any(name in fit.parameters for name in MASSES)
     rows = tuple(
         (
             short_name(p.name) if axis is not None else p.name,
@@ -83,7 +89,7 @@ def parameter_table(fit: Fit[Model]) -> Table:
             pretty_unit(p.unit) or "1",
             _relative(p),
             _over_bound(p),
-            (effects.get(p.name) or meaning_of(p.name)) if axis is None else axis.get(p.name, ""),
+            (effects.get(p.name) or meaning_of(p.name, alone=alone)) if axis is None else axis.get(p.name, ""),
             _remark(p),
         )
         for p in fit.parameters.values()
@@ -104,14 +110,17 @@ def _over_bound(p: Parameter) -> str:
 
 def _remark(p: Parameter) -> str:
     if p.status == "fitted" and p.std > abs(p.value) > 0.0:
-        return "not distinguishable from zero"
+        return "may be zero"
     if p.status == "at_bound" and p.value == 0.0:
         return "none"
     return {"fitted": "", "absent": "not fitted", "fixed": "known"}.get(p.status, "AT ITS BOUND")
 
 
-def meaning_of(name: str) -> str:
-    """Return the meaning of a SNAME derivative as text; empty if unknown."""
+def meaning_of(name: str, *, alone: bool = True) -> str:
+    """Return the meaning of a SNAME derivative as text; empty if unknown.
+
+    alone : whether derivatives of accelerations contain added mass alone, and not the craft's own inertia.
+    """
     if name in _NAMED:
         return _NAMED[name]
     force, _, rest = name.partition("_")
@@ -121,7 +130,8 @@ def meaning_of(name: str) -> str:
         return f"constant {_FORCES[force]}"
     if rest.endswith("dot"):
         moved = _STATES.get(rest[:-3], rest[:-3]).removesuffix(" rate")
-        return f"added mass: {_FORCES[force]} by {moved} acceleration"
+        kind = "added mass" if alone or name not in _INERTIAS else "inertia with added mass"
+        return f"{kind}: {_FORCES[force]} by {moved} acceleration"
     if rest in _STATES:
         return f"{_FORCES[force]} by {_STATES[rest]}"
     if len(rest) == 2 and rest[0] == rest[1] and rest[0] in _STATES:

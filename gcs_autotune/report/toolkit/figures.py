@@ -185,7 +185,7 @@ def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
         told = half <= WIDEST
         axes.plot([-min(half, limit), min(half, limit)], [i, i], color=AFTER if told else BEFORE, lw=2.4)
         axes.plot(0.0, i, "o", ms=4.5, color=AFTER if told else BEFORE)
-        words = f"± {format_percent(half)}" + ("" if told else ", not distinguishable from zero")
+        words = f"± {format_percent(half)}" + ("" if told else ", may be zero")
         axes.text(1.01, i, words, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
         if math.isfinite(p.bound) and p.bound > 0.0:
             bound = min(196.0 * p.bound / abs(p.value), limit)

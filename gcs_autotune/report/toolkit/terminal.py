@@ -141,6 +141,10 @@ def _text(text: str) -> Text:
     return TiedText(with_signs(visible(text)))
 
 
+LONGEST_WORD = 20
+"""Longest word of a wrapping column that is kept on one line. Project choice: paths and parameter lists may break."""
+
+
 def _grid(table: Table) -> Padding:
     """Return a table without its empty and wide columns, and without the rows that the page folds."""
     is_headed = any(table.heads)
@@ -154,6 +158,8 @@ def _grid(table: Table) -> Padding:
         # A head may wrap between its words, but a number or a name that is cut cannot be read or typed.
         if right or not any(" " in row[i] for row in rows):
             widths += [cell_len(row[i]) for row in rows]
+        else:
+            widths += [cell_len(word) for row in rows for word in row[i].split() if cell_len(word) <= LONGEST_WORD]
         least = max(widths, default=0)
         # The width is taken from the columns that may wrap, so those that cannot must not be among them.
         whole = least >= max(cell_len(text) for text in (head.plain, *(row[i] for row in rows)))

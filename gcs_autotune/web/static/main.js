@@ -9,7 +9,7 @@ import * as whatIf from "./whatif.js";
 const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, isKnown = false, wantStop = 0, refused = "", view = "live";
 // In the notation of the reports, a number and its unit on one line.
-const signed = (text) => text.replace(/(?<=\d)%/g, " %").replace(/(?<=\d) s\^2/g, " s²")
+const signed = (text) => text.replace(/(?<=\d)%/g, " %").replace(/(?<=\d) deg(?!\w)/g, "°").replace(/(?<=\d) s\^2/g, " s²")
   .replace(/(?<=\d) (?=%|(?:min|ms|m|s|Hz|V)[²³]?(?:\/s[²³]?)?(?!\w))|(?<=\d min) (?=\d+ s(?!\w))/g, "\u00a0")
   .replace(/(?<=[\d%°²]) (?=-> -?\d)/g, "\u00a0").replaceAll("-> ", "\u2192\u00a0");
 const write = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
@@ -244,7 +244,7 @@ function showWords() {
   shownWords = last;
   $("words").replaceChildren(...state.words.slice(-200).reverse().map((word) => {
     const item = document.createElement("li");
-    item.textContent = word.severity === null ? word.text : `Vehicle: ${word.text}`;
+    item.textContent = word.severity === null ? signed(word.text) : `Vehicle: ${word.text}`;
     if (word.severity !== null) item.className = word.severity <= 3 && !word.note ? "severe" : "vehicle";
     if (word.note) item.append(` – ${word.note}`);
     return item;

@@ -71,7 +71,7 @@ function cells(...contents) {
 
 function row(each) {
   const page = each.report ? report(each.name, each.report, each.report.split(".")[0]) : "";
-  return cells(press(each.name, () => open(each.name)), each.log || each.title, each.ending || (each.log ? "" : "none"), each.change, page);
+  return cells(press(each.name, () => open(each.name)), each.when, each.craft, each.log || each.title, each.ending || (each.log ? "" : "none"), each.change, page);
 }
 
 function filter() {
