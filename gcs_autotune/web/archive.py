@@ -68,7 +68,7 @@ class Archive:
         return {
             "name": folder.name,
             "when": visible(str(summary.get("when", "")).replace("T", " ")[:16]),
-            "craft": visible(_craft(summary)),
+            "craft": visible(_craft(summary, _link(folder))),
             "title": visible(str(summary.get("title") or ("log" if logs else "run"))),
             "ending": visible(str(summary.get("ending", ""))),
             "reason": visible(str(summary.get("reason", ""))),
@@ -148,12 +148,12 @@ class Archive:
         return folder.name
 
 
-def _craft(summary: Mapping[str, Any]) -> str:
-    """Return the craft of a run by its firmware and link; a simulated one by its link alone."""
+def _craft(summary: Mapping[str, Any], link: str) -> str:
+    """Return the craft of a run by its firmware and *link*; a simulated one by its link alone."""
     vehicle = summary.get("vehicle")
-    known = vehicle if isinstance(vehicle, Mapping) else {}
-    firmware, link = (str(known.get(name) or "") for name in ("firmware", "link"))
-    return link if known.get("simulated") or not firmware else " on ".join(filter(None, (firmware, link)))
+    name = vehicle.get("firmware") if isinstance(vehicle, Mapping) else vehicle
+    firmware = "" if link.startswith("sitl:") else str(name or "").partition(" ")[0]
+    return " on ".join(filter(None, (firmware, link)))
 
 
 def _change(summary: Mapping[str, Any]) -> str:

@@ -207,3 +207,21 @@ def test_upload_and_processing_require_the_token(runs: Path) -> None:
         assert client.post("/drop?name=a.csv", content=TABLE).status_code == 401
         assert client.post("/work", json={"name": "20260101-run", "verb": "list"}).status_code == 401
         assert client.get("/runs").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "link", "craft"),
+    [
+        ({"firmware": "ArduRover"}, "/dev/ttyUSB0,57600", "ArduRover on /dev/ttyUSB0,57600"),
+        ("ArduSub 4.7.0 (system 1, component 1)", "udpin:0.0.0.0:14550", "ArduSub on udpin:0.0.0.0:14550"),
+        ({"firmware": "ArduRover", "simulated": True}, "sitl:charlie", "sitl:charlie"),
+        (None, "", ""),
+    ],
+)
+def test_a_run_is_listed_with_its_date_and_craft(tmp_path: Path, vehicle: object, link: str, craft: str) -> None:
+    folder = tmp_path / "20260101-run"
+    folder.mkdir()
+    (folder / "summary.json").write_text(json.dumps({"when": "2026-01-01T12:34:56", "vehicle": vehicle}))
+    (folder / "journal.jsonl").write_text(json.dumps({"link": link}) + "\n")
+    (entry,) = Archive(tmp_path).entries()
+    assert (entry["when"], entry["craft"]) == ("2026-01-01 12:34", craft)

@@ -1,6 +1,6 @@
 // The page: what is known is shown, as text and never as HTML; STOP; questions.
 import { about, draw, redraw } from "./charts.js";
-import { apply, connect, empty, link, post, token } from "./state.js";
+import { apply, connect, empty, link, post, signed, token } from "./state.js";
 import { offer } from "./result.js";
 import { fill, make, models, show as showCrafts } from "./start.js";
 import * as runs from "./runs.js";
@@ -8,10 +8,6 @@ import * as whatIf from "./whatif.js";
 
 const $ = (id) => document.getElementById(id);
 let state = empty(), fresh = true, mayTouch = false, isKnown = false, wantStop = 0, refused = "", view = "live";
-// In the notation of the reports, a number and its unit on one line.
-const signed = (text) => text.replace(/(?<=\d)%/g, " %").replace(/(?<=\d) deg(?!\w)/g, "°").replace(/(?<=\d) s\^2/g, " s²")
-  .replace(/(?<=\d) (?=%|(?:min|ms|m|s|Hz|V)[²³]?(?:\/s[²³]?)?(?!\w))|(?<=\d min) (?=\d+ s(?!\w))/g, "\u00a0")
-  .replace(/(?<=[\d%°²]) (?=-> -?\d)/g, "\u00a0").replaceAll("-> ", "\u2192\u00a0");
 const write = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 const say = (id, text) => write(id, signed(text));
 const running = () => Boolean(state.run && !state.end);

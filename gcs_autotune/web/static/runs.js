@@ -2,7 +2,7 @@
 import { draw, forget } from "./charts.js";
 import { offer } from "./result.js";
 import * as whatIf from "./whatif.js";
-import { empty, post, token } from "./state.js";
+import { empty, post, signed, token } from "./state.js";
 
 const $ = (id) => document.getElementById(id);
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
@@ -103,7 +103,7 @@ async function open(name) {
   $("entry").hidden = false;
   say("entry-title", entry.log || `${entry.title} (${entry.name})`);
   say("entry-reason", entry.reason || (entry.ending || entry.log ? "" : NO_SUMMARY));
-  $("trials").replaceChildren(...entry.trials.map((trial) => item(press(trial.name, () => play(entry.name, trial)), ` ${trial.ending}`)));
+  $("trials").replaceChildren(...entry.trials.map((trial) => item(press(trial.name, () => play(entry.name, trial)), ` ${signed(trial.ending)}`)));
   if (!entry.trials.length) $("trials").replaceChildren(item("This run contains no record to replay."));
   $("files").replaceChildren(...entry.files.map((file) => item(report(entry.name, file, file))));
   others();

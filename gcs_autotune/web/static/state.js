@@ -2,6 +2,11 @@
 const ROWS = 4000, WORDS = 300, RETRY = 1500;
 const LISTS = { rows: ROWS, words: WORDS, legs: Infinity };
 
+// In the notation of the reports, a number and its unit on one line.
+export const signed = (text) => text.replace(/(?<=\d)%/g, " %").replace(/(?<=\d) deg(?!\w)/g, "°").replace(/(?<=\d) s\^2/g, " s²")
+  .replace(/(?<=\d) (?=%|(?:min|ms|m|s|Hz|V)[²³]?(?:\/s[²³]?)?(?!\w))|(?<=\d min) (?=\d+ s(?!\w))/g, "\u00a0")
+  .replace(/(?<=[\d%°²]) (?=-> -?\d)/g, "\u00a0").replaceAll("-> ", "\u2192\u00a0");
+
 export const empty = () => ({ run: null, legs: [], rows: [], words: [] });
 
 export const link = { connected: false, since: performance.now(), heard: performance.now(), flown: 0 };
