@@ -352,7 +352,7 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
     ]
     turning = nominal == "10/10"
     figures = known(
-        judged("helm", "helm", Reading(helm, NAN, unit)),
+        judged("helm", _helm_words(run, z, unit), Reading(helm, NAN, unit)),
         judged("heading", "heading change at helm reversal", z.heading),
         *overs,
         judged("initial-turning-time", "initial turning time", z.initial_turning_time),
@@ -412,12 +412,24 @@ def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
 
     A helmsman reverses the rudder late, so that the heading at the executes exceeds the ordered one.
     """
-    ordered, share = run.meta.get("heading"), run.meta.get("steering")
-    if isinstance(ordered, float) and isinstance(share, float):
-        helm = abs(share) * float(run.meta.get("full_rudder", 1.0)) if unit in ("rad", "1") else z.helm
-        return f"{helm_text(helm, unit)}/{math.degrees(ordered):.0f}{_sign(unit)}"
+    ordered = run.meta.get("heading")
+    if isinstance(ordered, float) and isinstance(run.meta.get("steering"), float):
+        return f"{helm_text(_ordered_helm(run, z, unit), unit)}/{math.degrees(ordered):.0f}{_sign(unit)}"
     helm = _ordered(z.helm, HELM_NEAR) if unit == "rad" else z.helm
     return f"{helm_text(helm, unit)}/{math.degrees(_ordered(z.heading.value, HEADING_NEAR)):.0f}{_sign(unit)}"
+
+
+def _ordered_helm(run: Trial, z: ZigZagFigures, unit: str) -> float:
+    """Return the helm that was ordered; the measured one if the record does not contain the order."""
+    share = run.meta.get("steering")
+    if not isinstance(share, float) or unit not in ("rad", "1"):
+        return z.helm
+    return abs(share) * float(run.meta.get("full_rudder", 1.0))
+
+
+def _helm_words(run: Trial, z: ZigZagFigures, unit: str) -> str:
+    """Return the name of the measured helm; a mixer that saturates sends less than was ordered."""
+    return "helm" if abs(z.helm - _ordered_helm(run, z, unit)) <= HELM_MISSED * z.helm else "helm at the output"
 
 
 def _sign(unit: str) -> str:
@@ -425,6 +437,8 @@ def _sign(unit: str) -> str:
     return "" if unit == "rad" else "\N{DEGREE SIGN}"
 
 
+HELM_MISSED = 0.02
+"""Relative difference of the measured from the ordered helm above which both are named. Project choice."""
 HELM_NEAR, HEADING_NEAR = 0.1, 1.0 / 6.0
 """Relative differences from a multiple of 5 degrees within which a rudder angle and a heading count as that multiple.
 

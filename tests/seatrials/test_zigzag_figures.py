@@ -137,7 +137,13 @@ def test_the_title_states_the_ordered_angles():
     shares = replace(
         late, meta={"heading": 20.0 * DEG, "steering": 2 / 3}, channels={"psi": late["psi"], "N": by_share}
     )
-    assert ship_figures(shares)[0].title.startswith("67 %/20° zig-zag")
+    (sheet,) = ship_figures(shares)
+    assert sheet.title.startswith("67 %/20° zig-zag")
+    assert next(f.name for f in sheet.figures if f.slug == "helm") == "helm"
+    weaker = replace(by_share, values=0.9 * by_share.values)  # a mixer that saturates sends less
+    (sheet,) = ship_figures(replace(shares, channels={**shares.channels, "N": weaker}))
+    assert sheet.title.startswith("67 %/20° zig-zag")
+    assert next(f.name for f in sheet.figures if f.slug == "helm") == "helm at the output"
 
 
 def test_the_title_of_a_record_without_orders_uses_likely_round_numbers():
