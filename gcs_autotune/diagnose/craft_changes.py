@@ -95,10 +95,7 @@ class CraftComparison(Displayed):
         if not self.changed:
             return "no change found"
         if not self.causes:
-            return (
-                f"changed ({', '.join(self.outside) or 'all together'}). No single cause explains the change. "
-                "Tune again"
-            )
+            return f"different ({', '.join(self.outside) or 'all together'}). No single cause explains the difference"
         return " and ".join(_change_words(change, size) for change, size in self.causes)
 
     def to_dict(self) -> dict[str, object]:
