@@ -12,7 +12,7 @@ search_with_noise     the search with a drifting force in the model
 candidates            selection of promising effects, and their rough and final fits
 starting_points       starting points for fits, if the plain model diverges
 score                 evidence, gain and winner of a step
-evidence              evidence for each cause; hints, which are causes with too little evidence
+evidence              evidence for each cause; hints, which are causes that the runs do not establish
 heldout               errors on held-out data
 adequacy              tests of the residuals, and comparison with laws without a physical cause
 resonance_check       test whether an apparent wave is ringing of the craft itself

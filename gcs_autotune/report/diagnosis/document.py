@@ -214,7 +214,7 @@ def _hints(examined: _Examined) -> Iterator[Section]:
         Section(f"hint-{i}", f"{i}. {hint_title(hint)}", hint_notes(examined.diagnosis, hint))
         for i, hint in enumerate(examined.diagnosis.hints, start=1)
     )
-    yield Section("hints", "Hints: possible causes with too little evidence", hints, facts=IN_RESULT)
+    yield Section("hints", "Hints: possible causes that these runs do not establish", hints, facts=IN_RESULT)
 
 
 def _remains(examined: _Examined) -> Iterator[Section]:
