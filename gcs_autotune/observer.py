@@ -113,7 +113,7 @@ class Intention:
     """One sentence of the announcement, without its "will".
 
     row : its row in the table that a terminal shows, with *brief* beside it; empty for a sentence without a row.
-    is_usual : whether every run does so, unless told otherwise. A terminal then shows the sentence only with
+    is_usual : whether every run with the usual settings does so. A terminal then shows the sentence only with
         ``--verbose``.
     """
 

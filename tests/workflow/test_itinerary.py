@@ -38,11 +38,11 @@ def at(itinerary: Itinerary, t: float, stage: str) -> Progress:
 @pytest.mark.parametrize(
     ("modes", "brief", "text"),
     [
-        (["MANUAL"], "MANUAL, as now", "stay in mode MANUAL"),
-        (["ALT_HOLD"], "ALT_HOLD; MANUAL at the end", "use mode ALT_HOLD, and return to MANUAL at the end"),
+        (["MANUAL"], "mode MANUAL, as now", "stay in mode MANUAL"),
+        (["ALT_HOLD"], "mode ALT_HOLD; at the end MANUAL", "use mode ALT_HOLD, and return to MANUAL at the end"),
         (
             ["ALT_HOLD", "MANUAL"],
-            "ALT_HOLD and MANUAL; MANUAL at the end",
+            "modes ALT_HOLD and MANUAL; at the end MANUAL",
             "use modes ALT_HOLD and MANUAL, and return to MANUAL at the end",
         ),
     ],
