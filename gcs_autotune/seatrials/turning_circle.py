@@ -120,7 +120,7 @@ def current_of(track: Track, start: float, end: float) -> Current | None:
 AMIDSHIPS, STRAIGHT = 0.15, 0.1
 """Largest helm and largest yaw rate of an approach, relative to those of the turn. Project choice."""
 
-LAST = 4.0
+LAST = 5.0
 """Length of the approach [s] for speed and course, if the run contains the time of execute. Project choice."""
 
 SETTLED_TURN = math.pi
