@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gcs_autotune.craft import Observation
-from gcs_autotune.manoeuvres.approach import Steering, UnderWay
+from gcs_autotune.manoeuvres.approach import Steadiness, Steering, UnderWay
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands
 from gcs_autotune.manoeuvres.open_loop import WITHOUT_THROTTLE, coasting
@@ -22,6 +22,10 @@ STOPPED = 0.1
 Project choice."""
 LEAST_SPEED = 0.1
 """Speed [m/s] below which the manoeuvre is not flown. Project choice."""
+COASTING_WINDOW = 3.0
+"""Time [s] over which the speed of a coasting craft is averaged. It falls so slowly that single readings are below the
+limit much too early. Thrust astern moves the craft astern within this time, so that single readings count there.
+Project choice."""
 PATIENCE = 180.0
 
 
@@ -54,9 +58,11 @@ class Stopping(UnderWay):
             )
         self.phase, self.target = "stopping", STOPPED * speed
         self._mark(now.t, "execute", {"X": -self._astern})
+        recent = Steadiness(COASTING_WINDOW)
         while self.outcome is None:
-            if now.u <= STOPPED * speed:
-                self._end("completed", f"stopped from {speed:.2f} m/s in {now.t - start:.0f} s")
+            recent.update(now.t, now.u)
+            if (now.u if self._astern else recent.mean) <= STOPPED * speed:
+                self._end("completed", "stopped by thrust astern" if self._astern else "coasted until stopped")
             elif now.t - start > PATIENCE:
                 self._end(
                     "stopped",

@@ -37,6 +37,10 @@ BEFORE = 3.0
 """Longest interval before the stop [s] from which the approach speed is calculated. Project choice."""
 WIDTH = 2.0
 """Length [s] of the window of positions or speeds for one figure. Project choice."""
+SLOW = 0.1
+"""Length of the window for a speed, as a fraction of the time since the stop began, if that is longer than
+:data:`WIDTH`. In a shorter window the noise hides how slowly a coasting craft loses speed. Project choice.
+"""
 NAN = math.nan
 
 
@@ -137,13 +141,21 @@ def _astern(X: Channel, start: float, end: float) -> float:
 
 
 def _passing(u: Channel, start: float, level: float) -> Reading:
-    """Return the time at which the speed fell to *level*, from a straight line near it; NaN if it never did."""
+    """Return the time at which the speed fell to *level*, from a straight line near it; NaN if it never did.
+
+    The mean over a window (shorter at the ends of the record) finds the place, because single readings are below
+    *level* too early. A line that reaches *level* only after the end of the record is no passing.
+    """
     after = u.between(start, float(u.t[-1]))
-    below = np.flatnonzero(after.values <= level)
+    window = 0.5 * np.maximum(WIDTH, SLOW * (after.t - start))
+    half = np.minimum(window, np.minimum(after.t - after.t[0], after.t[-1] - after.t))
+    first, last = np.searchsorted(after.t, after.t - half, "left"), np.searchsorted(after.t, after.t + half, "right")
+    summed = np.concatenate([[0.0], np.cumsum(after.values)])
+    below = np.flatnonzero((summed[last] - summed[first]) / np.maximum(last - first, 1) <= level)
     if not len(below) or below[0] == 0:
         return Reading(NAN, NAN, "s")
     t = float(after.t[below[0]])
-    keep = np.abs(after.t - t) <= 0.5 * WIDTH
+    keep = np.abs(after.t - t) <= window[below[0]]
     if int(keep.sum()) < 4:
         return Reading(t, NAN, "s")
     line = local_fit(after.t[keep], after.values[keep], t, 1)
@@ -151,6 +163,8 @@ def _passing(u: Channel, start: float, level: float) -> Reading:
     if slope >= 0.0:
         return Reading(t, NAN, "s")
     when = t + (level - float(line.coefficients[0])) / slope
+    if when > float(after.t[-1]):
+        return Reading(NAN, NAN, "s")
     return Reading(when, math.sqrt(float(line.covariance[0, 0])) / -slope, "s")
 
 

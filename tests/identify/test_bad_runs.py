@@ -203,6 +203,16 @@ def test_a_craft_that_levels_off_at_its_steady_speed_is_not_clipped() -> None:
     assert not clipped(Channel("w", "m/s", 0.1 * np.arange(len(w)), w)).any()
 
 
+def test_the_peak_of_a_smooth_speed_is_not_clipped() -> None:
+    """A climb rate in whole centimetres per second, at ten a second: an ROV with a short push up."""
+    push = (0, -8, -36, -56, -65, -69, -69, -69, -68, -65, -64, -61, -58, -55, -50, -45, -41, -35, -31, -28, -24)
+    settled = [-20, -20, -17, -15, -11, -9, -9, -6, -4, -1, -1, 0, 1, 1] * 8
+    w = 0.01 * np.array((*push, *settled))
+    assert not clipped(Channel("w", "m/s", 0.1 * np.arange(len(w)), w)).any()
+    cut = np.maximum(w, -0.5)
+    assert clipped(Channel("w", "m/s", 0.1 * np.arange(len(w)), cut)).sum() == np.sum(w <= -0.5)
+
+
 def test_a_heading_that_turns_back_quickly_is_not_clipped() -> None:
     t = 0.1 * np.arange(400)
     turned = Channel("psi", "rad", t, np.round(np.clip(3.0 * np.sin(0.7 * t), -2.5, 2.5), 3))

@@ -34,13 +34,13 @@ def test_thrust_is_cut_or_reversed_until_a_tenth_of_the_speed_is_left(astern: fl
     assert mark.detail["X"] == -astern
     stopping = [c.X for row, c in rows if mark.t <= row.t < rows[-1][0].t]
     assert set(stopping) == {-astern}
-    assert rows[-1][0].u == pytest.approx(STOPPED * 2.0, abs=0.06)
+    assert rows[-1][0].u == pytest.approx(STOPPED * 2.0, abs=0.06 if astern else 0.2)
     assert rows[-1][0].u <= STOPPED * 2.0
     assert rows[-1][1].X == 0.0
     assert manoeuvre.target == pytest.approx(0.2)
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.ending == "completed"
-    assert "stopped from 2.00 m/s in 18 s" in manoeuvre.outcome.reason
+    assert manoeuvre.outcome.reason == ("stopped by thrust astern" if astern else "coasted until stopped")
     assert manoeuvre.settings["astern"] == astern
     assert all(c.X == 0.5 for row, c in rows if row.t < mark.t)
 

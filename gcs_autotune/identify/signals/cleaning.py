@@ -8,6 +8,7 @@ appears while the input acts.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -215,13 +216,25 @@ def clipped(channel: Channel) -> NDArray[np.bool_]:
 def _breaks_off(x: Array, start: int, length: int, least: float) -> bool:
     """Return whether the signal changes fast both before and after a stretch of identical values.
 
-    The second step before and the second step after must exceed *least*.
+    The second step before and the second step after must exceed *least*. The peak of a smooth signal decelerates: from
+    either side, a parabola through the steps must reach more than *least* beyond the stretch.
     """
-    before, after = start - 2, start + length + 1
-    if before < 0 or after >= len(x):
+    if start < 2 or start + length + 1 >= len(x):
         return False
-    arriving, leaving = abs(x[start - 1] - x[before]), abs(x[after] - x[after - 1])
-    return bool(min(arriving, leaving) > least)
+    before, after = (
+        np.abs(np.diff(x[max(start - 3, 0) : start + 1]))[::-1],
+        np.abs(np.diff(x[start + length - 1 :][:4])),
+    )
+    return all(steps[1] > least and _hidden(*steps) > least for steps in (before, after))
+
+
+def _hidden(touching: float, step: float, outer: float | None = None) -> float:
+    """Return how far a signal would reach beyond a stretch of identical values, from the steps towards it.
+
+    touching : step between the stretch and the sample next to it. step, outer : the two steps further away.
+    """
+    deceleration = 0.0 if outer is None else 0.5 * (outer - touching)
+    return math.inf if deceleration <= 0.0 else step * step / (2.0 * deceleration) - touching
 
 
 def _levels_off(x: Array, extreme: float, least: float) -> bool:
