@@ -65,6 +65,7 @@ NOTES = frozenset(
         "second-drag-undecided",
         "simulation-elsewhere",
         "structure-undecided",
+        "thrust-while-steering",
         "unit-missing",
         "validation-was-needed",
     }

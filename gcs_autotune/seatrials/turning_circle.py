@@ -214,6 +214,7 @@ def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCi
     approach = _speed(water, before)
     loss = math.nan if not approach.value > 0.0 else 1.0 - steady["speed"].value / approach.value
     loss_std = math.hypot(steady["speed"].std, approach.std) / approach.value if approach.value > 0.0 else math.nan
+    was_steady = _was_steady(water, before, steady["speed"].value - approach.value)
     return TurningCircle(
         run=log.name,
         input=log.steering.name,
@@ -233,7 +234,7 @@ def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCi
         rate=steady["rate"],
         current=STILL if current is None else current,
         track=(north * c + east * s, side * (east * c - north * s)),
-        doubts=(*log.doubts, *_doubts(turned, current, Reading(loss, loss_std, "1"))),
+        doubts=(*log.doubts, *_doubts(turned, current, Reading(loss, loss_std, "1"), was_steady)),
     )
 
 
@@ -360,11 +361,37 @@ GAINED, GAINED_STDS = 0.02, 2.0
 Project choice. An increase above both indicates an approach that was not yet steady, or two thrusters that push
 more in total while they steer.
 """
+GAINING = 0.1
+"""Change of speed from one half of the approach to the other below which the approach was steady, relative to the
+increase in the turn. Project choice.
+"""
 
 
-def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt]:
+def _was_steady(water: Track, before: NDArray[np.bool_], gain: float) -> bool:
+    """Return whether the speed in the approach changed too little to explain an increase by *gain* [m/s] in the turn.
+
+    False if the noise of the positions hides it.
+    """
+    halves = np.array_split(np.flatnonzero(before), 2)
+    if min(len(half) for half in halves) < 5:
+        return False
+    first, second = (_speed(water, np.isin(np.arange(len(before)), half)) for half in halves)
+    noise = 2.0 * math.hypot(first.std, second.std)
+    return noise < 0.25 * gain and abs(second.value - first.value) < max(noise, GAINING * gain)
+
+
+def _doubts(turned: float, current: Current | None, loss: Reading, steady: bool) -> list[Doubt]:
     doubts = []
-    if loss.value < -GAINED and loss.value < -GAINED_STDS * loss.std:
+    if loss.value < -GAINED and loss.value < -GAINED_STDS * loss.std and steady:
+        doubts.append(
+            Doubt(
+                "thrust-while-steering",
+                f"the craft is {-loss.value:.0%} faster in the steady turn than in its approach, and the approach was "
+                "steady: the thrust is larger while steering",
+                "no action. The figures are valid for this thrust",
+            )
+        )
+    elif loss.value < -GAINED and loss.value < -GAINED_STDS * loss.std:
         doubts.append(
             Doubt(
                 "approach-not-steady",

@@ -94,7 +94,7 @@ def test_the_step_distinguishes_a_dead_zone_from_a_curve_where_two_sizes_cannot(
     found = fit_thrust_curve(runs, plain, decaying_oscillation(0.0, DEAD_BAND))
     assert found.parameters["dead-zone@N.width"].value == pytest.approx(DEAD_BAND, abs=0.01)
     assert (
-        "the oscillations and the step together indicate an actuator that does nothing below 12"
+        "the oscillations and the step together are explained best by an actuator that does nothing below 12"
         in describe_thrust_curve(found, plain, decaying_oscillation(0.0, DEAD_BAND))
     )
 
@@ -138,7 +138,10 @@ def test_a_dead_zone_that_explains_three_sizes_is_reported(sizes, step, found, m
     assert (curve is fits["dead-zone",]) is found
     if found:
         announced = describe_thrust_curve(curve, plain)
-        assert announced == "the three oscillations indicate an actuator that does nothing below 14.4% of full output"
+        assert (
+            announced
+            == "the three oscillations are explained best by an actuator that does nothing below 14.4% of full output"
+        )
 
 
 def test_a_dead_zone_found_from_three_sizes_may_saturate_as_well(monkeypatch):

@@ -91,7 +91,7 @@ def test_a_third_oscillation_distinguishes_a_dead_zone_from_a_curve_in_a_turn_ra
     story = harness.tune(axis="yaw")
     assert [trial.name for trial in story.relays] == ["relay-1", "relay-2", "relay-3"]
     assert any(
-        "the three oscillations indicate an actuator that does nothing below 12" in announced
+        "the three oscillations are explained best by an actuator that does nothing below 12" in announced
         for announced in harness.said
     )
     assert story.ending == "kept"

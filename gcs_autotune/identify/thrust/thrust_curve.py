@@ -289,11 +289,11 @@ def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = 
         if sure:
             what += f". Beyond it, {square}"
         records = "three oscillations" if step is None else "oscillations and the step together"
-        return f"the {records} indicate {what}{levels}"
+        return f"the {records} are explained best by {what}{levels}"
     records = "oscillations and the step together" if levels else "two oscillations"
     return (
-        f"the {records} indicate an actuator that is weak for small commands: {square}{levels}. With this the model "
-        f"explains {fit.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
+        f"the {records} are explained best by an actuator that is weak for small commands: {square}{levels}. "
+        f"With this the model explains {fit.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     )
 
 

@@ -443,8 +443,8 @@ def left_sentence(left: Signature) -> str:
         return ""
     p = left.whiteness_p
     chance = "p < 0.0001" if p < 1e-4 else f"p = {format_number(p, 2)}"
-    verdict = "not noise" if p < NOISE_P else "consistent with noise"
-    return f"Whiteness test of the residual: {chance}, {verdict}."
+    verdict = "below the limit of {}: not noise" if p < NOISE_P else "above the limit of {}: consistent with noise"
+    return f"Whiteness test of the residual: {chance}, {verdict.format(NOISE_P)}."
 
 
 def _findings(signature: Signature) -> tuple[str, ...]:

@@ -178,7 +178,11 @@ def _next(story: FlightStory) -> Iterator[Section]:
         folder = shlex.quote(story.directory)
         commands = (
             Note(f"gcs-autotune authority {folder}", "What the craft can do, from these models:", kind="command"),
-            Note(f"gcs-autotune diagnose {folder}", "What a simulation with this model gets wrong:", kind="command"),
+            Note(
+                f"gcs-autotune diagnose {folder}",
+                "Physical causes that a plain simulation of this craft lacks:",
+                kind="command",
+            ),
         )
         yield Section("next", "What next", commands, facts=IN_RESULT)
 

@@ -292,7 +292,7 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
             "proportional; q = 1 is quadratic, like a plain propeller."
         )
     if own.slug == "dead-zone":
-        return f"The actuator has a dead zone: no force below {number('width')} of full output."
+        return f"The model has a dead zone: no force below {number('width')} of full output."
     if own.slug == "saturation":
         return (
             f"The fit limits the force at {number('limit')} of full output. Thrust that flattens gradually gives such "

@@ -178,12 +178,11 @@ def _predicted(proposal: Proposal) -> Section:
 
 
 def _reasons(story: TuneStory) -> Iterator[Section]:
-    """Yield why new values were kept or not.
+    """Yield the comparison that decided whether the new values were kept.
 
     The terminal shows it only if they were not, because the tables contain the rest.
     """
-    what = "parameters" if story.missions else "gains"
-    title = f"Why the new {what} {'were kept' if story.kept else 'were not kept'}"
+    title = f"Comparison of old and new {'parameters' if story.missions else 'gains'}"
     parts = tuple(bullets(story.verdict_reasons))
     yield Section("reasons", title, parts, detail=bool(story.kept), facts=IN_RESULT)
 

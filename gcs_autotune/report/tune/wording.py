@@ -104,14 +104,14 @@ def route_words(before: TrackMetrics, after: TrackMetrics | None) -> str:
 def position_words(before: PositionMetrics, after: PositionMetrics | None) -> str:
     """Return one sentence on the step, and on the push, or on the holding without a push or if it became worse."""
     now = before if after is None else after
-    was = "" if after is None else f" (before: {format_quantity(before.itae, 's^2', 2)})"
-    words = f"Position (measured): step error {format_quantity(now.itae, 's^2', 2)}{was}"
+    was = "" if after is None else f" (before: {format_quantity(before.itae, 's^2', 3)})"
+    words = f"Position (measured): step error {format_quantity(now.itae, 's^2', 3)}{was}"
     worse = after is not None and after.hold > before.hold
     shown = [("push", "under the push")] if math.isfinite(now.push) else []
     for name, when in [*shown, ("hold", "while holding")][: 1 + worse]:
         if math.isfinite(getattr(now, name)):
-            was = "" if after is None else f" (before: {format_quantity(getattr(before, name), 'm', 2)})"
-            words += f"; distance {when} {format_quantity(getattr(now, name), 'm', 2)} rms{was}"
+            was = "" if after is None else f" (before: {format_quantity(getattr(before, name), 'm', 3)})"
+            words += f"; distance {when} {format_quantity(getattr(now, name), 'm', 3)} rms{was}"
     return f"{words}."
 
 
