@@ -126,13 +126,13 @@ class RoverHeading(PositionLoop):
         most = math.degrees(abs(model.steady_velocity(1.0)))
         bound = settings[ANG] <= BARELY
         why = (
-            f"the heading loop would then need {ANG} below its documented minimum of 1"
+            f", but the heading loop would then need {ANG} below its documented minimum of 1"
             if bound
-            else "the heading step needs a smaller value"
+            else ". The proposed gains are those for the heading step, within their ranges"
         )
         limit = self._get(settings, "ATC_STR_RAT_MAX")
         return [
-            f"{FF} = {ideal:.2g} would follow turn rates best, but {why}. At this speed the craft turns at most "
+            f"{FF} = {ideal:.3g} would follow turn rates best{why}. At this speed the craft turns at most "
             f"{most:.0f} deg/s. ATC_STR_RAT_MAX limits the required rate to {limit:g} deg/s"
         ]
 

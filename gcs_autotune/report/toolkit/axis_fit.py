@@ -393,7 +393,7 @@ def estimate_table(fit: AxisFit) -> Table:
     """Return a table with the estimates of IS-O from each experiment, and of the refined fit."""
     names = fit.model.axis.parameter_names()
     rows = [
-        (f"IS-O {i}", *(format_number(v) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
+        (f"IS-O {i}", *(format_number(round(v, 9)) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
         for i, e in enumerate(fit.iso, start=1)
     ]
     rows.append(("refined", *(_parameter_value(fit.parameters[n]) for n in names)))
