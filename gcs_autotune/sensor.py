@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["INDEPENDENT", "moves", "noise_of", "quantum"]
+__all__ = ["INDEPENDENT", "TURN", "moves", "noise_of", "quantum"]
 
 Array = NDArray[np.float64]
 
@@ -36,14 +36,22 @@ def moves(values: Array) -> bool:
     return float(np.std(values)) > MOVES * noise
 
 
-def quantum(values: Array) -> float:
-    """Return the quantisation step of a signal, in its unit; 0 if its values have no common grid."""
-    levels = np.unique(values)
+TURN = 2.0 * math.pi
+"""Period of a heading [rad], for :func:`quantum`."""
+
+
+def quantum(values: Array, period: float = 0.0) -> float:
+    """Return the quantisation step of a signal, in its unit; 0 if its values have no common grid.
+
+    period : that of an angle that may turn several times; 0 otherwise. A long turn has a new level with every sample,
+        but few within one period.
+    """
+    levels = np.unique(np.mod(values, period) if period else values)
     span = float(levels[-1] - levels[0]) if len(levels) else 0.0
-    if len(levels) < 3 or len(levels) > len(values) / 2 or span <= 0.0:
-        return 0.0
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-6 * span]
+    if not 2 <= len(gaps) < len(values) / 2:
+        return 0.0
     step = float(gaps.min())
     multiples = gaps / step
     return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0

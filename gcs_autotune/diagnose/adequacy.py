@@ -61,6 +61,11 @@ WHITE = 0.005
 
 FEWEST_FOR_TAILS = 50
 
+ROUNDED = 1.25
+"""Largest residual that counts as rounding, relative to the standard deviation of the rounding error. The excess leaves
+space for the noise of the sensor. Project choice.
+"""
+
 BLOCK = 25
 """Number of samples per block in the test of block means."""
 
@@ -289,8 +294,13 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
 
 
 def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
-    """Return whether the residuals of a fit, on the fitted runs, are compatible with white noise."""
-    return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
+    """Return whether the residuals of a fit, on the fitted runs, are compatible with white noise and with rounding.
+
+    The rounding error of a slow signal is not white. A signal whose residual is no larger is not tested.
+    """
+    steps = problem.data_summary.quantum
+    rounded = {n for n, level in fit.levels.items() if level <= ROUNDED * steps.get(n, 0.0) / math.sqrt(12.0)}
+    return whiteness_of([t for t in tests_of(problem, fit) if t.signal not in rounded]) >= SIGNIFICANCE
 
 
 def explains_all(problem: Problem, step: SearchStep[Fitted]) -> bool:

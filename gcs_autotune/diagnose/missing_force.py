@@ -37,6 +37,10 @@ UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row
 REPORTED_SHARE = 0.1
 """Smallest fraction of the missing force that a quantity must predict in other runs to be reported."""
 
+READINGS = 0.01
+"""Force behind an oscillation, relative to the drifting force, below which only the readings oscillate. Project choice.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Estimate:
@@ -244,10 +248,9 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
             )
         if not dependencies:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
-            lines.append(
-                f"the drifting force depends on no recorded quantity{others}. It comes from waves, wind, current or "
-                "a quantity that was not recorded"
-            )
+            origin = "waves, wind, current or a quantity that was not recorded"
+            cause = f"is constant or comes from {origin}" if _may_be_constant(missing) else f"comes from {origin}"
+            lines.append(f"the drifting force depends on no recorded quantity{others}. It {cause}")
     accepted = {key_of(a.effect) for a in search.accepted}
     last = {key_of(a.effect): a for step in search.steps for a in step.judged}  # beside all accepted before it
     short = {k: a for k, a in last.items() if a.gained > a.needed and (a.unsound or not a.holds)}
@@ -262,17 +265,27 @@ def _sure_of(missing: MissingForce) -> str:
         return ""
     until = f"{late:.3g} s" if math.isfinite(late) else "no limit"
     words = f" (95 % intervals: size {low:.2g} to {high:.2g}, time {soon:.2g} s to {until})"
-    return words + ". These runs do not distinguish it from a constant force" * (late > missing.longest)
+    return words + ". These runs do not distinguish it from a constant force" * _may_be_constant(missing)
+
+
+def _may_be_constant(missing: MissingForce) -> bool:
+    """Return whether the force may drift more slowly than the longest run lasts."""
+    return missing.memory95[1] > missing.longest
 
 
 def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
     unit = SIGNALS[signal][0]
     amplitude = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
     kind = "moment" if DOFS[missing.dof].angular else "force"
+    what = f"{AXES.get(signal, signal)} also oscillates by {amplitude} with a period of {waves.period:.2g} s"
+    if waves.force < READINGS * missing.size:
+        return (
+            f"{what} (standard deviation), without a {kind} behind it. It is in the readings, as from rounding or a "
+            "loose sensor mount. This is not counted as a cause"
+        )
     return (
-        f"{AXES.get(signal, signal)} also oscillates by {amplitude} with a period of {waves.period:.2g} s, as from "
-        f"waves or a loose sensor mount. The {kind} behind it is {waves.force:.2g} {_of(missing)}. Both sizes are "
-        "standard deviations. This is not counted as a cause"
+        f"{what}, as from waves or a loose sensor mount. The {kind} behind it is {waves.force:.2g} {_of(missing)}. "
+        "Both sizes are standard deviations. This is not counted as a cause"
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.signals.cleaning import clean, unwrap
-from gcs_autotune.sensor import quantum
+from gcs_autotune.sensor import TURN, quantum
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["Execute", "ShipLog", "find_executes", "ship_log", "steered"]
@@ -117,7 +117,7 @@ def ship_log(trial: Trial) -> ShipLog:
     psi = replace(psi, values=unwrap(psi.t, psi.values, rate))
     unique = {(d.slug, d.cause): d for d in notes}
     doubts = tuple(unique.values())
-    return ShipLog(trial.name, steering, psi.t, psi.values, quantum(psi.values), channels, doubts)
+    return ShipLog(trial.name, steering, psi.t, psi.values, quantum(psi.values, TURN), channels, doubts)
 
 
 def steered(trial: Trial) -> Trial:

@@ -33,7 +33,7 @@ from gcs_autotune.identify.signals.segment import MIN_SAMPLES, MOST_ALIKE, Segme
 from gcs_autotune.models import FORMS, Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.rounding import counted
-from gcs_autotune.sensor import INDEPENDENT, quantum
+from gcs_autotune.sensor import INDEPENDENT, TURN, quantum
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
 
@@ -419,7 +419,8 @@ def _cut(
             keep = (channel.t >= start) & (channel.t < end)
             if int(keep.sum()) >= MIN_SAMPLES:
                 t, values = channel.t[keep], channel.values[keep]
-                signals[name] = Signal(name, t, values, quantum(values), *_errors_of(trial, name, t))
+                step = quantum(values, TURN if name == "psi" else 0.0)
+                signals[name] = Signal(name, t, values, step, *_errors_of(trial, name, t))
         if signals:
             name = trial.name if len(borders) == 2 else f"{trial.name}#{len(parts) + 1}"
             parts.append(replace(whole, name=name, signals=signals, notes=() if parts else tuple(notes)))
