@@ -407,7 +407,7 @@ def _reason(law: Law, gain: Gain, after: GainCandidate, is_refined: bool) -> str
     reason = f"{gain.meaning}: " + (
         "chosen for the smallest predicted tracking error (ITAE) of the step"
         if is_refined
-        else f"matched, within its range, to a {wanted.kind.capitalize()} step settling in {settled:.1f} s"
+        else f"matched within the ranges to a {wanted.kind.capitalize()} step settling in {settled:.1f} s"
     )
     if new != 0.0 and new in (gain.low, gain.high):
         reason += f", limited to the documented {'minimum' if new == gain.low else 'maximum'}"

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from gcs_autotune import chi_square
 from gcs_autotune.effects import EFFECTS, effect_at, parameter_words
@@ -350,15 +351,19 @@ def _coloured(solution: Solution) -> Iterator[Facts]:
 
 
 def _outliers(solution: Solution) -> Iterator[Facts]:
-    """Signals with robust weights are skipped. For a rounding sensor the limit includes noise and resolution."""
+    """Signals with robust weights are skipped. For a rounding sensor the limit includes noise and resolution.
+
+    An outlier is also far from its neighbours. Samples that are far off together are an error of the model.
+    """
     share = 0.0
     for r in solution.rests:
-        model, errors = solution.noise_models[r.signal], np.abs(r.judged[r.known])
-        if model.robust:
+        model, errors = solution.noise_models[r.signal], r.judged[r.known]
+        if model.robust or not len(errors):
             continue
-        rough = max(1.4826 * float(np.median(errors)), r.step, 1e-300)
+        rough = max(1.4826 * float(np.median(np.abs(errors))), r.step, 1e-300)
         reach = 0.5 * model.quantum + FAR * model.sigma if model.quantum > 0.0 else FAR * rough
-        share = max(share, float(np.mean(errors > reach)))
+        around = np.median(sliding_window_view(np.pad(errors, 2, mode="edge"), 5), axis=1)
+        share = max(share, float(np.mean(np.minimum(np.abs(errors), np.abs(errors - around)) > reach)))
     if not share <= OFTEN:
         yield {"share": 100 * share}
 

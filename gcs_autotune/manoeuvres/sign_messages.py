@@ -67,7 +67,7 @@ def moved(stretch: Pulse, signal: str, force: str) -> str:
     """Return a clause on the motion caused by one pulse."""
     angular = SIGNALS[signal].angular
     does, size = (
-        ("turned", f"{abs(math.degrees(stretch.moved)):.1f} deg")
+        ({"K": "rolled", "M": "pitched"}.get(force, "turned"), f"{abs(math.degrees(stretch.moved)):.1f} deg")
         if angular
         else ("moved", f"{abs(stretch.moved):.2f} m")
     )

@@ -154,7 +154,7 @@ def _slower_than_the_relays(seconds: float, record: float) -> Doubt:
     A relay takes several periods, and a period several rise times. So the loop itself is faster than that. The slow
     part belongs to the fit, because noise or a small drift leaves it undetermined.
     """
-    cause = f"a step of the model takes {seconds:.0f} s, but the relays took only {record:.0f} s"
+    cause = f"the fitted loop has a part as slow as {seconds:.0f} s, but the relays took only {record:.0f} s"
     return Doubt("slower-than-relays", cause, "repeat in calmer water or with a larger --set-point")
 
 

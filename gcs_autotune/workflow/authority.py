@@ -47,6 +47,7 @@ def authority(
     """
     settings: dict[str, float] = {}
     firmwares: set[str] = set()
+    boards: dict[str, str] = {}
     models = []
     for path in inputs:
         runs: Sequence[Trial] = ()
@@ -56,9 +57,10 @@ def authority(
             settings |= _settings(path)
             runs = readable_runs(path)
             firmwares |= {str(run.meta.get("firmware", "")) for run in runs} - {""}
+            boards |= {uid: str(path) for run in runs if (uid := _board(run))}
         models.append(_flown(path, file, runs, full_scale or {}))
     surge, yaw = _roles(models)
-    return authority_of(
+    result = authority_of(
         CraftModels(
             surge,
             yaw,
@@ -67,6 +69,17 @@ def authority(
             rover=not firmwares or "ArduRover" in firmwares,
         )
     )
+    if len(boards) < 2:
+        return result
+    runs_of = ", ".join(dict.fromkeys(boards.values()))
+    same = f"The runs {runs_of} are of one craft, although their autopilot boards differ. If not, the results are wrong"
+    return replace(result, assumed=(same, *result.assumed))
+
+
+def _board(run: Trial) -> str:
+    """Return the unique id of the autopilot that flew *run*; empty if unknown."""
+    vehicle = run.meta.get("vehicle")
+    return str(vehicle.get("uid", "")) if isinstance(vehicle, Mapping) else ""
 
 
 def _flown(path: Path, file: Path, runs: Sequence[Trial], full_scale: Mapping[str, float]) -> FlownModel:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gcs_autotune.cli import main
 from gcs_autotune.mavlink import load_params
+from gcs_autotune.trial import Channel, Trial, save_trial
 
 SETTINGS = "SERVO1_FUNCTION,26\nCRUISE_THROTTLE,50\nMOT_SLEWRATE,0\n"
 
@@ -63,6 +65,22 @@ def test_models_that_do_not_belong_together_are_rejected(
     assert "Give its run directory" in capsys.readouterr().err
     assert main(["authority", model(tmp_path, "heave")]) == 2
     assert "surge or yaw" in capsys.readouterr().err
+
+
+def test_runs_of_different_boards_are_an_assumption(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(20.0)
+    for dof, board in (("surge", "1f"), ("yaw", "2e")):
+        (tmp_path / dof / "trials").mkdir(parents=True)
+        trial = Trial(dof, {"X": Channel("X", "1", t, t / 40.0)}, meta={"vehicle": {"uid": board}})
+        save_trial(trial, tmp_path / dof / "trials" / f"01-{dof}.csv")
+        Path(model(tmp_path, dof, alpha=1.0)).rename(tmp_path / dof / "model.json")
+    runs = [str(tmp_path / dof) for dof in ("surge", "yaw")]
+    assert main(["authority", *runs, "--throttle", "0.5"]) == 0
+    assert "although their autopilot boards differ" in " ".join(capsys.readouterr().out.split())
+    assert main(["authority", runs[0], *words[2:3], "--throttle", "0.5"]) == 0
+    assert "autopilot boards" not in capsys.readouterr().out
 
 
 def test_a_missing_model_and_an_input_in_newtons_are_rejected_with_advice(

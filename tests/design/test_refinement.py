@@ -73,7 +73,7 @@ def test_the_reasons_and_notes_state_that_the_tracking_error_decided(refined: Ma
 def test_a_user_specification_is_matched_and_not_refined() -> None:
     proposal = propose("falcon heave", settling_time=5.0)
     assert all("tracking error" not in change.reason for change in proposal.changes)
-    matched = "matched, within its range, to a Bessel step settling in 5.0 s"
+    matched = "matched within the ranges to a Bessel step settling in 5.0 s"
     assert any(matched in change.reason for change in proposal.changes)
 
 
