@@ -707,8 +707,9 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "inertia-unresolved",
         Choice,
         _inertia_unresolved,
-        "only the ratio of input to steady velocity is known, because the craft responds faster than it is sampled",
-        "request a higher message rate",
+        "only the ratio of input to steady velocity is known, because the fitted time constant is shorter than a "
+        "sample. The craft is that fast, or it also moves in a way that the model omits",
+        "request a higher message rate. Identify a boat that drifts sideways with --dof horizontal",
     ),
     DoubtRow(
         "run-apart",

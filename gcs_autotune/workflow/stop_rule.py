@@ -272,10 +272,8 @@ class KnownDesign:
             return "no gains meet the specification with the present model"
         if self._times >= TWICE and now.gains is not None:
             self.known = True
-            return (
-                "the model is accurate enough for the design: its uncertainty changes the predicted ITAE by at most "
-                f"{now.gains.spread:.0%}"
-            )
+            most = f"at most {now.gains.spread:.0%}" if now.gains.spread >= 0.005 else "less than 1%"
+            return f"the model is accurate enough for the design: its uncertainty changes the predicted ITAE by {most}"
         if now.another_size:
             self.another_size = True
             return (

@@ -48,6 +48,11 @@ UNITS: Mapping[str, tuple[str, float]] = {
 }
 """SI unit -> (unit as text for owners, factor from SI)."""
 
+LONGER = 1.5
+"""Least factor on the length of the runs when more of them are advised. Evidence also varies from run to run. Project
+choice.
+"""
+
 MORE = ("", "one more", "two more", "three more", "four more", "five more")
 
 
@@ -184,7 +189,7 @@ def _odds(chance: float) -> str:
 
 def _settles(hint: Hint) -> str:
     more = (
-        f"Fly the same manoeuvres for {format_seconds(hint.needed)} in total instead of "
+        f"Fly the same manoeuvres for {format_seconds(max(hint.needed, LONGER * hint.seconds))} in total instead of "
         f"{format_seconds(hint.seconds)}: evidence grows with length"
     )
     said = sentence(f"{more}. Alternatively: {hint.separated_by}")

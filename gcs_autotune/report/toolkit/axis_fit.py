@@ -110,7 +110,8 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
-    if model.beta != 0.0 and fit.structure != "nonlinear":
+    resolved = not any(d.slug == "inertia-unresolved" for d in fit.doubts)
+    if model.beta != 0.0 and fit.structure != "nonlinear" and resolved:
         time = model.alpha / model.beta
         how = "decays" if time > 0.0 else "grows"
         slow = "at low turn rates" if axis.angular else "at low speed"
