@@ -162,7 +162,7 @@ class Layered(Manoeuvre):
             elif moves and t > 0.5 * path.seconds and (_passed(path, now) or t > PATIENCE * path.seconds):
                 self._end("completed", f"the end is passed at {nearest:.2f} m")
             elif not moves and t >= path.seconds + own.settle:
-                self._end("completed", f"{left:.2f} m from the end" if places else "turned")
+                self._end("completed", f"at the end {left:.2f} m from the target" if places else "turned")
             command = Actuate() if self.outcome is not None else hold(helm.update(target, now), depth, now)
             now = yield command
 

@@ -70,7 +70,7 @@ def test_a_craft_without_a_model_is_identified_and_then_hovers(tmp_path: Path) -
     announced = " ".join(harness.said)
     assert "relay oscillations in yaw and surge and sway to identify the craft, then hover" in announced
     assert {path.stem for path in harness.directory.glob("model*.json")} == {"model", "model-surge", "model-sway"}
-    assert "distance to the path, rms" in result.page.read_text(encoding="utf-8")
+    assert "distance to the point, rms" in result.page.read_text(encoding="utf-8")
     assert_as_before(harness)
 
 
