@@ -16,7 +16,7 @@ from gcs_autotune.identify import Fit, Model
 from gcs_autotune.manoeuvres import windows_of
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import measure, measure_halves
+from gcs_autotune.workflow.experiments import measure, measure_halves, noise_as_read
 from gcs_autotune.workflow.identification import Identified, delay_of
 from gcs_autotune.workflow.proof import Proof, design_input_of, reduction_of
 from gcs_autotune.workflow.stop_rule import DesignQuestion
@@ -127,8 +127,8 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
         settled_least=flown.least_enough,
         hold=min(flown.hold, flown.least_hold),
         start=_start_of(before) if context.law.controls_velocity else None,
-        noise_std=criteria.noise,
-        jitter_std=criteria.jitter,
+        noise_std=noise_as_read(before, criteria.noise),
+        jitter_std=criteria.noise if criteria.jitter is None else criteria.jitter,
         quantum=criteria.grain,
         noise_bandwidth=0.5 * context.craft.rates.granted["ATTITUDE"].granted,
         measured=proof.measured,

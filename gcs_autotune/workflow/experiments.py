@@ -46,6 +46,7 @@ __all__ = [
     "dive_for",
     "measure",
     "measure_halves",
+    "noise_as_read",
     "noise_in",
     "resolution",
     "second_output",
@@ -237,17 +238,29 @@ def noise_in(trial: Trial, signal: str) -> float:
     return noise_of(trial[signal].values)
 
 
-def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
-    """Return the moving average of *x* (n,) over *span* [s], and the fraction of white noise rms that it passes.
+def noise_as_read(step: Trial, noise_std: float) -> float:
+    """Return the standard deviation of the noise in the motion that is measured, for *noise_std* of the stepped signal.
 
-    The average is centred except at the ends.
+    A prediction must ignore errors up to the same size as the measurement, and a moving average has less noise.
     """
-    half = max(round(0.5 * span / float(np.median(np.diff(t)))), 1) if len(t) > 2 else 0
-    width = min(2 * half + 1, len(x))
-    low = np.clip(np.arange(len(x)) - half, 0, len(x) - width)
+    signal = str(step.meta["signal"])
+    return noise_std / math.sqrt(_averaged(step[signal].t, signal))
+
+
+def _averaged(t: Array, signal: str) -> int:
+    """Return the number of samples in the moving average of :data:`CALMED`; 1 without one."""
+    if signal not in CALMED or len(t) <= 2:
+        return 1
+    half = max(round(0.5 * CALMED[signal] / float(np.median(np.diff(t)))), 1)
+    return min(2 * half + 1, len(t))
+
+
+def _calmed(x: Array, width: int) -> Array:
+    """Return the moving average of *x* (n,) over *width* samples, centred except at the ends."""
+    low = np.clip(np.arange(len(x)) - width // 2, 0, len(x) - width)
     total = np.concatenate([[0.0], np.cumsum(x)])
     mean: Array = (total[low + width] - total[low]) / width
-    return mean, 1.0 / math.sqrt(width)
+    return mean
 
 
 def measure(
@@ -311,9 +324,9 @@ def _one_step(trial: Trial, signal: str, asked: _Step, noise_std: float, quantum
     start, end = asked.start, asked.start + asked.window
     position = trial[signal].between(start - 1.0, end)
     t, x = position.t, position.values
-    if signal in CALMED:
-        x, share = _calmed(t, x, CALMED[signal])
-        noise_std *= share
+    width = _averaged(t, signal)
+    if width > 1:
+        x, noise_std = _calmed(x, width), noise_std / math.sqrt(width)
     first = int(np.searchsorted(t, start))  # the clock of a step starts with it, not with the next sample
     t, x = np.insert(t, first, start), np.insert(x, first, np.interp(start, t, x))
     if t[-1] < end - 1.0:

@@ -8,10 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gcs_autotune.design import step_metrics
 from gcs_autotune.manoeuvres import common_windows, windows_of
 from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.workflow.accompanying_step import compared_over
-from gcs_autotune.workflow.experiments import measure, measure_halves, resolution, steering_throttle
+from gcs_autotune.workflow.experiments import (
+    measure,
+    measure_halves,
+    noise_as_read,
+    resolution,
+    steering_throttle,
+)
 
 QUANTUM = math.radians(2.0)
 STEP = math.radians(30.0)
@@ -57,6 +64,27 @@ def test_a_step_that_never_started_has_no_metrics() -> None:
     trial = flown(QUANTUM)
     held = Trial(trial.name, trial.channels, trial.marks[:1], "stopped", meta=trial.meta)
     assert math.isnan(measure(held).itae)
+
+
+def test_a_predicted_speed_step_ignores_the_same_errors_as_the_flown_one() -> None:
+    std, size, seconds, rng = 0.02, 0.5, 8.0, np.random.default_rng(5)
+    t = np.arange(-2.0, seconds + 0.05, 0.1)
+    motion = size * np.where(t < 0.0, 0.0, 1.06 - 1.06 * np.exp(-t.clip(0.0)))  # 6 % too fast to the end
+    marks = (Mark(-2.0, "target", {"value": 0.0}), Mark(0.0, "target", {"value": size}))
+    found = []
+    for _ in range(20):
+        u = Channel("u", "m/s", t, motion + rng.normal(0.0, std, len(t)))
+        channels = {"u": u, "X": Channel("X", "1", t, np.zeros_like(t))}
+        step = Trial("step", channels, marks, "completed", meta={"signal": "u", "duration": seconds})
+        found.append(measure(step, std).itae)
+    fine = np.arange(0.0, seconds, 0.02)
+    steps = size * (1.06 - 1.06 * np.exp(-fine)), np.where(fine > 0.0, size, 0.0), np.zeros_like(fine)
+    read, whole = (
+        step_metrics(fine, steps[1], steps[0], steps[2], noise_std=noise, noise_time=0.1).itae
+        for noise in (noise_as_read(step, std), std)
+    )
+    assert read == pytest.approx(float(np.mean(found)), rel=0.1)
+    assert whole < 0.75 * read
 
 
 def test_steps_are_compared_over_the_time_both_recorded() -> None:
