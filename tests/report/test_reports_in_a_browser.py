@@ -47,7 +47,8 @@ FIGURES = """() => [...document.querySelectorAll("figure")].map((node) => {
 
 
 BESIDE = """() => {
-  const [figure, table] = ["figure", ".scroll"].map((what) => document.querySelector(`#step > ${what}`).getBoundingClientRect());
+  const [figure, table] = ["figure", ".scroll"].map((what) => document.querySelector(`#step > ${what}`))
+    .map((node) => node.getBoundingClientRect());
   return [table.left >= figure.right && table.top < figure.top + 40, figure.bottom <= table.top];
 }"""
 """Whether the first table of the step is beside its figure, and whether it is below it."""

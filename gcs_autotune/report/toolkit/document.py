@@ -216,8 +216,9 @@ def notes(texts: tuple[str, ...]) -> Iterator[Note]:
 
 
 def resume_section(command: str, text: str) -> Section:
-    """Return the section with the *command* that continues an interrupted run, and the *text* before it. ``summary.json``
-    contains both, so that the list of runs shows them too.
+    """Return the section with the *command* that continues an interrupted run, and the *text* before it.
+
+    ``summary.json`` contains both, so that the list of runs shows them too.
     """
     how = Note(command, text, kind="command")
     return Section("resume", "How to continue", (how,), facts={"resume": {"text": text, "command": command}})
