@@ -98,6 +98,7 @@ class Archive:
             "files": files,
             "trials": [_trial(folder, file) for file in trials],
             "resume": _resume(folder),
+            "way_on": _way_on(folder),
             "undo": _undo_words(folder),
         }
 
@@ -258,6 +259,14 @@ def _resume(folder: Path) -> dict[str, Any] | None:
         "style": str(job.get("style", "")),
         "dry_run": job.get("dry_run") is True,
     }
+
+
+def _way_on(folder: Path) -> dict[str, str]:
+    """Return the ``command`` that continues an interrupted run, with the ``text`` before it; empty if there is none."""
+    told = read_json(folder / "summary.json").get("resume")
+    if not isinstance(told, dict) or not told.get("command"):
+        return {}
+    return {name: visible(str(told.get(name, ""))) for name in ("text", "command")}
 
 
 def packed(folder: Path) -> BinaryIO:

@@ -46,6 +46,14 @@ FIGURES = """() => [...document.querySelectorAll("figure")].map((node) => {
 })"""
 
 
+BESIDE = """() => {
+  const [figure, table] = ["figure", ".scroll"].map((what) => document.querySelector(`#step > ${what}`))
+    .map((node) => node.getBoundingClientRect());
+  return [table.left >= figure.right && table.top < figure.top + 40, figure.bottom <= table.top];
+}"""
+"""Whether the first table of the step is beside its figure, and whether it is below it."""
+
+
 def zig_zag() -> Trial:
     """Return a 20/20 zig-zag of a ship with 4 r' + r = 0.25 delta, sampled at 10 Hz."""
     psi = r = delta = 0.0
@@ -126,3 +134,12 @@ def test_printed_figures_are_small_and_readable(browser: Any, reports: dict[str,
     assert [p for p in pairs if p[0]["top"] != p[1]["top"]] == []
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
     page.close()
+
+
+def test_a_wide_screen_shows_the_figure_of_a_tune_beside_its_tables(browser: Any, reports: dict[str, Path]) -> None:
+    for width, expected in ((1280, [True, False]), (390, [False, True])):
+        page = browser.new_page(viewport={"width": width, "height": 800})
+        page.goto(reports["tune"].as_uri())
+        assert page.evaluate(BESIDE) == expected
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        page.close()

@@ -366,6 +366,15 @@ def test_a_stopped_guided_run_continues_in_its_own_directory(tmp_path: Path) -> 
         make_order({**resume, "resume": "../etc"}, tmp_path, datetime(2026, 11, 23))
 
 
+def test_a_stopped_run_states_the_command_that_continues_it(tmp_path: Path) -> None:
+    how = {"text": "To continue:", "command": "gcs-autotune tune heading --resume runs/lake"}
+    for name, summary in (("lake", {"ending": "aborted", "resume": how}), ("pond", {"ending": "kept"})):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "summary.json").write_text(json.dumps(summary))
+    with client_of(tmp_path) as one:
+        assert [one.get(f"/runs/{name}").json()["way_on"] for name in ("lake", "pond")] == [how, {}]
+
+
 def test_a_finished_or_simulated_guided_run_cannot_be_continued(tmp_path: Path) -> None:
     job_of(tmp_path / "done", "/dev/ttyUSB0", "kept", "restored")
     job_of(tmp_path / "simulated", "sitl:charlie", "kept", "open")

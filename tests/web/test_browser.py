@@ -129,7 +129,7 @@ def test_what_if_shows_designs_from_gentle_to_quick_and_proves_the_one_shown(
     page.page.click("#yes")
     page.shows("#question-text", "Write ATC_STR_RAT_FF")
     (offered,) = page.page.locator("#offer tr", has_text="ATC_STR_RAT_FF").all_inner_texts()
-    assert f"{float(offered.split()[2]):.3g}" == shown.split("RAT_FF ")[1].split(",")[0].split()[-1]
+    assert f"{float(offered.split()[2]):.4g}" == shown.split("RAT_FF ")[1].split(",")[0].split()[-1]
     page.page.click("#yes")
     page.shows("#end-title", "tune heading: ")
     assert page.page.inner_text("#end-title").endswith(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,12 @@ def test_the_report_shows_the_resume_command_without_unfolding(ended_early: Sitl
     page = (ended_early.directory / "report.html").read_text()
     assert page.index('class="verdict') < page.index('<a href="#resume">') < page.index("<details")
     assert page.index('id="resume"') < page.index("--resume") < page.index("<details")
+
+
+def test_the_summary_contains_the_resume_command_for_lists_of_runs(ended_early: SitlHarness) -> None:
+    told = json.loads((ended_early.directory / "summary.json").read_text())["resume"]
+    (sentence,) = [text for text in ended_early.said if "--resume" in text]
+    assert sentence.lower() == f"{told['text']} {told['command']}".lower()
 
 
 def test_reusable_records_are_used_and_only_the_rest_is_flown(ended_early: SitlHarness, tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ __all__ = [
     "files_section",
     "is_empty",
     "notes",
+    "resume_section",
 ]
 
 Tone = Literal["good", "neutral", "bad"]
@@ -212,6 +213,15 @@ def sections_of(front: Iterable[Maker[Made]], folded: Iterable[Maker[Made]], of:
 def notes(texts: tuple[str, ...]) -> Iterator[Note]:
     """Yield each of the sentences as a note."""
     return (Note(text) for text in texts)
+
+
+def resume_section(command: str, text: str) -> Section:
+    """Return the section with the *command* that continues an interrupted run, and the *text* before it.
+
+    ``summary.json`` contains both, so that the list of runs shows them too.
+    """
+    how = Note(command, text, kind="command")
+    return Section("resume", "How to continue", (how,), facts={"resume": {"text": text, "command": command}})
 
 
 def files_section(directory: str, files: Iterable[str], title: str = "Files of this run") -> Iterator[Section]:

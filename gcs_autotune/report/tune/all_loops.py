@@ -10,7 +10,18 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
-from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, Tone, Verdict, bullets
+from gcs_autotune.report.toolkit.document import (
+    IN_RESULT,
+    Document,
+    Note,
+    Part,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+    bullets,
+    resume_section,
+)
 from gcs_autotune.report.toolkit.wording import format_moment, format_number, format_seconds, format_share, sentence
 from gcs_autotune.report.tune.wording import SIMULATED_UNDO
 from gcs_autotune.rounding import counted, format_digits
@@ -211,9 +222,7 @@ def _sections(story: JobStory) -> Iterator[Section]:
     if reasons:
         yield Section("reasons", "Remarks", tuple(bullets(reasons)), facts=IN_RESULT)
     if story.resume:
-        yield Section(
-            "resume", "How to continue", (Note(story.resume, "The next step:", kind="command"),), facts=IN_RESULT
-        )
+        yield resume_section(story.resume, "The next step:")
     if any(step.ending == "kept" for step in story.steps):
         told = f"{SIMULATED_UNDO}:" if story.simulated else "This restores the parameters of before all steps:"
         undo = Note(story.undo, told, kind="command")

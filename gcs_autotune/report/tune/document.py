@@ -27,6 +27,7 @@ from gcs_autotune.report.toolkit.document import (
     cautions,
     files_section,
     notes,
+    resume_section,
     sections_of,
 )
 from gcs_autotune.report.toolkit.wording import (
@@ -207,8 +208,7 @@ def _resume(story: TuneStory) -> Iterator[Section]:
     """Yield the command that continues an interrupted tune."""
     told, _, command = story.way_on.partition(COMMAND)
     if command:
-        how = Note(f"{COMMAND.strip(': ')} {command}", f"{sentence(told).rstrip('.')}:", kind="command")
-        yield Section("resume", "How to continue", (how,), facts=IN_RESULT)
+        yield resume_section(f"{COMMAND.strip(': ')} {command}", f"{sentence(told).rstrip('.')}:")
 
 
 def _undo(story: TuneStory) -> Iterator[Section]:

@@ -43,17 +43,18 @@ export function redraw() {
   }
 }
 
-// The proof of a tune: the same step with the old and the new gains, from the moment of the step.
+// The proof of a tune: the same step with the old and the new gains, from the moment of the step
+// to the step back. The step back is not shown: each flight steps back at a time of its own.
 export function drawProof(node, before, after, signal) {
   const kind = about(signal), sides = [before, after].map((rows) => fromStep(rows, kind.factor));
   const line = (label, name, dash) => ({ label, stroke: css(name), width: 2, dash, points: { show: false }, spanGaps: true });
   const axis = { stroke: css("soft"), grid: { stroke: css("faint"), width: 1 }, ticks: { stroke: css("faint") } };
-  const [old, made] = sides;
+  const [old, made] = sides, longest = old.t[old.t.length - 1] > made.t[made.t.length - 1] ? old : made;
   return new uPlot({
     width: node.clientWidth, height: 220, cursor: { show: false }, legend: { show: true, live: false },
     scales: { x: { time: false } }, axes: [{ ...axis, size: 34 }, { ...axis, size: 52 }],
     series: [{}, line("target", "wanted", [8, 5]), line("before", "soft"), line("after", "measured")],
-  }, uPlot.join([[made.t, made.target], [old.t, old.value], [made.t, made.value]]), node);
+  }, uPlot.join([[longest.t, longest.target], [old.t, old.value], [made.t, made.value]]), node);
 }
 
 // What a style would do: the step with the present and the new gains, and the output for it. Returns the plots.
@@ -83,7 +84,8 @@ function fromStep(rows, factor) {
   const base = at > 0 ? shown[at - 1][3] : shown[0][2];
   if (at < 0) at = 0;
   const from = Math.max(0, at - 40), t0 = shown[at][1];
-  const part = shown.slice(from);
+  const back = at > 0 ? shown.findIndex((r, k) => k > at && r[3] === base) : -1;
+  const part = shown.slice(from, back < 0 ? shown.length : back);
   return { t: part.map((r) => r[1] - t0), value: part.map((r) => (r[2] - base) * factor), target: part.map((r) => (r[3] - base) * factor) };
 }
 

@@ -103,6 +103,9 @@ async function open(name) {
   $("entry").hidden = false;
   say("entry-title", entry.log || `${entry.title} (${entry.name})`);
   say("entry-reason", entry.reason || (entry.ending || entry.log ? "" : NO_SUMMARY));
+  $("entry-resume").hidden = !entry.way_on.command;
+  say("entry-resume-text", entry.way_on.text || "");
+  say("entry-resume-command", entry.way_on.command || "");
   $("trials").replaceChildren(...entry.trials.map((trial) => item(press(trial.name, () => play(entry.name, trial)), ` ${signed(trial.ending)}`)));
   if (!entry.trials.length) $("trials").replaceChildren(item("This run contains no record to replay."));
   $("files").replaceChildren(...entry.files.map((file) => item(report(entry.name, file, file))));

@@ -7,6 +7,7 @@ import { post } from "./state.js";
 const $ = (id) => document.getElementById(id);
 const CURVES = ["before", "after", "low", "high", "output"], STEPS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
 let designs = [], signals = {}, entry = null, does = null, plots = [];
+const gainText = (v) => String(Number(v.toPrecision(4)));  // as the reports write gains
 const short = (v) => (v === null || v === undefined ? "–" : String(Number(v.toPrecision(3))));
 
 export function make(fields) {
@@ -88,7 +89,7 @@ function draw() {
   $("style-slider").setAttribute("aria-valuetext", told);
   const changed = (style.gains || []).filter((gain) => gain.old !== gain.new);
   $("style-figure").hidden = $("style-gains").hidden = Boolean(style.error);
-  $("prove-row").hidden = !changed.length;
+  $("prove-row").hidden = $("prove-help").hidden = !changed.length;
   if (style.error) { $("style-told").textContent = `No gains: ${style.error}`; return; }
   const { before, after } = style.metrics, m = style.margins;
   const settles = (one) => (one.settling === null ? "does not settle in the time shown" : `settles in ${short(one.settling)} s`);
@@ -96,16 +97,23 @@ function draw() {
     + `(${Math.round(100 * before.overshoot)} %). Smallest margins over the 95 % region: a factor of ${m.gain === null ? "any size" : short(m.gain)} in gain, `
     + `${m.phase === null ? "any" : `${Math.round(m.phase * 180 / Math.PI)}°`} of phase. Largest output ${Math.round(100 * style.largest_output)} % of full.`;
   $("style-gains").textContent = !name ? "The slider comes to rest on the nearest design and shows its gains."
-    : changed.length ? changed.map((gain) => `${gain.parameter} ${short(gain.old)} → ${short(gain.new)}`).join(", ")
+    : changed.length ? changed.map((gain) => `${gain.parameter} ${gainText(gain.old)} → ${gainText(gain.new)}`).join(", ")
     : "The present gains stay: no others are better in this style.";
   $("style-caption").textContent = `Predicted step: ${kind.name} [${kind.unit}], and output below, over time [s]`;
   plots = drawStyle($("style-chart"), style.step, signals[entry.loop], plots);
 }
 
+// A simulated vehicle ended with its run: the next one starts with the gains that the designs start from.
+function linkNow(gains) {
+  if (!entry.link.startsWith("sitl:")) return entry.link;
+  const present = gains.map((gain) => `param=${gain.parameter}=${gain.old}`).join("&");
+  return `${entry.link}${entry.link.includes("?") ? "&" : "?"}${present}`;
+}
+
 async function prove() {
-  const again = entry.again || {}, style = designs[nearest()].style;
+  const again = entry.again || {}, { style, gains } = designs[nearest()];
   const told = await post("start", {
-    ...again, job: "tune", axis: entry.loop, connect: entry.link, style, model: `${entry.name}/styles.json`, dry_run: false,
+    ...again, job: "tune", axis: entry.loop, connect: linkNow(gains), style, model: `${entry.name}/styles.json`, dry_run: false,
   });
   if (told.ok) does.started();
   else does.refused(`Not started: ${told.error || "no reason given by the server"}`);
