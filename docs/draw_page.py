@@ -6,6 +6,7 @@ python3 docs/draw_page.py docs/pictures/page.png
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 import subprocess
 import sys
@@ -21,7 +22,7 @@ MADE_OF = ("index.html", "page.css", "main.js", "charts.js")
 KEY = "page"
 """Name of the entry in the picture that identifies the page it was drawn from."""
 PORT = 5767
-WAIT = 300_000.0
+WAIT = 100_000.0
 
 
 def fingerprint() -> str:
@@ -48,6 +49,7 @@ def main(picture: Path) -> None:
         subprocess.Popen(
             [sys.executable, "-m", "gcs_autotune", "serve", "--port", "0", "--runs", runs],
             cwd=ROOT,
+            env={**os.environ, "XDG_STATE_HOME": runs},  # an interrupted run of this machine would end the tune
             stderr=subprocess.PIPE,
             text=True,
         ) as server,
