@@ -54,6 +54,11 @@ ONE_SIDED = 1.645
 SEEN_TO_SETTLE = 3.0
 """Minimum time constant of a rate, in samples, for the inertia to be observable."""
 
+CERTAIN = 0.05
+"""Relative standard error below which also a time constant of less than :data:`SEEN_TO_SETTLE` samples, but more than
+one, is observable. Project choice.
+"""
+
 LIKE_SAMPLES = 10.0
 """Time in samples below which the time constants of a drifting force and of the craft may be confused."""
 
@@ -190,7 +195,10 @@ def _weightless(state: SearchState) -> list[Doubt]:
             continue
         settles = abs(float(model.inertia[i, i]) / model[damping])
         if settles < SEEN_TO_SETTLE * interval:
-            below = settles * math.exp(min(ONE_SIDED * _relative_error(state.fitted, f"{damping}dot", damping), 700.0))
+            error = _relative_error(state.fitted, f"{damping}dot", damping)
+            if settles > interval and error < CERTAIN:
+                continue
+            below = settles * math.exp(min(ONE_SIDED * error, 700.0))
             if below > SEEN_TO_SETTLE * interval:
                 continue  # found so by chance: the runs allow an inertia that they would have shown
             bound = f"below {below:.2g} s (95 %)" if math.isfinite(below) else f"about {settles:.2g} s"

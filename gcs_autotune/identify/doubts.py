@@ -236,7 +236,9 @@ def _dropped(f: Findings) -> Iterator[Facts]:
 def _quantised(f: Findings) -> Iterator[Facts]:
     step, record = max(r.main.step for r in f.case.records), f.case.records[0]
     if not step / np.sqrt(12.0) < 0.3 * f.noise:
-        yield {"signal": record.main.name, "step": step, "unit": record.dof.position_unit}
+        angle = record.dof.angular
+        shown = math.degrees(step) if angle else step
+        yield {"signal": record.main.name, "step": shown, "unit": "deg" if angle else record.dof.position_unit}
 
 
 def _weak(f: Findings) -> Iterator[Facts]:

@@ -143,5 +143,5 @@ class ComeToRest(Manoeuvre):
             if now.t - start >= STILL_FOR and not np.any(rms > STILL):
                 self._end("completed", "at rest")
             elif now.t - start >= REST:
-                self._end("completed", f"not at rest after {REST:.0f} s")
+                self._end("completed", f"waited {REST:.0f} s, the craft still moves")
             now = yield hold(Actuate(), self._holds, now)

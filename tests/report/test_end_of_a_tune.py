@@ -83,7 +83,7 @@ def test_a_step_that_ended_early_is_captioned_without_a_step_back():
     whole = stories.aborted()
     brief = replace(whole, step_before=stories.step_trial().between(100.0, 120.0))
     captions = [next(step_figure(story)).caption for story in (whole, brief)]
-    assert ["step back (right)" in caption for caption in captions] == [True, False]
+    assert ["step back (second)" in caption for caption in captions] == [True, False]
 
 
 def test_degrees_and_percent_have_one_notation_and_commands_stay_as_they_are():

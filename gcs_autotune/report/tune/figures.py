@@ -327,9 +327,9 @@ def _step_caption(story: TuneStory) -> str:
         flown = step_series(story.step_after if story.step_before is None else story.step_before, story.stepped)
         if flown is not None and len(flown.legs) < 2:
             return f"Measured {what} step, which ended before the step back. Below: the actuator."
-        return f"Measured {what} step (left) and step back (right). Below: the actuator."
+        return f"Measured {what} step (first) and step back (second). Below: the actuator."
     return (
-        f"The same {what} step (left) and step back (right), measured with the old and the new gains, over the time "
+        f"The same {what} step (first) and step back (second), measured with the old and the new gains, over the time "
         "used for the comparison. Below: the actuator."
     )
 
