@@ -15,7 +15,7 @@ import numpy as np
 from gcs_autotune.identify import Fit, Model, Validation
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.plots import label_as_read
-from gcs_autotune.report.study.document import damping_section, model_section
+from gcs_autotune.report.study.document import damping_section, model_section, precision_section
 from gcs_autotune.report.study.study import answer_sentences
 from gcs_autotune.report.study.tables import unseen_table
 from gcs_autotune.report.summaries import sheet_section, sheet_table
@@ -274,7 +274,9 @@ def _models(story: FlightStory) -> Iterator[Section]:
         unseen = unseen_table(model.unseen, model.fit.dof)
         held_out = Section(f"held-out-{i}", f"Held-out prediction of {', '.join(model.held_out)}", (unseen,))
         said = (explained_sentence(model.fit.fit_percent), *answer_sentences(model.fit))
-        yield replace(section, parts=(*notes(said), *section.parts, *damping_section(model.fit), held_out))
+        yield replace(section, parts=(*notes(said), *section.parts, held_out))
+        yield from (replace(part, slug=f"damping-{i}", folded=True) for part in damping_section(model.fit))
+        yield precision_section(model.fit, section.slug)
 
 
 def _record(story: FlightStory) -> Iterator[Section]:

@@ -48,7 +48,7 @@ from gcs_autotune.report.toolkit.wording import (
 )
 from gcs_autotune.rounding import counted
 
-__all__ = ["damping_section", "fit_document", "method_list", "model_section", "study_document"]
+__all__ = ["damping_section", "fit_document", "method_list", "model_section", "precision_section", "study_document"]
 
 
 MOST_TRACES = 12
@@ -83,28 +83,27 @@ def fit_document(fit: Fit[Model]) -> Document:
         verdict=verdict_of(fit),
         contradictions=contradictions_in(fit.doubts),
         doubts=remarks(fit.doubts),
-        sections=(model_section(fit), *damping_section(fit)),
+        sections=(model_section(fit), *damping_section(fit), precision_section(fit)),
         facts=fit.to_dict(),
     )
 
 
 def model_section(fit: Fit[Model], slug: str = "model") -> Section:
-    """Return the section with the parameters of a fit and their uncertainty."""
-    return Section(
-        slug,
-        structure_title(fit),
-        (
-            parameter_table(fit),
-            Note(_HOW_TO_READ_STD, kind="quiet"),
-            Figure(
-                f"{slug}-correlation",
-                "Correlation of the estimates. Near ±1 the runs do not distinguish the two parameters.",
-                partial(draw_correlation, fit),
-            ),
-            Figure(f"{slug}-intervals", INTERVALS_CAPTION, partial(draw_intervals, fit.parameters)),
-        ),
-        facts=IN_RESULT,
+    """Return the section with the parameters of a fit."""
+    parts = (parameter_table(fit), Note(_HOW_TO_READ_STD, kind="quiet"))
+    return Section(slug, structure_title(fit), parts, facts=IN_RESULT)
+
+
+def precision_section(fit: Fit[Model], slug: str = "model") -> Section:
+    """Return the folded section with the figures of the uncertainty of a fit. *slug*: that of its model section."""
+    correlation = Figure(
+        f"{slug}-correlation",
+        "Correlation of the estimates. Near ±1 the runs do not distinguish the two parameters.",
+        partial(draw_correlation, fit),
     )
+    intervals = Figure(f"{slug}-intervals", INTERVALS_CAPTION, partial(draw_intervals, fit.parameters))
+    title = f"Correlation and intervals of {fit.dof}"
+    return Section(f"{slug}-precision", title, (correlation, intervals), detail=True, facts=IN_RESULT, folded=True)
 
 
 def _key_figures(fit: Fit[Model], unseen: Validation | None) -> Iterator[KeyFigure]:
@@ -120,6 +119,7 @@ def _key_figures(fit: Fit[Model], unseen: Validation | None) -> Iterator[KeyFigu
 
 def _model(study: Study) -> Iterator[Section]:
     yield model_section(study.fit)
+    yield precision_section(study.fit)
 
 
 def _unseen(study: Study) -> Iterator[Section]:

@@ -109,7 +109,7 @@ def _over_bound(p: Parameter) -> str:
 
 
 def _remark(p: Parameter) -> str:
-    if p.status == "fitted" and p.std > abs(p.value) > 0.0:
+    if p.status == "fitted" and 1.96 * p.std > abs(p.value) > 0.0:  # the 95 % interval includes zero
         return "may be zero"
     if p.status == "at_bound" and p.value == 0.0:
         return "none"
