@@ -144,7 +144,7 @@ def _passing(u: Channel, start: float, level: float) -> Reading:
     """Return the time at which the speed fell to *level*, from a straight line near it; NaN if it never did.
 
     The mean over a window (shorter at the ends of the record) finds the place, because single readings are below
-    *level* too early. A line that reaches *level* only after the end of the record is no passing.
+    *level* too early. A line that reaches *level* only after the end of the record does not count.
     """
     after = u.between(start, float(u.t[-1]))
     window = 0.5 * np.maximum(WIDTH, SLOW * (after.t - start))
