@@ -296,7 +296,7 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
 def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
     """Return whether the residuals of a fit, on the fitted runs, are compatible with white noise and with rounding.
 
-    The rounding error of a slow signal is not white. A signal whose residual is no larger is not tested.
+    The rounding error of a slow signal is not white. A signal is not tested if its residual is as small.
     """
     steps = problem.data_summary.quantum
     rounded = {n for n, level in fit.levels.items() if level <= ROUNDED * steps.get(n, 0.0) / math.sqrt(12.0)}
