@@ -204,7 +204,7 @@ class _DesignedGains(_AutopilotLoop):
         else:
             assert found is not None
             proposal = design_from_fit(context, found, criteria, before)
-            if found.short and proposal.spread > SPREAD:
+            if found.short and _uncertainty(proposal) > SPREAD:
                 context.log.say(
                     f"Predicted ITAE uncertain by {proposal.spread:.0%}: running the full set of experiments"
                 )
@@ -265,6 +265,16 @@ class _SuppliedGains(_AutopilotLoop):
             return noise.get(signal, noise_in(before, signal))
         found = min(noise.get(signal, math.inf), noise_while_held(before, grain))
         return found if math.isfinite(found) else noise_in(before, signal)
+
+
+def _uncertainty(proposal: Proposal) -> float:
+    """Return the excess of the worst predicted ITAE of the new gains over the nominal one, as a fraction.
+
+    It is relative to the new ITAE, or to the improvement if that is larger. Beside a large improvement the uncertainty
+    of a small remainder does not matter.
+    """
+    old, new = proposal.before.metrics.itae, proposal.after.metrics.itae
+    return proposal.spread * min(1.0, new / max(old - new, 1e-9))
 
 
 def _offer_of(proposal: Proposal, measured: StepMetrics, slower: float) -> Offer:
