@@ -757,8 +757,7 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
         )
     if not any(m.drives("Y") for m in craft.yaw):
         yield Missing(
-            "The side force (wind) that the craft can hold against. It has no sideways thruster, and these models have "
-            "no sway.",
+            "The side force (wind) that the craft can hold against. The models contain no sideways thrust.",
             "a track in wind. It shows the drift angle",
         )
 

@@ -72,7 +72,7 @@ def notes_on(
     if axis.steers_by_way:
         yield from on_other_speeds(problem, shown.settings, shown.wanted)
     yield from _on_the_present(problem, axis)
-    yield from _on_the_change(before, shown, changed)
+    yield from _on_the_change(problem, before, shown, changed)
     yield from _on_the_model(problem)
     yield from _on_the_specification(problem, axis, shown, is_refined and changed)
     if wider is not None:
@@ -110,17 +110,22 @@ def _on_the_present(problem: DesignProblem, axis: Axis) -> Iterator[str]:
             yield f"{gain.parameter} = {value:g} on the vehicle is outside its range {low:g}..{high:g}"
 
 
-def _on_the_change(before: GainCandidate, shown: GainCandidate, changed: bool) -> Iterator[str]:
+def _on_the_change(problem: DesignProblem, before: GainCandidate, shown: GainCandidate, changed: bool) -> Iterator[str]:
+    verdict = is_better(before.prediction.metrics, shown.prediction.metrics, before.free_overshoot)
     if not changed:
-        yield "no gains inside the documented ranges are better than the present ones"
+        yield f"the design found no gains inside the {_ranges(problem)} ranges that are better than the present ones"
     elif not before.worst_margins.stable:
         yield "with the present gains the loop is unstable for the identified model or part of its 95 % region"
-    elif not is_better(before.prediction.metrics, shown.prediction.metrics, before.free_overshoot).better:
+    elif not verdict.better:
         old, new = (math.degrees(c.worst_margins.phase) for c in (before, shown))
         yield (
-            "the predicted step is not better than with the present gains. Only the worst phase margin changes, from "
-            f"{old:.0f} to {new:.0f} deg"
+            "the predicted step is not better than with the present gains by every criterion "
+            f"({'; '.join(verdict.against)}). The worst phase margin changes from {old:.0f} to {new:.0f} deg"
         )
+
+
+def _ranges(problem: DesignProblem) -> str:
+    return "allowed" if problem.spec.beyond_ranges else "documented"
 
 
 def _on_the_model(problem: DesignProblem) -> Iterator[str]:
@@ -159,8 +164,8 @@ def limit_by_loop_rate(problem: DesignProblem, shown: GainCandidate) -> str:
 def _on_the_specification(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_refined: bool) -> Iterator[str]:
     if shown.objections:
         yield (
-            "the gains do not meet the specification, but are the best inside the documented ranges. Not met: "
-            f"{'; '.join(shown.objections)}"
+            "the gains do not meet the specification, but are the best that the design found inside the "
+            f"{_ranges(problem)} ranges. Not met: {'; '.join(shown.objections)}"
         )
     if is_refined:
         settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
@@ -172,10 +177,16 @@ def _on_the_specification(problem: DesignProblem, axis: Axis, shown: GainCandida
         )
         return
     use, velocity = problem.demand(problem.model, shown.wanted)
-    if use > 1.0 or velocity > problem.law.velocity_limit(problem.settings, problem.spec.speed):
-        yield (f"the required step needs {use:.0%} of the actuator, so the response will be slower than required")
-    elif _lags(shown):
-        yield "the documented ranges limit how closely the step follows the reference"
+    fastest, error = problem.law.velocity_limit(problem.settings, problem.spec.speed), _deviation(shown)
+    if use > 1.0:
+        yield f"the required step needs {use:.0%} of the actuator, so the response will be slower than required"
+    elif velocity > fastest:
+        yield (
+            "the required step needs more velocity or acceleration than the autopilot allows, so the response will be "
+            "slower than required"
+        )
+    elif error > POOR_MATCH:
+        yield f"the predicted step deviates from its reference by {error:.0%} of the step (rms)"
 
 
 def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate, wider: GainCandidate) -> str:
@@ -208,9 +219,10 @@ def other_mode_notes(beside: Beside) -> Iterator[str]:
     )
 
 
-def _lags(shown: GainCandidate) -> bool:
+def _deviation(shown: GainCandidate) -> float:
+    """Return the rms deviation of the predicted step from its reference, relative to the step."""
     error = shown.prediction.position - shown.prediction.wanted
-    return float(np.sqrt(np.mean(error**2))) > POOR_MATCH * abs(float(shown.prediction.target[-1]))
+    return float(np.sqrt(np.mean(error**2))) / abs(float(shown.prediction.target[-1]))
 
 
 SPEEDS = (0.5, 2.0)

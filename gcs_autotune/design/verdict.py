@@ -213,4 +213,6 @@ def _settles(before: StepMetrics, after: StepMetrics) -> tuple[bool, str]:
         return True, "settling time not measurable, because readings leave the 5 % band by noise"
     if math.isfinite(before.settling):
         return False, f"not settled within 5 %, although the old gains settled in {before.settling:.1f} s"
+    if before.hidden_by_noise:
+        return True, "not settled within 5 %. The old gains' settling time was not measurable because of noise"
     return True, "neither step settled within 5 % during its record"

@@ -307,7 +307,7 @@ def _at_bound(solution: Solution) -> Iterator[Facts]:
     held = [n for n in solution.at_bound if n not in none]
     causes, cures = [], []
     if none:
-        causes.append(f"{_words(none)} stopped at zero, the limit of damping. These runs show no such damping")
+        causes.append(f"{_words(none)} stopped at zero, the limit of damping. The runs fit best without it")
         cures.append("no action if other damping was identified. Otherwise fly slower and faster runs")
     if held:
         causes.append(
@@ -540,7 +540,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "unsettled",
         Findings,
         _unsettled,
-        "the oscillation never settled ({cause}). The scatter must be at most {limit:.0f} %",
+        "the oscillation is not known to have settled ({cause}). The scatter must be at most {limit:.0f} %",
         "wait for calmer water, use a larger C (output) or x_a (switching value), or let the relay run longer",
         of_the_runs=True,
     ),
@@ -557,7 +557,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "one-sided-input",
         Findings,
         _one_sided,
-        "constant force and drag are poorly separated, because the input never changes sign",
+        "the input never changes sign, so constant force and drag may be poorly separated",
         "{manoeuvre}",
         of_the_runs=True,
     ),
@@ -612,7 +612,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "negative-drag",
         Findings,
         _negative_drag,
-        "the model diverges without input, because {names} is destabilising",
+        "{names} is destabilising, so without input the motion of the model grows at some or all speeds",
         "check that input and output belong together and are synchronous. Check for current or a course-unstable hull",
     ),
     DoubtRow("poor-fit", Findings, _poor_axis, POOR_CAUSE, POOR_CURE),
@@ -664,7 +664,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "short-horizon",
         LocalFit,
         _pieces,
-        "no model of this form follows a whole run. It was fitted to pieces of {longest:.0f} s each",
+        "no fit of this form follows the whole runs. The model was fitted to pieces of up to {longest:.0f} s",
         "check for a missing term, a run of another vehicle, or a course-unstable craft",
     ),
     DoubtRow(
@@ -679,7 +679,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "structure-undecided",
         Choice,
         _structure_undecided,
-        "linear and quadratic damping explain the record equally well. Linear damping was used",
+        "linear and quadratic damping explain the record about equally well. Linear damping was used",
         "{more}",
     ),
     DoubtRow(
@@ -702,7 +702,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "delay-undecided",
         Choice,
         _delay_undecided,
-        "a delay of {delay:.2f} s fits as well as no delay, but changes the inertia by {change:+.0f} %",
+        "the runs neither prove nor exclude a delay of {delay:.2f} s. It would change the inertia by {change:+.0f} %",
         "supply --delay if the delay is known. Otherwise {more}",
     ),
     DoubtRow(
@@ -761,7 +761,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "effect-not-needed",
         EffectTest,
         _effect_not_needed,
-        "the model fits these runs as well without {effect}: {values}",
+        "the runs do not prove {effect}: {values}",
         "omit it. To test for it, fly: {separated_by}",
     ),
 )

@@ -245,7 +245,7 @@ def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequenc
     best = _simulated(simulator, model.theta, x_0, segment)
     if best is None:
         raise NotInformative(
-            f"the model '{model.form.name}' diverges on run '{segment.run}' because its drag is destabilising"
+            f"the model '{model.form.name}' diverges on run '{segment.run}'. Check the signs of its drag and inertia"
         )
     signals = segment.signals
     return [_trace(segment.name, n, signals[n].t, signals[n].values, fitted) for n, (fitted, _) in best.items()]
@@ -262,9 +262,7 @@ def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
         effort=None,
     )
     if solution is None:
-        raise NotInformative(
-            f"the model diverges on run '{segment.run}' because its drag is destabilising at these speeds"
-        )
+        raise NotInformative(f"the model diverges on run '{segment.run}'. Check the signs of its drag and inertia")
     return [_trace(segment.name, r.signal, r.t, r.measured, r.predicted) for r in solution.rests]
 
 

@@ -113,7 +113,7 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
         doubts.append(
             Doubt(
                 "not-settled",
-                f"not held long enough for a steady turn rate: {counted(restless, 'helm angle')}",
+                f"left out, without a steady turn rate: {counted(restless, 'helm angle')}",
                 "hold each angle until the turn rate is steady",
             )
         )
@@ -303,7 +303,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
         doubts.append(
             Doubt(
                 "not-settled",
-                "the turn rate was still falling when the record ended",
+                "the turn rate was not yet steady at the end of a pull-out",
                 "record until the turn rate is steady",
             )
         )

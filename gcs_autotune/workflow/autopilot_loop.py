@@ -283,7 +283,7 @@ def _offer_of(proposal: Proposal, measured: StepMetrics, slower: float) -> Offer
     slower : that of the required style.
     """
     if not proposal.changes:
-        return Offer((), "no gains within the documented ranges are better than the present gains")
+        return Offer((), "the design found no better gains than the present ones")
     old, new = proposal.before.metrics.itae, proposal.after.metrics.itae
     refusal = ""
     calmer = is_calmer(proposal.before.metrics, proposal.after.metrics, slower)

@@ -230,7 +230,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         well = " well" if zeta - zeta_std > WELL_DAMPED else " sufficiently"
         text = f"Good: the {axis} loop is{well} damped. There is no earlier tune to compare with."
         return verdict("good", text, "good", note)
-    return verdict("good", f"Good: the {axis} loop is as good as after its tune.", "good", note)
+    return verdict("good", f"Good: the {axis} loop is not clearly worse than after its tune.", "good", note)
 
 
 def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:

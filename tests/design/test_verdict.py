@@ -55,6 +55,12 @@ def test_the_reason_states_old_and_new_value_and_the_difference() -> None:
         ({}, {"settling": 9.0}, True, "settled after 9.0 s"),
         ({}, {"settling": NEITHER}, False, "not settled within 5 %, although the old gains settled in 3.0 s"),
         ({"settling": NEITHER}, {"settling": NEITHER}, True, "neither step settled within 5 % during its record"),
+        (
+            {"settling": NEITHER, "hidden_by_noise": True},
+            {"settling": NEITHER},
+            True,
+            "The old gains' settling time was not measurable",
+        ),
         ({"settling": NEITHER}, {}, True, "settled after 3.0 s"),
         (
             {},

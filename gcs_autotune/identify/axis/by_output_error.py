@@ -90,7 +90,7 @@ def _only_in_pieces(seconds: float) -> Doubt:
     return Doubt(
         "only-in-pieces",
         f"the input explains the motion over pieces of {seconds:.2g} s, but not over whole runs. A slowly varying "
-        "force or a changing bias also moves the craft",
+        "force, a changing bias or a missing term can cause this",
         "repeat in calmer water, or with larger and faster commands. Use `diagnose` to find the cause",
     )
 

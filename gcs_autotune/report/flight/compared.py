@@ -114,7 +114,7 @@ class Comparison(Displayed):
         differs = f"{these} by more than the intervals"
         unlike = list(dict.fromkeys(u for run, dof in changed for u in _unlike(self, run, dof)))
         if not unlike:
-            return f"{differs}: the craft or its conditions have changed."
+            return f"{differs}: the craft or its conditions have changed, or the models lack a term."
         return f"{differs}. The runs have different {' and '.join(unlike)}, so this need not be a change of the craft."
 
     def _display(self) -> Display:

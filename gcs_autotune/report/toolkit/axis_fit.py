@@ -142,7 +142,7 @@ def _restoring_sentence(model: SingleDof) -> list[str]:
     if not model.restoring * model.alpha > 0.0:
         return ["No restoring moment is visible: the craft does not come back to level by itself."]
     period = math.tau * math.sqrt(model.alpha / model.restoring)
-    return [f"Released at an angle, it oscillates about level with a period of {format_seconds(period)}."]
+    return [f"Without damping it would oscillate about level with a period of {format_seconds(period)}."]
 
 
 _MUCH = 0.02

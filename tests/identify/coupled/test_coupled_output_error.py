@@ -88,7 +88,7 @@ def test_damping_at_its_bound_of_zero_is_reported_as_no_damping(runs: list[Trial
     """The boat has damping; with bounds that only allow the opposite sign, the nearest value is none."""
     held = fit(runs[:1], FORM, delay=0.0, bounds={"N_r": (0.0, 9.0)})
     doubt = next(d for d in held.doubts if d.slug == "at-bound")
-    assert doubt.cause == "N_r stopped at zero, the limit of damping. These runs show no such damping"
+    assert doubt.cause == "N_r stopped at zero, the limit of damping. The runs fit best without it"
     assert "widen" not in doubt.cure
 
 
