@@ -152,7 +152,8 @@ class _Fitter:
         solution = solution or self.fit(structure, begin, False, None)
         if solution is None:
             raise NotInformative(
-                "no model could be simulated on this record. Check that input and output are from the same run"
+                "no model of this form could be simulated on these runs. Check that input and output are from the same "
+                "run. A dead zone or a thrust curve of the actuator is another reason (--effects)"
             )
         return solution
 
