@@ -50,7 +50,7 @@ def quantum(values: Array, period: float = 0.0) -> float:
     span = float(levels[-1] - levels[0]) if len(levels) else 0.0
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-6 * span]
-    if not 2 <= len(gaps) < len(values) / 2:
+    if not 3 <= len(gaps) + 1 <= len(values) / 2:
         return 0.0
     step = float(gaps.min())
     multiples = gaps / step
