@@ -40,6 +40,8 @@ STYLED = "styles.json"
 """File of a run with the designs from gentle to quick."""
 GUIDED = "all"
 """Job of ``tune all``: the loops of a vehicle in order."""
+DIAGNOSIS = "diagnosis.json"
+"""File of the result of ``diagnose``."""
 DROPPED = (".tlog", ".bin", ".log", ".csv")
 """File name endings that are accepted for upload."""
 MOST_BYTES = 512 * 1024 * 1024
@@ -64,12 +66,13 @@ class Archive:
 
     def _entry(self, folder: Path) -> dict[str, Any]:
         summary = read_json(folder / "summary.json")
+        kind = "diagnosis" if (folder / DIAGNOSIS).is_file() else "run"
         logs = [p.name for p in folder.iterdir() if p.suffix.lower() in DROPPED and p.name != "telemetry.tlog"]
         return {
             "name": folder.name,
             "when": visible(str(summary.get("when", "")).replace("T", " ")[:16]),
             "craft": visible(_craft(summary, _link(folder))),
-            "title": visible(str(summary.get("title") or ("log" if logs else "run"))),
+            "title": visible(str(summary.get("title") or ("log" if logs else kind))),
             "ending": visible(str(summary.get("ending", ""))),
             "reason": visible(str(summary.get("reason", ""))),
             "change": _change(summary),
