@@ -126,11 +126,12 @@ def step_metrics(
     oscillation = max(0.5 * float(np.ptp(share[last])) - floor, 0.0)
     band = max(SETTLED, floor)
     settling = _settling(seconds, share, band)
-    hidden = math.isnan(settling) and _is_hidden(seconds, share, band, noise_std / abs(size))
+    steady_error = abs(float(np.mean(1.0 - share[last])))
+    hidden = math.isnan(settling) and steady_error <= band and _is_hidden(seconds, share, band, noise_std / abs(size))
     return StepMetrics(
         **_measured(seconds, share, noise_std / abs(size), floor, noise_time)._asdict(),
         settling=settling,
-        steady_error=abs(float(np.mean(1.0 - share[last]))),
+        steady_error=steady_error,
         travel=float(np.abs(np.diff(output[begin:])).sum() / seconds[-1]),
         oscillation=oscillation,
         hidden_by_noise=hidden,

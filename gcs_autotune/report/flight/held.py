@@ -456,11 +456,13 @@ def _figures(held: HeldLoop) -> Table:
         ("steady error", "%", 100.0 * metrics.steady_error),
         ("actuator travel", "of full output per s", metrics.travel),
     )
-    return Table(
-        ("figure", "flown", "unit"),
-        "lrl",
-        tuple((name, format_number(value, 3) if math.isfinite(value) else UNKNOWN, unit) for name, unit, value in rows),
+    never = f"not in {metrics.span:.1f}" if math.isfinite(metrics.span) else UNKNOWN
+    missing = {"s": never}
+    shown = (
+        (name, format_number(value, 3) if math.isfinite(value) else missing.get(unit, UNKNOWN), unit)
+        for name, unit, value in rows
     )
+    return Table(("figure", "flown", "unit"), "lrl", tuple(shown))
 
 
 # --- figures: one or more signals with their commands, and the output ------------------------------------------------
