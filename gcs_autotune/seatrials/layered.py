@@ -53,20 +53,18 @@ def _path(run: Trial) -> list[tuple[str, str, float, str]]:
         away = np.hypot(x - at[:, 0], y - at[:, 1])
         across = _across(path, np.column_stack([x, y]))
         end = np.hypot(x - places[-1][0], y - places[-1][1])
-        still = not np.ptp(np.array(places)[:, :2], axis=0).any()
-        found += [
-            ("target-rms", f"distance to the {'point' if still else 'moving target'}, rms", _rms(away), "m"),
-        ]
-        found += [("target-most", "distance to the point, greatest", float(away.max()), "m")] * still
-        found += (
-            []
-            if still
-            else [
+        if not np.ptp(np.array(places)[:, :2], axis=0).any():  # a hover: the path is one point
+            found += [
+                ("target-rms", "distance to the point, rms", _rms(away), "m"),
+                ("target-most", "distance to the point, greatest", float(away.max()), "m"),
+            ]
+        else:
+            found += [
+                ("target-rms", "distance to the moving target, rms", _rms(away), "m"),
                 ("path-rms", "distance to the path, rms", _rms(across), "m"),
                 ("path-most", "distance to the path, greatest", float(across.max()), "m"),
                 ("arrival", "closest to the end", float(end.min()), "m"),
             ]
-        )
     if not any(velocities[-1][:2]):
         found.append(("heading-rms", "heading error in the last third, rms", _rms(turned[late]), "rad"))
     if "z" in run and "Z" in run and run["Z"].values.any() and math.isfinite(places[0][2]):

@@ -382,7 +382,8 @@ def _was_steady(water: Track, before: NDArray[np.bool_], gain: float) -> bool:
 
 def _doubts(turned: float, current: Current | None, loss: Reading, steady: bool) -> list[Doubt]:
     doubts = []
-    if loss.value < -GAINED and loss.value < -GAINED_STDS * loss.std and steady:
+    gained = loss.value < -GAINED and loss.value < -GAINED_STDS * loss.std
+    if gained and steady:
         doubts.append(
             Doubt(
                 "thrust-while-steering",
@@ -391,7 +392,7 @@ def _doubts(turned: float, current: Current | None, loss: Reading, steady: bool)
                 "no action. The figures are valid for this thrust",
             )
         )
-    elif loss.value < -GAINED and loss.value < -GAINED_STDS * loss.std:
+    elif gained:
         doubts.append(
             Doubt(
                 "approach-not-steady",

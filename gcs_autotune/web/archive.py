@@ -266,10 +266,10 @@ def _resume(folder: Path) -> dict[str, Any] | None:
 
 def _way_on(folder: Path) -> dict[str, str]:
     """Return the ``command`` that continues an interrupted run, with the ``text`` before it; empty if there is none."""
-    told = read_json(folder / "summary.json").get("resume")
-    if not isinstance(told, dict) or not told.get("command"):
+    resume = read_json(folder / "summary.json").get("resume")
+    if not isinstance(resume, dict) or not resume.get("command"):
         return {}
-    return {name: visible(str(told.get(name, ""))) for name in ("text", "command")}
+    return {name: visible(str(resume.get(name, ""))) for name in ("text", "command")}
 
 
 def packed(folder: Path) -> BinaryIO:

@@ -68,9 +68,9 @@ def test_the_report_shows_the_resume_command_without_unfolding(ended_early: Sitl
 
 
 def test_the_summary_contains_the_resume_command_for_lists_of_runs(ended_early: SitlHarness) -> None:
-    told = json.loads((ended_early.directory / "summary.json").read_text())["resume"]
+    resume = json.loads((ended_early.directory / "summary.json").read_text())["resume"]
     (sentence,) = [text for text in ended_early.said if "--resume" in text]
-    assert sentence.lower() == f"{told['text']} {told['command']}".lower()
+    assert sentence.lower() == f"{resume['text']} {resume['command']}".lower()
 
 
 def test_reusable_records_are_used_and_only_the_rest_is_flown(ended_early: SitlHarness, tmp_path: Path) -> None:

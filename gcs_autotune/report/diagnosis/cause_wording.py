@@ -38,8 +38,9 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
     if cause.gain is not None and cause.is_slight:
         text = "The cause is slight: adding it to the model hardly changes the prediction. "
         yield Note(text + gain_sentence(cause.gain), "Effect in practice")
+    place = next(i for i, c in enumerate(diagnosis.causes) if c is cause)
     if cause.share > 0.0:
-        before = itertools.takewhile(lambda c: c.share == 0.0, reversed(_before(diagnosis, cause)))
+        before = itertools.takewhile(lambda c: c.share == 0.0, reversed(diagnosis.causes[:place]))
         beside = [named(c) for c in reversed(list(before))]
         subject = f"This cause, together with {listed(beside)}," if beside else "This cause"
         partly = diagnosis.verdict == "partly-explained" and cause.share > NEARLY_ALL
@@ -49,18 +50,13 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
             yield Note(text, "Explained on held-out data")
         else:
             yield Note(f"{subject} explains {share} of the power of the slowly varying force.", "Explained")
-    elif cause.share == 0.0 and any(c.share > 0.0 for c in diagnosis.causes):
+    elif cause.share == 0.0 and any(c.share > 0.0 for c in diagnosis.causes[place + 1 :]):
         yield Note("This cause improves the prediction only together with the next ones.", "Explained on held-out data")
     of_cause = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
     if of_cause and math.isfinite(of_cause[-1].evidence):
         others = [r for r in diagnosis.ranking if r.step == of_cause[-1].step and r.cause != cause.effect.slug]
         rival = max((r for r in others if r.evidence > 0.0), key=lambda r: r.evidence, default=None)
         yield Note(f"{_strength(of_cause[-1])} {_rival_words(rival, cause)}", "Evidence")
-
-
-def _before(diagnosis: Diagnosis, cause: Cause) -> list[Cause]:
-    """Return the causes that were added before *cause*."""
-    return list(itertools.takewhile(lambda c: c is not cause, diagnosis.causes))
 
 
 def _strength(ranked: Ranked) -> str:

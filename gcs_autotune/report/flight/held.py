@@ -457,9 +457,8 @@ def _figures(held: HeldLoop) -> Table:
         ("actuator travel", "of full output per s", metrics.travel),
     )
     never = f"not in {metrics.span:.1f}" if math.isfinite(metrics.span) else UNKNOWN
-    missing = {"s": never}
     shown = (
-        (name, format_number(value, 3) if math.isfinite(value) else missing.get(unit, UNKNOWN), unit)
+        (name, format_number(value, 3) if math.isfinite(value) else never if unit == "s" else UNKNOWN, unit)
         for name, unit, value in rows
     )
     return Table(("figure", "flown", "unit"), "lrl", tuple(shown))

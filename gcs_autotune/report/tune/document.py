@@ -206,9 +206,9 @@ def _proof(story: TuneStory) -> Iterator[Section]:
 
 def _resume(story: TuneStory) -> Iterator[Section]:
     """Yield the command that continues an interrupted tune."""
-    told, _, command = story.way_on.partition(COMMAND)
+    text, _, command = story.way_on.partition(COMMAND)
     if command:
-        yield resume_section(f"{COMMAND.strip(': ')} {command}", f"{sentence(told).rstrip('.')}:")
+        yield resume_section(f"{COMMAND.strip(': ')} {command}", f"{sentence(text).rstrip('.')}:")
 
 
 def _undo(story: TuneStory) -> Iterator[Section]:
