@@ -49,7 +49,7 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
             yield Note(text, "Explained on held-out data")
         else:
             yield Note(f"{subject} explains {share} of the power of the slowly varying force.", "Explained")
-    elif cause.share == 0.0 and any(c.share > 0.0 for c in diagnosis.causes):
+    elif cause.share == 0.0 and any(c.share > 0.0 for c in _after(diagnosis, cause)):
         yield Note("This cause improves the prediction only together with the next ones.", "Explained on held-out data")
     of_cause = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
     if of_cause and math.isfinite(of_cause[-1].evidence):
@@ -61,6 +61,11 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
 def _before(diagnosis: Diagnosis, cause: Cause) -> list[Cause]:
     """Return the causes that were added before *cause*."""
     return list(itertools.takewhile(lambda c: c is not cause, diagnosis.causes))
+
+
+def _after(diagnosis: Diagnosis, cause: Cause) -> list[Cause]:
+    """Return the causes that were added after *cause*."""
+    return list(diagnosis.causes[len(_before(diagnosis, cause)) + 1 :])
 
 
 def _strength(ranked: Ranked) -> str:
@@ -76,7 +81,7 @@ def _strength(ranked: Ranked) -> str:
 
 def _rival_words(rival: Ranked | None, cause: Cause) -> str:
     if rival is None:
-        return "No alternative effect improves the fit."
+        return "There is no evidence for an alternative effect."
     where = "" if rival.place == cause.effect.place else f" at {place_words(rival.place)}"
     return f"Best alternative: {effect_words(rival.cause)}{where}, log-likelihood {0.5 * rival.evidence:+.1f}."
 
