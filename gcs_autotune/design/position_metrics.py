@@ -132,9 +132,11 @@ def holds_better(before: PositionMetrics, after: PositionMetrics, *, pushed: boo
     and wind carry away.
     """
     if not math.isfinite(after.itae):
-        return Verdict(((False, "the loop is unstable with the new gains"),))
+        return Verdict(((False, "with the new gains the craft went far off its target, as with an unstable loop"),))
     if not math.isfinite(before.itae):
-        return Verdict(((True, "the loop was unstable with the old gains, and is stable with the new ones"),))
+        return Verdict(
+            ((True, "with the old gains the craft went far off its target, and with the new ones it did not"),)
+        )
     pairs = [("step error (ITAE)", "s^2", before.itae, after.itae)]
     if not pushed:
         pairs.append(("distance while holding, rms", "m", before.hold, after.hold))

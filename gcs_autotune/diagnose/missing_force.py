@@ -199,18 +199,18 @@ AXES: Mapping[str, str] = {
 
 TELLING: Mapping[str, str] = {
     "command": "fly steps of four sizes each way and hold each until the rate is steady. A force that depends on the "
-    "command is a fault of the actuator",
+    "command usually comes from the actuator",
     "r": "fly turning circles at three rates each way, a full turn at each. A force that depends on the turn rate "
-    "is damping",
+    "is usually damping",
     "u": "fly the same zig-zag at slow, half and full speed. Start each at a steady speed",
     "v": "fly pull-outs at two speeds: turn hard, then give no command until the craft runs straight. Record the "
     "sideways speed",
     "drift": "fly turning circles at two rudder angles each way, then pull-outs. Record the sideways speed",
     "w": "send equal vertical commands up and down at two depths",
-    "psi": "make two slow full turns, one each way. A force that depends on the heading is wind, current or a "
-    "compass error",
-    "time": "repeat the first manoeuvre at the end of the run. A force that changes with time comes from the "
-    "battery, fouling or wind",
+    "psi": "make two slow full turns, one each way. A force that depends on the heading may be wind, current, "
+    "a tether or a compass error",
+    "time": "repeat the first manoeuvre at the end of the run. A force that changes with time may come from "
+    "the battery, fouling, wind or current",
 }
 """Quantity that the missing force depends on -> the manoeuvre that identifies the cause."""
 
@@ -249,8 +249,8 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
         if not dependencies:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
             origin = "waves, wind, current or a quantity that was not recorded"
-            cause = f"is constant or comes from {origin}" if _may_be_constant(missing) else f"comes from {origin}"
-            lines.append(f"the drifting force depends on no recorded quantity{others}. It {cause}")
+            cause = f"may be constant or come from {origin}" if _may_be_constant(missing) else f"may come from {origin}"
+            lines.append(f"the drifting force does not clearly depend on a recorded quantity{others}. It {cause}")
     accepted = {key_of(a.effect) for a in search.accepted}
     last = {key_of(a.effect): a for step in search.steps for a in step.judged}  # beside all accepted before it
     short = {k: a for k, a in last.items() if a.gained > a.needed and (a.unsound or not a.holds)}
@@ -305,8 +305,9 @@ def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
             f"{high:+.1f}). This is too uncertain to report it as a cause"
         )
     if unnamed.held_out_gain > 0.0:
-        together = f"that of the held-out runs by {unnamed.held_out_gain:+.1f}, but not of every run"
-        return f"{fits} and {together}. It is not reported as a cause"
+        together = f"that of the held-out data by {unnamed.held_out_gain:+.1f}"
+        short = "but not of every part of it" if min(unnamed.parts) <= 0.0 else "which is too little"
+        return f"{fits} and {together}, {short}. It is not reported as a cause"
     return f"{fits}, but lowers that of the held-out runs ({unnamed.held_out_gain:+.1f}). It is rejected"
 
 

@@ -384,4 +384,4 @@ def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdi
         )
     if order:
         return EFFECTS[order[0].slug].separated_by
-    return "this model needs no further run. A run with larger commands would test it harder"
+    return "these runs show no need for another. A run with larger commands would test the model harder"

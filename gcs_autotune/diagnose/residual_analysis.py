@@ -41,7 +41,7 @@ def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test
 
 def _words(test: Test) -> str:
     if not test.signal and math.isnan(test.size):
-        return f"the oscillation is correlated with {test.what}, so its cause is the craft and not waves"
+        return f"the oscillation is correlated with {test.what}, so its cause is probably the craft, not waves"
     if not test.signal:
         return f"the residual is correlated with {test.what} (correlation {test.size:+.2f})"
     if test.what == "one frequency":

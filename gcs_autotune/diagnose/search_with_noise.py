@@ -211,7 +211,7 @@ def _no_disturbance(search: NoiseSearch) -> Doubt:
     return Doubt(
         "no-weather",
         f"the disturbance of the {search.dof} has a correlation time of {search.plain.noise.memory:.2g} s, at most "
-        "two samples. That is too short for wind, wake or current",
+        "two samples. Wind, wake or current usually vary more slowly",
         "check that each command is stamped when it takes effect, and that the sensor is logged unfiltered. A fault "
         "in either has this effect",
     )

@@ -291,8 +291,8 @@ class QuadraticActuator(Characteristic):
     words = "quadratic thrust curve"
     is_structural = True
     title = "Thrust curve"
-    meaning = "thrust is proportional to the square of the command (n|n|), so half command gives less than half thrust"
-    plain = "Half the {command} gives your craft less than half the force. It gives {simulation} half."
+    meaning = "thrust grows in part with the square of the command (n|n|), so half command gives less than half thrust"
+    plain = "Half the {command} does not give your craft half the force, unlike {simulation}."
     parameters = (Quantity("share", "1", "quadratic fraction of the thrust at the largest command"),)
     grows_with = ("share",)
     shown_by = "residual against command: curved, with too little thrust at small commands and too much at large ones"

@@ -110,7 +110,7 @@ class LinearDrag(Drag):
     power = 1
     polar = "Linear drag"
     meaning = "drag proportional to speed: slow motion decays exponentially"
-    plain = "Water resists the {motion} of your craft, but not that of {simulation}."
+    plain = "The resistance of your craft to {motion} grows in proportion to its speed, unlike that of {simulation}."
     parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per unit of speed, positive when it damps"),)
     shown_by = "residual against speed: a straight line through zero, clearest at low speed"
     mistaken_for = ("quadratic-drag", "dead-zone", "actuator-lag")

@@ -52,7 +52,7 @@ class SpeedDependentSteering(ActuatorEffect):
     slug = "speed-dependent-steering"
     is_structural = True
     meaning = "the faster the water flows past the rudder, the harder the rudder turns the craft"
-    plain = "Your craft steers harder the faster it goes, but {simulation} steers the same at any speed."
+    plain = "How hard your craft steers depends on its speed, but {simulation} steers the same at any speed."
     parameters = (
         Quantity(
             "share", "1", "fraction of the steering force that is proportional to speed squared (the rest is constant)"

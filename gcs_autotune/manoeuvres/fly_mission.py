@@ -140,7 +140,7 @@ class FlyMission(Manoeuvre):
         known = [value for value in self._outputs if math.isfinite(value)]
         output = fmean(known) if known else 0.0
         why = (
-            "The current or the wind is stronger than the boat. Wait for less"
+            "The current or the wind may be stronger than the boat. Wait for less"
             if output > FULL
             else "The boat does not follow a mission. Tune speed and heading first"
         )

@@ -75,7 +75,10 @@ class KeepPosition(Manoeuvre):
             if not known:
                 self._end("aborted", "the vehicle does not report its position or velocity. Check its position sensor")
             elif away > DIVERGED * abs(self._step):
-                self._end("stopped", f"the craft is {away:.1f} m from its target: the loop is unstable")
+                self._end(
+                    "stopped",
+                    f"the craft is {away:.1f} m from its target: the loop is unstable, or a disturbance is stronger",
+                )
             pose = Pose((now.x, now.y, 0.0, now.psi), (now.u, now.v, 0.0, now.r))
             X, Y, _, N = controller.update(target, pose, now.t) if known else (0.0,) * 4
             command = Actuate(X=self._outputs[0](X), Y=self._outputs[1](Y), N=self._outputs[2](N))

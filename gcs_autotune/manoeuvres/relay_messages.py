@@ -23,8 +23,8 @@ def never_settled(settings: RelaySettings, scatter: float) -> str:
     """Return the message for a relay whose periods still differ by *scatter* [fraction]."""
     return (
         f"the limit cycle did not settle in {settings.most_periods} periods: the last periods differ by "
-        f"{100 * scatter:.0f} % (limit {100 * settings.tolerance:.0f} %). Waves, gusts or a tether disturb it. Wait "
-        f"for calmer water, or use a larger {settings.names.output} or {settings.names.hysteresis}"
+        f"{100 * scatter:.0f} % (limit {100 * settings.tolerance:.0f} %). Waves, gusts or a tether may disturb it. "
+        f"Wait for calmer water, or use a larger {settings.names.output} or {settings.names.hysteresis}"
     )
 
 
@@ -55,7 +55,7 @@ def wrong_way(settings: RelaySettings, output: float) -> str:
 def overwhelmed(settings: RelaySettings, output: float) -> str:
     """Return the message for a signal that keeps drifting against the relay."""
     return (
-        f"a constant disturbance is stronger than {output:.2f} of full {settings.force} output: "
+        f"a constant disturbance seems stronger than {output:.2f} of full {settings.force} output: "
         f"{settings.signal} keeps drifting. Trim the craft, wait for less wind or current, or use a "
         f"larger {settings.names.output}"
     )

@@ -119,7 +119,7 @@ class SetPointRelay(Manoeuvre):
                 break
         else:
             rest = (
-                f", of which {self._unsettled} did not settle: the loop is poorly damped"
+                f", of which {self._unsettled} did not settle: the loop is poorly damped, or waves disturb it"
                 if self._unsettled
                 else " settled"
             )

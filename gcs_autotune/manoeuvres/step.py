@@ -203,7 +203,7 @@ class Step(Manoeuvre):
             self._end("aborted", f"the vehicle does not report {s.signal}, the stepped signal. Check its sensor")
         elif held and abs(error) > (1.0 + s.diverged) * abs(s.size):
             self._step = 3
-            self._end("stopped", "the loop diverges from its target, so it is unstable with these gains")
+            self._end("stopped", "the loop departs from its target: it is unstable, or a disturbance is stronger")
         elif self._step == 0:
             self._held.append(error)
             self._wait_for_steadiness(observation, error, elapsed)

@@ -161,7 +161,7 @@ def _gains_document(d: DesignedGains, when: str) -> Document:
     text = (
         f"New gains for the {proposal.axis} loop; nothing was written."
         if proposal.changes
-        else f"The present gains of the {proposal.axis} loop stay: no others are better."
+        else f"The present gains of the {proposal.axis} loop stay: the design found none better."
     )
     at = f" at {d.speed:.2g} m/s" if d.speed else ""
     labels = ("present", "new") if proposal.changes else ("present",)
@@ -478,7 +478,7 @@ def _relay_document(d: DesignedRelay, when: str) -> Document:
         f"The relay causes a limit cycle with an amplitude of {format_quantity(cycle.X_m, unit)} and a period of "
         f"{format_seconds(cycle.period)}."
     )
-    how = "Predicted from the first harmonic. The error is a few percent, at most about 15 %."
+    how = "Predicted from the first harmonic. The error is usually a few percent, and up to about 15 %."
     return Document(
         title=f"Design: relay on {d.model.dof} of '{d.source}'",
         when=format_moment(when),

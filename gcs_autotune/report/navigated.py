@@ -101,7 +101,7 @@ def _doubts(told: Told) -> Iterator[Remark]:
         )
     for solution in told["solutions"]:
         if solution["nis"] > CONSISTENT[1]:
-            yield Remark(f"{_consistency(solution)} The true errors are larger than the standard deviations")
+            yield Remark(f"{_consistency(solution)} The true errors are probably larger than the standard deviations")
         if solution["nis"] < CONSISTENT[0]:
             yield Remark(f"{_consistency(solution)} The standard deviations are probably too large", "note")
         if not solution["converged"]:

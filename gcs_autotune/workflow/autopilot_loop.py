@@ -348,7 +348,7 @@ def on_the_other_axis(
     if measured is not None:
         reached = max(1.0 - measured[1].steady_error, 0.0)
         yield f"{head} These gains were tested in both modes: turn rates reach {reached:.0%} of the commanded rate" + (
-            "" if reached >= ENOUGH else f". `tune {other.name}` would improve turn rates and worsen heading hold"
+            "" if reached >= ENOUGH else f". `tune {other.name}` may improve turn rates, and may worsen heading hold"
         )
     elif beside.after > WORSE * beside.before:
         yield (

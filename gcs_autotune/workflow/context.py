@@ -15,7 +15,7 @@ from gcs_autotune.manoeuvres import Manoeuvre, SignCheck
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.background import await_worker, hold_neutral, run_in_background
-from gcs_autotune.workflow.experiments import dive_for
+from gcs_autotune.workflow.experiments import dive_for, speed_for
 from gcs_autotune.workflow.mission import Visit
 from gcs_autotune.workflow.preflight import (
     STAGE,
@@ -163,13 +163,17 @@ class TuneContext:
 
     def _with_throttle(self, throttle: float) -> TuneContext:
         """Report the *throttle* [fraction] just measured and return the context with that throttle."""
+        cruise = speed_for(replace(self.settings, throttle=None, speed=None), self.axis, self.present)
+        is_own = (self.throttle, self.speed) == cruise
+        these = "CRUISE_SPEED and CRUISE_THROTTLE" if is_own else "this speed and this throttle"
         pair = (
-            f"{self.throttle:.0%} throttle drives the boat much faster than {self.speed:g} m/s, so CRUISE_SPEED and "
-            f"CRUISE_THROTTLE do not match. {throttle:.1%} throttle is enough"
+            f"{self.throttle:.0%} throttle drives the boat much faster than {self.speed:g} m/s, so {these} do not "
+            f"match. {throttle:.1%} throttle is enough"
         )
         self.log.say(f"{pair} and is used now")
+        used = "these two parameters" if is_own else "CRUISE_SPEED and CRUISE_THROTTLE"
         self.runner.too_fast = (
-            f"{pair}. The autopilot also uses these two parameters. Run `tune speed` first, which measures and "
+            f"{pair}. The autopilot uses {used}. Run `tune speed` first, which measures and "
             f"writes them, or set CRUISE_THROTTLE to {max(100.0 * throttle, 1.0):.0f}"
         )
         return replace(self, throttle=throttle)

@@ -64,9 +64,9 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Ext
     below, square = effect_number(dead, DEAD_ZONE).value, effect_number(bent, QUADRATIC).value
     return ExtraRelay(
         output,
-        f"two causes fit the oscillations equally well: a dead zone below {below:.0%} of full output, or a thrust "
-        f"curve ({square:.0%} of the force with the square of the command). A third oscillation at "
-        f"{output:.0%} of full output distinguishes them",
+        f"two causes fit the oscillations about equally well: a dead zone below {below:.0%} of full output, or a "
+        f"thrust curve ({square:.0%} of the force with the square of the command). A third oscillation at "
+        f"{output:.0%} of full output can distinguish them",
     )
 
 

@@ -417,7 +417,7 @@ class _Line:
             f"{hull.radius:.1f} m and a lag of {hull.lag:.1f} s"
         )
         current = abs(current_on(hull.legs))
-        self._log.say(f"a current of {current:.2f} m/s acted on the legs")
+        self._log.say(f"estimated current on the legs, with the leeway by wind: {current:.2f} m/s")
         self._log.given_changes = tuple(line_changes(hull, self._present))
         return Offer(self._log.given_changes, too_short(hull, self._flights.course.length))
 

@@ -212,7 +212,7 @@ def _drift(craft: MavlinkCraft, present: Mapping[str, float]) -> float:
     if drift > CURRENT * most:
         raise PreconditionFailed(
             f"the vehicle reports a drift of {drift:.2f} m/s, and its position loop commands {most:.2f} m/s at most "
-            f"({name}): the current is stronger than the craft, or GPS or DVL are lost. Check them, or wait for slack "
+            f"({name}): the current is too strong for it, or GPS or DVL are lost. Check them, or wait for slack "
             "water"
         )
     return drift

@@ -189,7 +189,7 @@ def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
-            f"one of the thrusters on {channels} is dead or reversed. Identify it, then set its "
+            f"one of the thrusters on {channels} is probably dead or reversed. Identify it, then set its "
             f"{'MOT_n_DIRECTION' if firmware.frame_parameter else 'SERVOn_REVERSED'} or repair it"
         )
     return f"trim the rudder (its SERVOn_TRIM) and check the direction of the propeller on {channels}"
@@ -309,7 +309,7 @@ def remarks_on(craft: MavlinkCraft) -> list[str]:
         found.append(f"{name} is {own[name]:g}: this vehicle arms without the autopilot's own checks")
     if int(values.get("MANUAL_OPTIONS", 0.0)) & _MANUAL_SCALES:
         found.append(
-            "MANUAL_OPTIONS scales the steering by speed in MANUAL, so relays are smaller than commanded. "
+            "MANUAL_OPTIONS scales the steering by speed in MANUAL, so relays may be smaller than commanded. "
             "Identification uses the measured servo output"
         )
     return found

@@ -217,7 +217,8 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     if worse:
         return verdict("degraded", f"Degraded since the tune: {worse}. Run {again}.", "bad", note)
     if zeta + zeta_std < POORLY_DAMPED or over - over_std > LARGE_OVERSHOOT:
-        text = f"Poorly damped: the {axis} loop overshoots a step by {100.0 * over:.0f} %. Run {again}."
+        what = "Poorly damped" if zeta + zeta_std < POORLY_DAMPED else "Large overshoot"
+        text = f"{what}: the {axis} loop overshoots a step by {100.0 * over:.0f} %. Run {again}."
         return verdict("poorly damped", text, "bad", note)
     if over + over_std > LARGE_OVERSHOOT:
         shown = f"{100.0 * over:.0f} +- {100.0 * over_std:.0f} %"

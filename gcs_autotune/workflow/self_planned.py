@@ -364,7 +364,7 @@ class SelfPlanner:
         best = min(away[:-MAX_UNSUCCESSFUL], default=math.inf)
         if min(away[-MAX_UNSUCCESSFUL:]) > best - _noticed(best):
             return None, (
-                f"not reached: the last {MAX_UNSUCCESSFUL} runs brought no improvement, because the model lacks an "
+                f"not reached: the last {MAX_UNSUCCESSFUL} runs brought no improvement. The model may lack an "
                 "effect that the runs contain. See the doubts, or run gcs-autotune diagnose"
             )
         if seen.choices is None:

@@ -277,8 +277,8 @@ class KnownDesign:
         if now.another_size:
             self.another_size = True
             return (
-                "no model with proportional thrust explains both oscillation and step: small and large commands act "
-                "differently"
+                "no model with proportional thrust explains both oscillation and step: small and large commands may "
+                "act differently"
             )
         return ""
 

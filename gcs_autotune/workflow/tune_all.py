@@ -347,7 +347,9 @@ class _Job:
         if step.is_recheck:
             name = step.name.removeprefix("recheck ")
             above = [row.name for row in TUNABLES.values() if name in (row.after or ())]
-            if endings.get(name) != "kept" or not any(endings.get(other) == "kept" for other in above):
+            if endings.get(name) != "kept":
+                return f"because {name} has no new gains"
+            if not any(endings.get(other) == "kept" for other in above):
                 return "because nothing has changed since its own proof"
             return ""
         failed = ("aborted", "rejected", "skipped")

@@ -225,11 +225,14 @@ def test_rejected_causes_are_reported_with_their_held_out_gain() -> None:
     drag = SimpleNamespace(slug="quadratic-drag", place="yaw")
 
     first = SearchStep(None, (score_of(lag, [-3.0, 1.0]), score_of(drag, [-9.0, -2.0])), None)
-    second = SearchStep(None, (score_of(lag, [6.0, -1.0]),), None)
+    delay = SimpleNamespace(slug="input-delay", place="N")
+    second = SearchStep(None, (score_of(lag, [6.0, -1.0]), score_of(delay, [0.5, 0.4])), None)
     result = missing_force.words_of(cast(Any, SimpleNamespace(accepted=[], steps=[first, second])), None)
     assert result == (
-        "actuator lag (N) improves the log-likelihood of the fitted runs by 20.0 and that of the held-out runs by "
-        "+5.0, but not of every run. It is not reported as a cause",
+        "actuator lag (N) improves the log-likelihood of the fitted runs by 20.0 and that of the held-out data by "
+        "+5.0, but not of every part of it. It is not reported as a cause",
         "quadratic drag (yaw) improves the log-likelihood of the fitted runs by 20.0, but lowers that of the "
         "held-out runs (-11.0). It is rejected",
+        "input delay (N) improves the log-likelihood of the fitted runs by 20.0 and that of the held-out data by "
+        "+0.9, which is too little. It is not reported as a cause",
     )

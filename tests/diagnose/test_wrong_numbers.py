@@ -82,7 +82,7 @@ def test_a_model_with_correct_numbers_has_no_wrong_number(seed):
     assert result.numbers is not None
     assert [n.wrong for n in result.numbers.rows] == [False, False]
     assert result.numbers.gains == ()
-    assert "These runs agree with every number of the model" in words(result)
+    assert "These runs contradict no number of the model" in words(result)
 
 
 def test_an_effect_does_not_make_correct_numbers_wrong():

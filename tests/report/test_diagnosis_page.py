@@ -116,7 +116,7 @@ def test_a_deviation_card_is_plotted_on_a_compass_rose():
 
 def test_an_unexplained_diagnosis_reports_the_error_and_recommends_no_command():
     for text in (text_of("unexplained"), terminal_of("unexplained")):
-        assert "no known effect explains it" in text
+        assert "no effect tried explains it" in text
         assert "the error of the simulated" in text
         assert "None of the 41 candidates" in text
     assert "--model" not in text_of("unexplained")
@@ -293,12 +293,22 @@ def test_every_cause_shows_its_evidence_and_the_best_alternative():
     assert diagnosed.count("log-likelihood +406.0") == text_of("dead-zone").count("log-likelihood +406.0") == 1
 
 
+@pytest.mark.parametrize(("shares", "is_said"), [((0.0, 0.9), True), ((0.9, 0.0), False)])
+def test_only_a_cause_before_another_one_improves_the_prediction_together_with_it(
+    shares: tuple[float, float], is_said: bool
+) -> None:
+    found = dead_zone()
+    first, second = (replace(found.causes[0], share=share) for share in shares)
+    text = shown(replace(found, causes=(first, second)))
+    assert ("only together with the next ones" in text) is is_said
+
+
 def test_with_process_noise_the_evidence_is_shown_for_each_part():
     weak = dead_zone()
     first = replace(weak.ranking[0], evidence=7.0, unseen=(5.5, -2.0), ci90=(0.5, 6.5))
     text = shown(replace(weak, ranking=(first,)))
     assert "Strong: log-likelihood of the held-out data +3.5 (per part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in text
-    assert "No alternative effect improves the fit." in text
+    assert "There is no evidence for an alternative effect." in text
 
 
 def test_the_missing_force_is_plotted_over_the_signals_that_predict_it():

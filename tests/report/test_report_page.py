@@ -200,7 +200,7 @@ def test_parameters_changed_by_the_vehicle_are_reported_as_such():
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_SLEW_YAW": 99.0})
     text = Page(stories.page_of(story)).text
     assert "NOT RESTORED" not in text
-    assert "The vehicle itself, not this tool, changed ATC_SLEW_YAW." in text
+    assert "Not this tool but the vehicle or another station changed ATC_SLEW_YAW." in text
 
 
 @pytest.mark.usefixtures("words_only")

@@ -1,5 +1,6 @@
 """The report of ``tune all`` as it is read on a terminal of 80 characters."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -48,6 +49,13 @@ def test_every_measured_number_of_a_column_has_the_same_digits() -> None:
 def test_an_unsettled_step_is_reported_in_words() -> None:
     document = job_document(JobStory("", "boat", True, "sitl:blueboat", "j", (KEPT,)))
     assert "not settled \u2192\u00a014.0\u00a0s" in to_html(document)
+
+
+def test_a_missing_settling_time_has_the_reason_of_the_tune() -> None:
+    noisy = {"itae": 193.0, "settling": math.nan, "hidden_by_noise": True}
+    short = {"itae": 16.3, "settling": math.nan, "hidden_by_noise": False, "span": 20.0}
+    document = job_document(JobStory("", "boat", True, "", "j", (replace(KEPT, before=noisy, after=short),)))
+    assert "hidden by noise \u2192 not in 20.0 s" in to_html(document).replace("\u00a0", " ")
 
 
 def test_gains_of_an_aborted_step_are_not_shown_as_changed() -> None:

@@ -13,7 +13,7 @@ import pytest
 import report_stories as stories
 from matplotlib.figure import Figure
 
-from gcs_autotune.design import Margins, StepMetrics
+from gcs_autotune.design import Margins, StepMetrics, TrackMetrics
 from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, Parameter, Trace, fit, is_of_one_axis, validate
@@ -37,6 +37,7 @@ from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, sentence
 from gcs_autotune.report.tune.tables import margins_table, metrics_table
 from gcs_autotune.report.tune.wording import follows, improvement, safety
+from gcs_autotune.report.tune.wording import verdict_of as tune_verdict_of
 from gcs_autotune.trial import Channel, Trial
 
 
@@ -340,11 +341,17 @@ def test_an_unsettled_step_reports_its_duration() -> None:
     assert table.note.startswith("Over at least 5.0 s after each step")
 
 
+def test_the_verdict_of_a_line_states_that_a_mission_was_measured() -> None:
+    track = TrackMetrics(2.0, 1.0, 0.5, (3.0,), 60.0, 20.0)
+    story = replace(stories.kept(), axis="line", track_before=track, track_after=track)
+    assert tune_verdict_of(story).text == "The new line parameters are better in a measured mission and are kept."
+
+
 def test_only_matched_gains_are_reported_to_follow_a_reference_model() -> None:
     proposal = stories.proposal()
     assert "reference model" in follows(replace(proposal, is_matched=True))
     assert "reference model" not in follows(replace(proposal, is_matched=False))
-    assert "No other gains are better" in follows(replace(proposal, changes=()))
+    assert "The design found no better gains" in follows(replace(proposal, changes=()))
 
 
 def test_a_thrust_curve_is_stated_for_the_largest_output_and_beyond_the_dead_zone() -> None:

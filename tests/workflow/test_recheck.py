@@ -69,6 +69,11 @@ def test_each_loop_has_its_verdict_and_colour(of: Sheet | None, tune: LoopNumber
     assert math.isnan(found.now.rise) == (kind == "not identifiable"), "no number of a loop that is not known"
 
 
+def test_a_well_damped_loop_with_a_large_overshoot_is_not_called_poorly_damped() -> None:
+    assert judged(sheet((0.6, 0.05), (0.3, 0.02))).text.startswith("Large overshoot: ")
+    assert judged(sheet((0.2, 0.05), (0.5, 0.1))).text.startswith("Poorly damped: ")
+
+
 def test_the_terminal_shows_the_numbers_with_those_of_the_tune_and_no_coefficients() -> None:
     shown = render_text(recheck_document(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
     assert "tune of" in shown and "step overshoot" in shown and "5 ± 2" in shown

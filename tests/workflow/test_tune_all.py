@@ -169,6 +169,7 @@ def test_a_failed_loop_skips_only_the_loops_that_depend_on_it(tmp_path, scripted
     }
     reasons = {step.name: step.reason for step in story.steps}
     assert reasons["speed"] == "no motion" and reasons["line"] == "because it stands on speed"
+    assert reasons["recheck speed"] == "because speed has no new gains"
     assert "--resume" in story.resume
 
 

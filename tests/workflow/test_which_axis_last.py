@@ -30,7 +30,7 @@ def test_a_heading_tune_reports_how_well_turn_rates_were_followed(firmware: str)
     assert "`tune heading` and `tune yaw` both set" in good
     assert "turn rates reach 98% of the commanded rate" in good and "would improve" not in good
     (poor,) = sentences(firmware, "heading", 0.4, 0.3, (RATES, replace(RATES, steady_error=0.4)))
-    assert "turn rates reach 60% of the commanded rate. `tune yaw` would improve turn rates" in poor
+    assert "turn rates reach 60% of the commanded rate. `tune yaw` may improve turn rates" in poor
 
 
 @pytest.mark.parametrize("firmware", ["ardurover", "ardusub"])

@@ -72,7 +72,7 @@ def _strength(ranked: Ranked) -> str:
 
 def _rival_words(rival: Ranked | None, cause: Cause) -> str:
     if rival is None:
-        return "No alternative effect improves the fit."
+        return "There is no evidence for an alternative effect."
     where = "" if rival.place == cause.effect.place else f" at {place_words(rival.place)}"
     return f"Best alternative: {effect_words(rival.cause)}{where}, log-likelihood {0.5 * rival.evidence:+.1f}."
 

@@ -70,7 +70,7 @@ def lead_sentence(diagnosis: Diagnosis) -> str:
         more = MORE[min(len(diagnosis.causes) - 1, len(MORE) - 1)]
         begin = f"With this cause and {more} in the simulation" if more else "With this cause in the simulation"
         return f"{plain_sentence(diagnosis, diagnosis.causes[0])} {_difference(diagnosis.gain, begin)}"
-    said = f"{_begun(simulation)} lacks something that moves your craft. These runs do not show what it is."
+    said = f"{_begun(simulation)} differs from your craft by more than noise. These runs do not show why."
     hint = f" A possible cause: {plain_sentence(diagnosis, diagnosis.hints[0])}" if diagnosis.hints else ""
     return said + _error(diagnosis) + hint
 
@@ -145,10 +145,10 @@ def _both(one: float, other: float, unit: str) -> tuple[str, str]:
 
 
 LACKS: Mapping[Lack, str] = {
-    "weak": "An improvement of at least 10 is required to identify a cause.",
-    "not-on-each": "The prediction does not improve on every held-out part.",
+    "weak": "The improvement is too small to identify a cause.",
+    "not-on-each": "The prediction improves too little, or not on every held-out part.",
     "not-sure": "The improvement on held-out data may be chance.",
-    "no-gain": "The prediction error on held-out data does not fall.",
+    "no-gain": "The prediction error on held-out data does not clearly fall.",
     "brief": "The time constant is shorter than the sampling interval. A sensor filter looks the same.",
     "no-model": (
         "The fit is not a usable model: the disturbance is about as large as the commands, or the craft's time "

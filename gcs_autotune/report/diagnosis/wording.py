@@ -140,7 +140,7 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
     if diagnosis.verdict == "no-effect":
         follows = ["This holds for the motion in these runs. Other motion may show a missing effect."]
         if diagnosis.numbers is not None and diagnosis.numbers.rows:
-            follows.insert(0, f"These runs agree with every number of the {diagnosis.numbers.of}.")
+            follows.insert(0, f"These runs contradict no number of the {diagnosis.numbers.of}.")
         return Verdict(_nothing(diagnosis), "neutral" if diagnosis.doubts else tone, tuple(follows))
     if diagnosis.verdict == "unfinished":
         return Verdict(
@@ -252,8 +252,8 @@ def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
         return f"Without correction the {numbers.of} diverges on these runs."
     if gain.ratio >= 1.0:
         return (
-            "The wrong numbers compensate for a missing effect. Correcting only them does not reduce the held-out "
-            "error."
+            "Correcting only the wrong numbers does not reduce the held-out error. They may compensate for a missing "
+            "effect."
         )
     before, after = (format_error(e, gain.unit, 3) for e in (gain.before, gain.after))
     interval = interval_words(gain)
@@ -280,7 +280,7 @@ def scale_words(numbers: Numbers) -> list[str]:
         return []
     return [
         f"All numbers differ by the same factor ({format_number(mean, 3)}). "
-        "A wrong scale of the commands is an equally likely cause."
+        "A wrong scale of the commands explains this as well."
     ]
 
 
@@ -352,7 +352,7 @@ def _is_noise(left: Signature) -> bool:
 def _remains(left: Signature) -> str:
     if _is_noise(left):
         return "and the residual is indistinguishable from measurement noise"
-    return "with a correlated residual that no known effect explains"
+    return "with a correlated residual that no effect tried explains"
 
 
 def _as_closely(left: Signature) -> str:
@@ -370,7 +370,7 @@ def _unexplained(diagnosis: Diagnosis) -> str:
     error, unit, signal = base_error(diagnosis)
     if any(d.slug == "no-model" for d in diagnosis.doubts):
         return "An effect is missing, but no cause is reported: no model of the craft could be fitted."
-    said = "An effect is missing, and no known effect explains it"
+    said = "An effect is missing, and no effect tried explains it"
     if diagnosis.hints:
         said = "An effect is missing, and the evidence is too weak to identify it"
     if math.isfinite(error):

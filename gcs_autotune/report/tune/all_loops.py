@@ -279,6 +279,14 @@ def _pair(step: JobStep, name: str, of_line: str) -> str:
 def _cell(metrics: Mapping[str, Any], name: str, of_line: str) -> str:
     value = _figure(metrics, name if name in metrics else of_line)
     if not math.isfinite(value):
-        unknown = "not settled" if name == "settling" else "unknown"
+        unknown = _unsettled(metrics) if name == "settling" else "unknown"
         return unknown if name in metrics or of_line in metrics else ""
     return format_share(value) if name == "overshoot" and name in metrics else format_digits(value, DIGITS)
+
+
+def _unsettled(metrics: Mapping[str, Any]) -> str:
+    """Return why there is no settling time, as in the report of the tune itself."""
+    if metrics.get("hidden_by_noise"):
+        return "hidden by noise"
+    span = _figure(metrics, "span")
+    return f"not in {format_seconds(span)}" if math.isfinite(span) else "not settled"

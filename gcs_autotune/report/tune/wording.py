@@ -59,6 +59,10 @@ _NAMED: Mapping[str, str] = {"actuators": "actuator"}
 def verdict_of(story: TuneStory) -> Verdict:
     """Return the verdict of a tune: what changed, by how much, and whether it is safe."""
     text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
+    if story.thrust_before is not None:
+        text = text.replace("gains", "parameters").replace("better in a measured step", "better as measured")
+    if story.track_before is not None:
+        text = text.replace("gains", "parameters").replace("a measured step", "a measured mission")
     is_conclusive = story.ending in ("kept", "dry-run", "declined")
     sentences = [] if is_conclusive else [sentence(story.reason)]
     if story.metrics_before is not None and story.metrics_after is not None:
@@ -188,7 +192,7 @@ def safety(proposal: Proposal) -> str:
 def follows(proposal: Proposal) -> str:
     """Return a sentence on what the closed loop follows, as far as the ranges of the gains permit."""
     if not proposal.changes:
-        return f"No other gains are better (law {proposal.law})."
+        return f"The design found no better gains (law {proposal.law})."
     if not proposal.is_matched:
         return f"The control law is {proposal.law}."
     wanted = proposal.wanted
@@ -219,7 +223,7 @@ def parameters_sentence(story: TuneStory) -> str:
         return "All parameters have their original values, verified by reading back."
     written = [name for name in changed if name in {c.parameter for c in story.changes}]
     names, others = ", ".join(written), ", ".join(name for name in changed if name not in written)
-    also = f" The vehicle itself, not this tool, changed {others}." if others else ""
+    also = f" Not this tool but the vehicle or another station changed {others}." if others else ""
     if not written:
         return (
             f"All parameters written during the run have their original values again, verified by reading back.{also}"

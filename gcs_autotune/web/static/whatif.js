@@ -98,7 +98,7 @@ function draw() {
     + `${m.phase === null ? "any" : `${Math.round(m.phase * 180 / Math.PI)}°`} of phase. Largest output ${Math.round(100 * style.largest_output)} % of full.`;
   $("style-gains").textContent = !name ? "The slider comes to rest on the nearest design and shows its gains."
     : changed.length ? changed.map((gain) => `${gain.parameter} ${gainText(gain.old)} → ${gainText(gain.new)}`).join(", ")
-    : "The present gains stay: no others are better in this style.";
+    : "The present gains stay: the design found none better in this style.";
   $("style-caption").textContent = `Predicted step: ${kind.name} [${kind.unit}], and output below, over time [s]`;
   plots = drawStyle($("style-chart"), style.step, signals[entry.loop], plots);
 }
