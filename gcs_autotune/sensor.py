@@ -40,6 +40,13 @@ TURN = 2.0 * math.pi
 """Period of a heading [rad], for :func:`quantum`."""
 
 
+ENOUGH_GAPS = 10
+"""Number of gaps between levels from which a common grid cannot be due to chance, even if few levels repeat.
+
+A gap without a grid lies near a multiple of the step with a probability of 0.04. Project choice.
+"""
+
+
 def quantum(values: Array, period: float = 0.0) -> float:
     """Return the quantisation step of a signal, in its unit; 0 if its values have no common grid.
 
@@ -50,7 +57,8 @@ def quantum(values: Array, period: float = 0.0) -> float:
     span = float(levels[-1] - levels[0]) if len(levels) else 0.0
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-6 * span]
-    if not 3 <= len(gaps) + 1 <= len(values) / 2:
+    is_repeated = 3 <= len(gaps) + 1 <= len(values) / 2
+    if not (is_repeated or len(gaps) >= ENOUGH_GAPS):
         return 0.0
     step = float(gaps.min())
     multiples = gaps / step

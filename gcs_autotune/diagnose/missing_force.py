@@ -218,9 +218,13 @@ TELLING: Mapping[str, str] = {
 def words_of_noise(search: NoiseSearch) -> str:
     """Return a description of the size and correlation time of the drifting force."""
     noise = search.fit.noise
-    unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
+    size = f"{math.degrees(noise.size):.3g} deg/s^2" if DOFS[search.dof].angular else f"{noise.size:.3g} m/s^2"
     bursts = "" if math.isinf(noise.freedom) else ", in bursts"
-    return f"{noise.size:.3g} {unit} standard deviation, correlation time {noise.memory:.3g} s{bursts}"
+    return f"{size} standard deviation, correlation time {noise.memory:.3g} s{bursts}"
+
+
+def _percent(share: float) -> str:
+    return "below 1 %" if share < 0.01 else f"{100.0 * share:.0f} %"
 
 
 def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
@@ -228,7 +232,7 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
     lines = []
     if missing is not None:
         kind = "moment" if DOFS[missing.dof].angular else "force"
-        share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of the command (rms)"
+        share = "" if math.isnan(missing.share) else f", {_percent(missing.share)} of the command (rms)"
         lines.append(
             f"a drifting {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) acts in "
             f"{missing.dof} and is not in the model. Its correlation time is {missing.memory:.3g} "

@@ -104,7 +104,7 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
         )
     best = min(table, key=lambda row: row.left_out)
     own = next(row for row in table if row.structure == fit.structure)
-    what = f"held-out data ({signal_meaning(signal, fit.dof).split(',')[0]})"
+    what = f"held-out data ({signal_meaning(signal, fit.dof).split(',')[0]}, delay {fit.model.delay:.2g} s)"
     if not math.isfinite(best.left_out):
         reasons.append(f"{what}: no structure can predict it")
     elif best.left_out < (1.0 - ALIKE) * own.left_out:
@@ -116,4 +116,6 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
         reasons.append(
             f"Bayesian information criterion (BIC): best with {DAMPING[min(known, key=lambda row: row.bic).structure]}"
         )
+        if own.bic <= min(row.bic for row in known) and best.left_out < (1.0 - ALIKE) * own.left_out:
+            reasons.append("the criteria disagree, so treat the choice as uncertain. More runs can decide it")
     return tuple(reasons)

@@ -64,7 +64,7 @@ _WAYS: Mapping[str, tuple[str, str]] = {
 
 
 def moved(stretch: Pulse, signal: str, force: str) -> str:
-    """Return a clause on the motion caused by one pulse."""
+    """Return a clause on the motion caused by one pulse, for a motion that is significant."""
     angular = SIGNALS[signal].angular
     does, size = (
         ({"K": "rolled", "M": "pitched"}.get(force, "turned"), f"{abs(math.degrees(stretch.moved)):.1f} deg")
@@ -88,7 +88,12 @@ def turned_round(seen: PulseResponse, signal: str, force: str, cure: str) -> str
 
 def unclear(seen: PulseResponse, signal: str, force: str, outlets: Sequence[Outlet], *, under_way: bool = False) -> str:
     """Return the message that the craft did not respond, or only in one direction. *under_way*: with thrust ahead."""
-    both = f"{moved(seen.forward, signal, force)}, and {moved(seen.back, signal, force)}"
+    both = " and ".join(
+        moved(stretch, signal, force)
+        if sign
+        else f"{stretch.command:+.2f} of full {force} output did not clearly move the craft in {stretch.seconds:.1f} s"
+        for stretch, sign in zip((seen.forward, seen.back), seen.signs, strict=True)
+    )
     drifting = _drifting(seen, signal)
     if seen.is_silent:
         rudder = ". A rudder may need more --throttle" if under_way else ""

@@ -130,11 +130,19 @@ def test_the_drag_of_one_axis_is_chosen_with_its_evidence() -> None:
     assert left_out["linear"] > 1.2 * left_out["nonlinear"]
     assert any("quadratic damping predicts best" in r for r in choice.reasons)
     assert any("Bayesian information criterion" in r for r in choice.reasons)
+    assert not any("disagree" in r for r in choice.reasons)
     assert choice.to_dict()["table"][0]["structure"] == "linear"
+
+
+def test_criteria_that_disagree_make_the_choice_of_drag_uncertain() -> None:
+    # One craft with linear and one with quadratic drag look affine together, but neither predicts the other.
+    runs = [pushed(1, -6.0, 0.0), pushed(2, 0.0, -6.0)]
+    choice = weigh_drags(fit_axis(runs, dof="surge", structure="affine", delay=0.0), runs)
+    assert any("the criteria disagree" in reason for reason in choice.reasons)
 
 
 def test_no_structure_is_reported_as_best_if_none_can_predict() -> None:
     runs = [pushed(1, -6.0, 0.0, seconds=9.0)]
     choice = weigh_drags(fit_axis(runs, dof="surge", delay=0.0), runs)
     assert not any(math.isfinite(row.left_out) for row in choice.table)
-    assert "held-out data (surge velocity): no structure can predict it" in choice.reasons
+    assert "held-out data (surge velocity, delay 0 s): no structure can predict it" in choice.reasons

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from gcs_autotune.errors import BadFile, DataError, MissingChannel, NotInformati
 from gcs_autotune.identify import METHODS, fit_axis
 from gcs_autotune.identify.axis.by_output_error import _check_that_something_is_known
 from gcs_autotune.identify.free_run import free_run, residual_statistics
+from gcs_autotune.identify.problems.delay import weigh_delay
 from gcs_autotune.logs import load_runs
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial, save_trial
@@ -360,3 +362,17 @@ def test_the_inertia_of_a_craft_faster_than_its_sampling_is_unresolved(
     assert inertia.status == "at_bound" or inertia.std > 0.3 * inertia.value
     assert slugs(fit) & {"inertia-unresolved", "weakly-excited"}
     assert drag.value == pytest.approx(0.25, rel=0.02)
+
+
+@pytest.mark.parametrize(("at_bound", "is_kept"), [((), True), (("a",), False)])
+def test_a_delay_that_replaces_the_whole_inertia_is_not_kept(at_bound: tuple[str, ...], is_kept: bool) -> None:
+    plain = SimpleNamespace(at_bound=(), bic=lambda _: 0.0)
+    lagged = SimpleNamespace(
+        at_bound=at_bound,
+        bic=lambda _: -100.0,
+        value=lambda _: 0.3,
+        correlation=1.0,
+        free=("a", "delay"),
+        raised_covariance=np.diag([0.0, 1e-4]),
+    )
+    assert weigh_delay(lambda _: (cast(Any, plain), cast(Any, lagged))).kept is is_kept

@@ -298,4 +298,4 @@ def test_a_diverging_loop_stops_the_step():
     _, fly = flight(craft, kept, envelope=Envelope(heading_excursion=10.0))
     flown = fly()
     assert flown.ending == "stopped"
-    assert "diverges" in flown.reason
+    assert "departs from its target" in flown.reason

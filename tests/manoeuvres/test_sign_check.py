@@ -103,6 +103,7 @@ def test_a_craft_as_fast_as_the_link_delay_passes_the_check(gain: float, signs: 
 def test_a_dead_actuator_is_reported_with_its_pulses() -> None:
     _, flown = check(PondCraft(gain=0.0))
     assert flown.ending == "aborted"
+    assert flown.reason.startswith("+0.60 of full N output did not clearly move the craft in 8.0 s and -0.60"), flown
     assert "SERVO1 went to 1800 us and 1200 us. The actuator is dead" in flown.reason
     assert [m.detail["N"] for m in flown.marks] == [0.15, -0.15, 0.3, -0.3, 0.6, -0.6]
 

@@ -4,6 +4,9 @@ A delay reduces the phase margin of every later design, and a longer delay can r
 evidence must therefore be strong. Models with and without a delay are fitted to the same samples, those that do not
 depend on inputs before the record. They are compared by the Bayesian information criterion, tempered by the residuals'
 correlation time. On the scale of Kass1995 a difference of 6 is strong evidence.
+
+A fit with a delay may lose its inertia: it ends on the shortest time constant that the sampling resolves, and the delay
+replaces the whole inertia. Such a delay is not kept.
 """
 
 from __future__ import annotations
@@ -76,4 +79,5 @@ def weigh_delay(fits: Callable[[float], tuple[Solution | None, Solution | None]]
     correlation, place = lagged.correlation, lagged.free.index("delay")
     evidence = plain.bic(correlation) - lagged.bic(correlation)
     std = math.sqrt(float(lagged.raised_covariance[place, place]))
-    return DelayVerdict(evidence > DELAY_EVIDENCE and delay > SURELY * std, evidence, margin, plain, lagged)
+    is_sure = evidence > DELAY_EVIDENCE and delay > SURELY * std
+    return DelayVerdict(is_sure and set(lagged.at_bound) <= set(plain.at_bound), evidence, margin, plain, lagged)

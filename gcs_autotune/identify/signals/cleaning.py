@@ -64,6 +64,9 @@ QUANTA = 3.0
 Project choice.
 """
 
+EQUAL = 1e-9
+"""Difference of two numbers, relative to the range of the signal, below which they count as equal."""
+
 STEADY = 0.9
 """Fraction of the time steps that must be near the usual one for an input to count as regularly recorded.
 
@@ -203,7 +206,7 @@ def clipped(channel: Channel) -> NDArray[np.bool_]:
         return none
     steps = np.abs(np.diff(x))
     usual = float(np.median(steps[steps > 0.0]))
-    least = max(SPEED * usual, QUANTA * quantum(x))
+    least = max(SPEED * usual, QUANTA * quantum(x) + EQUAL * float(np.ptp(x)))
     mask = none.copy()
     for extreme in (float(x.max()), float(x.min())):
         dwells = [(int(s), int(n)) for s, n in zip(starts, lengths, strict=True) if x[s] == extreme and n >= DWELL]
