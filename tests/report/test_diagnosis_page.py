@@ -311,6 +311,15 @@ def test_with_process_noise_the_evidence_is_shown_for_each_part():
     assert "There is no evidence for an alternative effect." in text
 
 
+def test_an_alternative_with_more_evidence_is_not_called_the_second_best():
+    found = dead_zone()
+    accepted, *others = found.ranking
+    better = [replace(r, evidence=2.0 * accepted.evidence) if r.step == accepted.step else r for r in others]
+    text = shown(replace(found, ranking=(accepted, *better)))
+    assert "These runs support another cause as well: quadratic thrust curve, log-likelihood +812.0." in text
+    assert "Best alternative: quadratic thrust curve" not in text
+
+
 def test_the_missing_force_is_plotted_over_the_signals_that_predict_it():
     x = np.array([-1.0, 0.0, 1.0])
     over_rate = MissingCurve("r", "rad/s", x, 0.2 * x, np.full(3, 0.05), 0.4)

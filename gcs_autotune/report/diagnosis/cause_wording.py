@@ -56,7 +56,7 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
     if of_cause and math.isfinite(of_cause[-1].evidence):
         others = [r for r in diagnosis.ranking if r.step == of_cause[-1].step and r.cause != cause.effect.slug]
         rival = max((r for r in others if r.evidence > 0.0), key=lambda r: r.evidence, default=None)
-        yield Note(f"{_strength(of_cause[-1])} {_rival_words(rival, cause)}", "Evidence")
+        yield Note(f"{_strength(of_cause[-1])} {_rival_words(rival, of_cause[-1])}", "Evidence")
 
 
 def _strength(ranked: Ranked) -> str:
@@ -70,11 +70,12 @@ def _strength(ranked: Ranked) -> str:
     return f"{word.capitalize()}: log-likelihood of the held-out data {gained:+.1f} (per part {parts}{interval})."
 
 
-def _rival_words(rival: Ranked | None, cause: Cause) -> str:
+def _rival_words(rival: Ranked | None, accepted: Ranked) -> str:
     if rival is None:
         return "There is no evidence for an alternative effect."
-    where = "" if rival.place == cause.effect.place else f" at {place_words(rival.place)}"
-    return f"Best alternative: {effect_words(rival.cause)}{where}, log-likelihood {0.5 * rival.evidence:+.1f}."
+    where = "" if rival.place == accepted.place else f" at {place_words(rival.place)}"
+    head = "Best alternative" if rival.evidence < accepted.evidence else "These runs support another cause as well"
+    return f"{head}: {effect_words(rival.cause)}{where}, log-likelihood {0.5 * rival.evidence:+.1f}."
 
 
 def cause_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
