@@ -6,6 +6,7 @@ available. This module contains their common operations: predict held-out data, 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -262,6 +263,7 @@ class SearchState:
         """Return for each cause the fraction that it removed of the mean square error above noise.
 
         They add up to the fraction that all causes removed (:func:`.shares_of`), in the signal in which it is largest.
+        Causes added together count as added in the *order* in which they are reported.
         """
         now = (self.causes, self.base_unseen, self.present_unseen)
         total = _explained(self.base_unseen, self.present_unseen, self.fitted.levels)
@@ -270,7 +272,8 @@ class SearchState:
             ([key_of(e) for e in causes], _explained(base, unseen, self.fitted.levels).get(signal, math.nan))
             for causes, base, unseen in (*self.models, now)
         ]
-        return shares_of(models)
+        place = _places([keys for keys, _ in models], [key_of(e) for e in order])
+        return shares_of((sorted(keys, key=lambda key: place.get(key, len(order))), e) for keys, e in models)
 
     def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
         """Return groups of causes that the runs do not distinguish."""
@@ -333,3 +336,15 @@ def _explained(base: HeldOut, unseen: HeldOut, levels: Mapping[str, float]) -> d
 def _contradicts(present: Sequence[EffectInstance], effect: EffectInstance) -> bool:
     """Return whether an effect of the same slug is already present at an overlapping place."""
     return any(e.slug == effect.slug and set(e.place.split("+")) & set(effect.place.split("+")) for e in present)
+
+
+def _places(
+    models: Sequence[Sequence[tuple[str, str]]], order: Sequence[tuple[str, str]]
+) -> dict[tuple[str, str], int]:
+    """Return the position of each cause in *order*. A cause that was replaced has that of its replacement."""
+    place = {key: i for i, key in enumerate(order)}
+    for before, after in reversed(list(itertools.pairwise(models))):
+        lost, new = [k for k in before if k not in after], [k for k in after if k not in before]
+        if len(lost) == len(new) == 1 and new[0] in place:
+            place.setdefault(lost[0], place[new[0]])
+    return place

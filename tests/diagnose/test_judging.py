@@ -434,6 +434,12 @@ def test_of_causes_that_help_only_together_the_last_has_the_share() -> None:
     assert shares_after(([zone, backlash], 0.1)) == pytest.approx({"dead-zone": 0.0, "backlash": 0.9})
 
 
+def test_a_replacement_of_a_cause_that_helps_only_together_has_no_share_either() -> None:
+    zone, backlash, delay, _ = CAUSES
+    shares = shares_after(([zone, backlash], 0.1), ([delay, backlash], 0.05))
+    assert shares == pytest.approx({"input-delay": 0.0, "backlash": 0.95})
+
+
 @settings(max_examples=200, deadline=None)
 @given(
     st.lists(
