@@ -40,7 +40,7 @@ class StateEstimate:
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
-        self._gyro = tuple(TwoPoleLowPass() for _ in range(3))
+        self._gyro_x, self._gyro_y, self._gyro_z = TwoPoleLowPass(), TwoPoleLowPass(), TwoPoleLowPass()
         self._accelerometer = TwoPoleLowPass()
         self.roll = self.pitch = self.yaw = 0.0
         self.roll_rate = self.pitch_rate = self.yaw_rate = 0.0
@@ -54,10 +54,10 @@ class StateEstimate:
         """Update the estimate with one sample of the sensors, *dt* [s] after the last."""
         values = self._values
         self.roll, self.pitch, self.yaw = reading.phi, reading.theta, reading.psi
-        rates, cutoff = (reading.p, reading.q, reading.r), values["INS_GYRO_FILTER"]
-        self.roll_rate, self.pitch_rate, self.yaw_rate = (
-            gyro.apply(rate, cutoff, dt) for gyro, rate in zip(self._gyro, rates, strict=True)
-        )
+        cutoff = values["INS_GYRO_FILTER"]
+        self.roll_rate = self._gyro_x.apply(reading.p, cutoff, dt)
+        self.pitch_rate = self._gyro_y.apply(reading.q, cutoff, dt)
+        self.yaw_rate = self._gyro_z.apply(reading.r, cutoff, dt)
         self.speed = reading.u
         self.x, self.y, self.z = reading.x, reading.y, reading.z
         self._sway, self.vz = reading.v, reading.w

@@ -23,7 +23,7 @@ class RcInput:
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
         self._parameters, self._version = parameters, -1
-        self._known_ends: dict[int, tuple[float, float, float, int]] = {}
+        self._ends: dict[int, tuple[float, float, float, int]] = {}
         self.pwm = [_STICK_PWM] * (CHANNELS + 1)
         self._override = [0] * (CHANNELS + 1)
         self._stamp = [0] * (CHANNELS + 1)
@@ -76,7 +76,9 @@ class RcInput:
         """Return a channel's stick position as a whole number within -full..full. It is 0 within *dead_zone* [us] of
         the trim.
         """
-        low, trim, high, sign = self._ends(channel)
+        if self._version != self._parameters.version:
+            self._read_ends()
+        low, trim, high, sign = self._ends[channel]
         pwm = self.pwm[channel]
         if pwm == trim and dead_zone >= 0.0:  # as in most loops
             return 0
@@ -91,19 +93,19 @@ class RcInput:
 
     def fraction(self, channel: int) -> float:
         """Return a channel's stick position (-1 to 1) relative to its trim, without a dead zone."""
-        low, trim, high, sign = self._ends(channel)
+        if self._version != self._parameters.version:
+            self._read_ends()
+        low, trim, high, sign = self._ends[channel]
         pwm = self.pwm[channel]
         if pwm == trim:  # as in most loops
             return 0.0
         span = high - trim if pwm >= trim else trim - low
         return 0.0 if span <= 0.0 else max(-1.0, min(1.0, sign * (pwm - trim) / span))
 
-    def _ends(self, channel: int) -> tuple[float, float, float, int]:
-        if self._version != self._parameters.version:
-            self._version = self._parameters.version
-            values = self._values
-            self._known_ends = {
-                n: (values[low], values[trim], values[high], -1 if values[reverse] else 1)
-                for n, (low, trim, high, reverse) in _KEYS.items()
-            }
-        return self._known_ends[channel]
+    def _read_ends(self) -> None:
+        values = self._values
+        self._version = self._parameters.version
+        self._ends = {
+            n: (values[low], values[trim], values[high], -1 if values[reverse] else 1)
+            for n, (low, trim, high, reverse) in _KEYS.items()
+        }

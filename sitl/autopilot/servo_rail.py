@@ -54,9 +54,9 @@ class ServoRail:
         """
         if self._version != self._parameters.version:
             self._read_assignments()
-        pwm, count = self.pwm, len(pulses)
+        pwm, last = self.pwm, first + len(pulses)
         for index, function, _, trim, _, _ in self._rows:
-            pulse = pulses[function - first] if first <= function < first + count else trim
+            pulse = pulses[function - first] if first <= function < last else trim
             pwm[index] = pulse if 0 <= pulse <= _MOST_PWM else max(0, min(_MOST_PWM, pulse))
         self._override_some()
 

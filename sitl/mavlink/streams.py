@@ -7,7 +7,7 @@ the time stamp [s]. ``servo`` exists if the message reports the actuators. It co
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from sitl.mavlink.dialect import Message, mavlink
@@ -205,16 +205,16 @@ class Streams:
         else:
             self._set(message, int(min(interval, _LONGEST_US)) if interval > 0.0 else -1, now_us)
 
-    def due(self, now_us: int) -> Iterator[int]:
-        """Yield the ids of the messages due at *now_us* [us], in a fixed order."""
+    def due(self, now_us: int) -> Sequence[int]:
+        """Return the ids of the messages due at *now_us* [us], in a fixed order."""
         if now_us < self._soonest:
-            return
-        for message, when in self._next.items():
-            if now_us >= when:
-                interval = self._interval[message]
-                self._next[message] = (now_us // interval + 1) * interval
-                yield message
+            return ()
+        messages = [message for message, when in self._next.items() if now_us >= when]
+        for message in messages:
+            interval = self._interval[message]
+            self._next[message] = (now_us // interval + 1) * interval
         self._soonest = min(self._next.values(), default=_LONGEST_US)
+        return messages
 
     @staticmethod
     def _default(message: int) -> int:

@@ -362,14 +362,14 @@ class RigidBody:
         self._dt = dt
         self._array[0] = (at.x, at.y, at.z, *attitude, at.u, at.v, at.w, at.p, at.q, at.r)
         self._fly(self._cushioned(wrench), dt, 1)
-        at.x, at.y, at.z, *turned, at.u, at.v, at.w, at.p, at.q, at.r = self._array[0].tolist()
-        self._quaternion = (turned[0], turned[1], turned[2], turned[3])
-        phi, theta, psi = angles_of(self._quaternion)
-        at.phi, at.theta, at.psi = phi, theta, at.psi + math.remainder(psi - at.psi, math.tau)
-        self._angles = (at.phi, at.theta, at.psi)
+        at.x, at.y, at.z, a, b, c, d, u, v, w, p, q, r = self._array[0].tolist()
+        self._quaternion = turned = a, b, c, d
+        phi, theta, psi = angles_of(turned)
+        psi = at.psi + math.remainder(psi - at.psi, math.tau)
+        self._angles = phi, theta, psi
         udot, vdot, wdot = self._work[kernel.RATE, :3].tolist()
-        across = (udot + at.q * at.w - at.r * at.v, vdot + at.r * at.u - at.p * at.w, wdot + at.p * at.v - at.q * at.u)
-        at.wdot = rotate(self._quaternion, across)[2]
+        at.wdot = rotate(turned, (udot + q * w - r * v, vdot + r * u - p * w, wdot + p * v - q * u))[2]
+        at.phi, at.theta, at.psi, at.u, at.v, at.w, at.p, at.q, at.r = phi, theta, psi, u, v, w, p, q, r
 
     def _cushioned(self, wrench: Wrench) -> Wrench:
         """Return *wrench* with the soft spring beyond surface or bottom, if there is need of it."""
