@@ -355,7 +355,7 @@ def _coloured(solution: Solution) -> Iterator[Facts]:
 def _outliers(solution: Solution) -> Iterator[Facts]:
     """Signals with robust weights are skipped. For a rounding sensor the limit includes noise and resolution.
 
-    An outlier is also far from its neighbours. Samples that are far off together are an error of the model.
+    An outlier is also far from each of its neighbours. Samples that are far off together are an error of the model.
     """
     share = 0.0
     for r in solution.rests:
@@ -365,7 +365,9 @@ def _outliers(solution: Solution) -> Iterator[Facts]:
         rough = max(1.4826 * float(np.median(np.abs(errors))), r.step, 1e-300)
         reach = 0.5 * model.quantum + FAR * model.sigma if model.quantum > 0.0 else FAR * rough
         around = np.median(sliding_window_view(np.pad(errors, 2, mode="edge"), 5), axis=1)
-        share = max(share, float(np.mean(np.minimum(np.abs(errors), np.abs(errors - around)) > reach)))
+        steps = np.abs(np.diff(errors, prepend=np.inf, append=np.inf))
+        apart = np.minimum.reduce([np.abs(errors), np.abs(errors - around), steps[:-1], steps[1:]])
+        share = max(share, float(np.mean(apart > reach)))
     if not share <= OFTEN:
         yield {"share": 100 * share}
 

@@ -173,3 +173,14 @@ def test_rounding_raises_the_bound_less_than_noise_of_the_same_variance(clean: l
     assert cramer_rao(model, runs, SIGMA, free)["alpha"] < 0.6 * rounded["alpha"]
     as_noise = cramer_rao(model, runs, np.hypot(SIGMA, QUANTUM / np.sqrt(12.0)), free)
     assert 0.6 < rounded["alpha"] / as_noise["alpha"] < 1.0
+
+
+def test_neighbours_that_are_far_off_together_are_an_error_of_the_model(clean: list[Trial]) -> None:
+    runs = coarse_runs(clean, 5)
+    spoiled = []
+    for trial in runs:
+        values = trial["psi"].values.copy()
+        values[20::80] += 3.0 * QUANTUM
+        values[21::80] += 3.0 * QUANTUM
+        spoiled.append(Trial(trial.name, {"psi": Channel("psi", "rad", trial["psi"].t, values), "N": trial["N"]}))
+    assert "outliers" not in {d.slug for d in fit_axis(spoiled, structure="nonlinear", delay=0.0).doubts}
