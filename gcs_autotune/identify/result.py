@@ -283,6 +283,11 @@ class Fit(Displayed, Generic[ModelT]):
         residuals = {s: [t.measured - t.fitted for t in self.traces if t.signal == s] for s in signals}
         return {s: remainder_of(errors, float(rounding.get(s) or 0.0)) for s, errors in residuals.items()}
 
+    @property
+    def lacks_a_term(self) -> bool:
+        """Whether more than noise is unexplained in a signal, so that the model lacks a term."""
+        return any(left.unexplained > left.noise for left in self.remainder.values())
+
     def to_pandas(self) -> Any:
         """Return a pandas DataFrame in SI units, one row per parameter.
 
