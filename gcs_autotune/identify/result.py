@@ -17,7 +17,7 @@ from gcs_autotune.identify.signals.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.notebook import Display, Displayed, Table, pandas_module, parameter_tables
 from gcs_autotune.plain_json import json_text, plain_data
-from gcs_autotune.rounding import format_number
+from gcs_autotune.rounding import HALF_WIDTH, format_number
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [
@@ -310,8 +310,8 @@ class Fit(Displayed, Generic[ModelT]):
             {
                 "value": p.value,
                 "std": p.std,
-                "low": p.value - 1.96 * p.std,
-                "high": p.value + 1.96 * p.std,
+                "low": p.value - HALF_WIDTH * p.std,
+                "high": p.value + HALF_WIDTH * p.std,
                 "bound": p.bound,
                 "unit": p.unit,
                 "status": p.status,

@@ -26,6 +26,7 @@ from gcs_autotune.report.toolkit.wording import (
     pretty_unit,
     to_people,
 )
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import OVERFULL
 
 __all__ = [
@@ -292,6 +293,7 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
 
     If more than noise is unexplained, the model lacks a term. The standard error is then too small, and is left out.
     """
+
     def number(name: str) -> str:
         if fit.lacks_a_term:
             return f"about {format_number(own[name], 2)}"
