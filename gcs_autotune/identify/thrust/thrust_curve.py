@@ -152,7 +152,7 @@ def with_thrust_curve(plain: AxisFit, runs: Sequence[Trial]) -> AxisFit:
         "dead-zone-or-curve",
         f"a dead zone of the actuator fits the runs as well as the thrust curve of this model. {name} and the drag at "
         "full output depend on which of the two it is",
-        "fly a manoeuvre with more sizes of output, such as staircase or multisine",
+        "fly a manoeuvre with more sizes of output, such as staircase",
     )
     return replace(bent, doubts=(*bent.doubts, doubt))
 

@@ -135,7 +135,8 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
 
 
 def _decay_sentence(fit: AxisFit) -> list[str]:
-    """Return a sentence on how motion decays without input; empty if linear damping may be zero.
+    """Return a sentence on how motion decays without input; empty if linear damping may be zero, or if the decay takes
+    longer than the runs.
 
     If the model lacks a term, its linear damping may stand for a dead zone or a thrust curve.
     """
@@ -145,9 +146,10 @@ def _decay_sentence(fit: AxisFit) -> list[str]:
             "How motion decays without input is uncertain: the model lacks a term. A dead zone or a thrust curve of "
             "the actuator looks like linear damping."
         ]
-    if abs(model.beta) <= HALF_WIDTH * fit.parameters[axis.parameter_names()[1]].std:
-        return []
     time = model.alpha / model.beta
+    longest = max((float(np.ptp(trace.t)) for trace in fit.traces), default=math.inf)
+    if abs(model.beta) <= HALF_WIDTH * fit.parameters[axis.parameter_names()[1]].std or abs(time) > longest:
+        return []
     how = "decays" if time > 0.0 else "grows"
     slow = "at low turn rates" if axis.angular else "at low speed"
     when = "without input" if fit.structure == "linear" else f"without input and {slow}"
