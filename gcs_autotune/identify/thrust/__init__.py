@@ -26,7 +26,6 @@ from gcs_autotune.identify.thrust.thrust_curve import (
     either_kind,
     fit_thrust_curve,
     fit_with_actuator,
-    pays,
     with_thrust_curve,
 )
 
@@ -44,7 +43,6 @@ __all__ = [
     "fit_thrust_curve",
     "fit_with_actuator",
     "level_forces",
-    "pays",
     "set_on_the_way_back",
     "square_of",
     "with_actuator",
