@@ -10,11 +10,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
 
+import numpy as np
+
 from gcs_autotune.diagnose import CraftComparison, compare_craft
 from gcs_autotune.documents import SETTING_OUT
-from gcs_autotune.effects import ExtendedModel
+from gcs_autotune.effects import ExtendedModel, may_be_none
 from gcs_autotune.errors import AutotuneError, BadFile, NotInformative, UsageError
-from gcs_autotune.identify import AxisFit, Structure, fit, fit_axis, load_model
+from gcs_autotune.identify import AxisFit, ModelFile, Structure, fit, fit_axis, load_model
 from gcs_autotune.identify.thrust import with_actuator
 from gcs_autotune.logs import load_runs
 from gcs_autotune.manoeuvres import MANOEUVRES
@@ -126,9 +128,18 @@ def _fitted(trials: Sequence[Trial], dof: str, structure: str | None, actuator: 
 
 
 def _models_with_actuator(path: Path) -> dict[str, ExtendedModel]:
-    """Return the models of one axis in a run directory that have actuator effects, by degree of freedom."""
-    models = [load_model(file).model for file in sorted(path.glob("model*.json"))] if path.is_dir() else []
-    return {m.base.form.dofs[0]: m for m in models if m.effects and len(m.base.form.dofs) == 1}
+    """Return the models of one axis in a run directory with clear actuator effects, by degree of freedom."""
+    files = [load_model(file) for file in sorted(path.glob("model*.json"))] if path.is_dir() else []
+    return {f.model.base.form.dofs[0]: f.model for f in files if len(f.model.base.form.dofs) == 1 and _is_bent(f)}
+
+
+def _is_bent(file: ModelFile) -> bool:
+    """Return whether the 95 % interval of an actuator effect of the model excludes the case of no effect."""
+    std = dict(zip(file.names, np.sqrt(np.maximum(np.diag(file.covariance), 0.0)).tolist(), strict=True))
+    return any(
+        not may_be_none(own, {n: std[label] for n in own.values if (label := own.label_of(n)) in std})
+        for own in file.model.effects
+    )
 
 
 def _excited(trial: Trial) -> Collection[str]:
