@@ -11,7 +11,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from PIL import Image, PngImagePlugin
 
@@ -37,6 +40,16 @@ def drawn_of(picture: Path = PICTURE) -> str:
         return str(image.info.get(KEY, ""))
 
 
+@contextmanager
+def running(words: list[str], **options: Any) -> Iterator[subprocess.Popen[Any]]:
+    """Run the program *words* with its standard error in a pipe, and end it with the context, after an error too."""
+    with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, **options) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+
+
 def main(picture: Path) -> None:
     """Fly a tune of a simulated boat six times as fast as the clock, and take the page in its self-oscillation."""
     from playwright.sync_api import sync_playwright
@@ -45,12 +58,10 @@ def main(picture: Path) -> None:
     vehicle = [sys.executable, "-m", "sitl", "charlie", "--listen", f"tcp:127.0.0.1:{PORT}", "--speedup", "6"]
     with (
         tempfile.TemporaryDirectory() as runs,
-        subprocess.Popen(vehicle, cwd=ROOT, stderr=subprocess.PIPE) as boat,
-        subprocess.Popen(
+        running(vehicle) as boat,
+        running(
             [sys.executable, "-m", "gcs_autotune", "serve", "--port", "0", "--runs", runs],
-            cwd=ROOT,
             env={**os.environ, "XDG_STATE_HOME": runs},  # an interrupted run of this machine would end the tune
-            stderr=subprocess.PIPE,
             text=True,
         ) as server,
         sync_playwright() as playwright,
@@ -72,8 +83,6 @@ def main(picture: Path) -> None:
         page.click("#stop")
         page.locator("#end").wait_for(timeout=WAIT)
         browser.close()
-        for process in (server, boat):
-            process.terminate()
     note = PngImagePlugin.PngInfo()
     note.add_text(KEY, fingerprint())
     with Image.open(picture) as image:

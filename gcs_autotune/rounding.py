@@ -4,7 +4,20 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["EXACT", "UNKNOWN", "counted", "format_digits", "format_number", "format_value", "rounded", "rounded_to"]
+__all__ = [
+    "EXACT",
+    "HALF_WIDTH",
+    "UNKNOWN",
+    "counted",
+    "format_digits",
+    "format_number",
+    "format_value",
+    "rounded",
+    "rounded_to",
+]
+
+HALF_WIDTH = 1.96
+"""Half-width of a 95 % interval of a normal distribution, in standard errors."""
 
 UNKNOWN = "?"
 """Text for NaN, an unknown number."""

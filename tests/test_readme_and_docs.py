@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -38,6 +39,16 @@ def test_the_readme_is_short_with_two_figures_and_short_paragraphs():
 def test_the_screenshot_of_the_page_is_current():
     draw_page = module_of_the_docs("draw_page")
     assert draw_page.drawn_of() == draw_page.fingerprint(), "run: python3 docs/draw_page.py docs/pictures/page.png"
+
+
+def test_a_drawing_that_fails_ends_its_programs():
+    draw_page = module_of_the_docs("draw_page")
+    with (
+        pytest.raises(ValueError, match="no page"),
+        draw_page.running([sys.executable, "-c", "import time; time.sleep(600)"]) as program,
+    ):
+        raise ValueError("no page")
+    assert program.returncode is not None
 
 
 def test_the_figure_of_a_tune_records_its_run_and_another_run_is_detected(tmp_path: Path):

@@ -18,6 +18,7 @@ from gcs_autotune.control.reference_model import ReferenceModel
 from gcs_autotune.control.structure import STRUCTURES
 from gcs_autotune.models import SingleDof
 from gcs_autotune.notebook import Displayed
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -28,9 +29,6 @@ __all__ = [
     "stability_bound",
     "uncertainty_of",
 ]
-
-CONFIDENCE = 1.96
-"""Half-width of a 95 % interval of a normal distribution, in standard errors."""
 
 MIN_UNCERTAINTY = 0.01
 """Smallest relative uncertainty of an identification that is assumed. Project choice."""
@@ -121,4 +119,4 @@ def _is_nonlinear(model: SingleDof) -> bool:
 def _relative(value: float, std: float) -> float:
     if value == 0.0 or not math.isfinite(std):
         return MAX_UNCERTAINTY if std > 0.0 else MIN_UNCERTAINTY
-    return min(max(CONFIDENCE * std / abs(value), MIN_UNCERTAINTY), MAX_UNCERTAINTY)
+    return min(max(HALF_WIDTH * std / abs(value), MIN_UNCERTAINTY), MAX_UNCERTAINTY)

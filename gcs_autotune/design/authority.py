@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.design.laws.rover_speed import pulse_of
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, ExtendedModel, ExtendedSimulator, passage_of
 from gcs_autotune.notebook import Displayed
+from gcs_autotune.rounding import HALF_WIDTH
 
 __all__ = [
     "ASTERN",
@@ -48,8 +49,7 @@ STEADY = 2e-3
 """Relative change over the last quarter of a simulation below which a motion is steady."""
 APPROACH = 10.0
 """Straight run before a stop or a turn [s], so that actuators settle."""
-SPREAD = 1.96
-"""Half-width of the 95 % interval, in standard errors."""
+
 NUDGE = 0.5
 """Step of the difference quotients, in standard errors."""
 NEAR_SPEED = 0.15
@@ -291,12 +291,12 @@ class AuthorityFigure:
     @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval."""
-        return self.value - SPREAD * self.std, self.value + SPREAD * self.std
+        return self.value - HALF_WIDTH * self.std, self.value + HALF_WIDTH * self.std
 
     @property
     def sure(self) -> float:
         """The end of the 95 % interval that is nearer to zero."""
-        return math.copysign(max(abs(self.value) - SPREAD * self.std, 0.0), self.value)
+        return math.copysign(max(abs(self.value) - HALF_WIDTH * self.std, 0.0), self.value)
 
 
 @dataclass(frozen=True, slots=True)

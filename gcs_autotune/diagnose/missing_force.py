@@ -16,6 +16,7 @@ from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.effects import effect_at, force_unit
 from gcs_autotune.identify.kalman import NoisyFit, ProcessNoise
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sensor import moves
 from gcs_autotune.sname import DOFS, SIGNALS
 
@@ -181,7 +182,7 @@ def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> Missing
     known = np.isfinite(force) & np.isfinite(spread)
     if known.sum() < 2:
         return None
-    band = np.hypot(1.96 * spread, means(x, std) / math.sqrt(len(x) / BINS))
+    band = np.hypot(HALF_WIDTH * spread, means(x, std) / math.sqrt(len(x) / BINS))
     share = 1.0 - left / whole if whole > 0.0 else 0.0
     return MissingCurve(name, unit, middle[known], force[known], band[known], share, "half" if alone else "runs")
 

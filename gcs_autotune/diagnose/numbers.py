@@ -37,6 +37,7 @@ from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedM
 from gcs_autotune.identify import ModelFile
 from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.models import RIGID_BODY, SPECIAL, CoupledModel, Form, unit_of
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import DOFS
 
 __all__ = ["ModelInQuestion", "if_precise", "judge_numbers", "model_in_question"]
@@ -48,9 +49,6 @@ SURE, BORNE = 3.0, 2.0
 
 SURE: difference from which a number counts as wrong. BORNE: difference up to which the runs permit the model's value.
 """
-
-HALF_WIDTH = 1.96
-"""Half-width of a 95 % interval in standard errors."""
 
 OFF = 0.02
 """Least relative difference from which a number counts as wrong."""

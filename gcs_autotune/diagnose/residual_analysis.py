@@ -13,6 +13,7 @@ from gcs_autotune.diagnose.result import Portrait, Signature
 from gcs_autotune.identify import Trace
 from gcs_autotune.identify.problems import Fitted, Problem, Residual
 from gcs_autotune.identify.signals import autocorrelation
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import SIGNALS
 
@@ -68,7 +69,7 @@ def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
                 r.t,
                 r.measured,
                 r.predicted,
-                np.full(len(r.t), 1.96 * fitted.levels[name]),
+                np.full(len(r.t), HALF_WIDTH * fitted.levels[name]),
                 name,
                 unit,
             )
@@ -86,7 +87,7 @@ def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
                 spectrum=_spectrum(rests),
                 correlation=(lag, rho),
                 cross=_cross(problem, rests),
-                limit=1.96 / math.sqrt(n),
+                limit=HALF_WIDTH / math.sqrt(n),
             )
         )
     return tuple(portraits)

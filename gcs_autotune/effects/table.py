@@ -45,6 +45,7 @@ from gcs_autotune.effects.wave_disturbance import WaveDisturbance
 from gcs_autotune.effects.wind_load import WindLoad
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import Form
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["CRAFT", "EFFECTS", "GROUP", "effect_at", "effect_words", "parameter_words", "usual_bounds"]
@@ -179,10 +180,6 @@ CRAFT = "largest command 1, time constant 1 s, signals of standard deviation 1, 
 DURATION, INTERVAL, PACE = 60.0, 0.1, 1.0
 NOISE = 0.01
 _UNITS = {**dict.fromkeys("XYZ", "N"), "N": "N m", "delta": "rad"}
-
-
-HALF_WIDTH = 1.96
-"""Half-width of a 95 % interval in standard errors."""
 
 
 def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:

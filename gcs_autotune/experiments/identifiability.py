@@ -23,6 +23,7 @@ from gcs_autotune.identify import Doubt, Fit, Model
 from gcs_autotune.identify.problems import BLIND, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.models import STATES, inertia_of
 from gcs_autotune.notebook import Displayed
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 
@@ -309,13 +310,13 @@ def _practical(subject: FittedModel, information: Information, scales: Scales) -
     """
     sigma, vectors, seen = information.modes()
     alone = np.where(seen, information.alone, 0.0)
-    open_to = 1.96 * vectors * alone[:, None] / (np.maximum(sigma, BLIND) * scales.size[:, None])
+    open_to = HALF_WIDTH * vectors * alone[:, None] / (np.maximum(sigma, BLIND) * scales.size[:, None])
     weak = (sigma > BLIND) & (sigma < 1.0 / TOGETHER) & (np.abs(open_to).max(axis=0) > MATTERS)
     if not weak.any():
         return ()
     found = []
     for row in _sparse((vectors[:, weak] * alone[:, None] / scales.size[:, None]).T):
-        change = 1.96 * row / float(np.linalg.norm(information.root @ (row * scales.size)))
+        change = HALF_WIDTH * row / float(np.linalg.norm(information.root @ (row * scales.size)))
         members = np.flatnonzero(np.abs(change) >= MEMBER * np.abs(change).max())
         if len(members) < 2 or np.abs(change).max() < MATTERS:
             continue

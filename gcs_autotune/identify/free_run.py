@@ -32,7 +32,7 @@ from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.identify.signals.whiteness import autocorrelation, explained, whiteness
 from gcs_autotune.models import CoupledModel, Simulator, SingleDof, explicit_parameters
 from gcs_autotune.notebook import Display, Displayed, Table
-from gcs_autotune.rounding import format_number
+from gcs_autotune.rounding import HALF_WIDTH, format_number
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 
@@ -183,7 +183,7 @@ def _joined(run: str, parts: Sequence[Trace]) -> Trace:
 def _trace(run: str, signal: str, t: Array, measured: Array, fitted: Array) -> Trace:
     """Return a trace with a 95 % band of 1.96 times the rms residual."""
     rms = math.sqrt(float(np.mean((measured - fitted) ** 2)))
-    return Trace(run, t, measured, fitted, np.full(len(t), 1.96 * rms), signal, SIGNALS[signal][0])
+    return Trace(run, t, measured, fitted, np.full(len(t), HALF_WIDTH * rms), signal, SIGNALS[signal][0])
 
 
 def runs_or_doubt(
@@ -244,11 +244,14 @@ def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequenc
         x_0 = _best_start(simulator, model.theta, x_0, columns, segment.until(share), scale)
     best = _simulated(simulator, model.theta, x_0, segment)
     if best is None:
-        raise NotInformative(
-            f"the model '{model.form.name}' diverges on run '{segment.run}'. Check the signs of its drag and inertia"
-        )
+        raise _diverges(f"the model '{model.form.name}'", segment)
     signals = segment.signals
     return [_trace(segment.name, n, signals[n].t, signals[n].values, fitted) for n, (fitted, _) in best.items()]
+
+
+def _diverges(model: str, segment: Segment) -> NotInformative:
+    """Return the error that *model*, in words, diverges on *segment*."""
+    return NotInformative(f"{model} diverges on run '{segment.run}'. Check the signs of its drag and inertia")
 
 
 def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
@@ -262,7 +265,7 @@ def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
         effort=None,
     )
     if solution is None:
-        raise NotInformative(f"the model diverges on run '{segment.run}'. Check the signs of its drag and inertia")
+        raise _diverges("the model", segment)
     return [_trace(segment.name, r.signal, r.t, r.measured, r.predicted) for r in solution.rests]
 
 

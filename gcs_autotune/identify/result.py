@@ -17,7 +17,7 @@ from gcs_autotune.identify.signals.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.notebook import Display, Displayed, Table, pandas_module, parameter_tables
 from gcs_autotune.plain_json import json_text, plain_data
-from gcs_autotune.rounding import format_number
+from gcs_autotune.rounding import HALF_WIDTH, format_number
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [
@@ -283,6 +283,11 @@ class Fit(Displayed, Generic[ModelT]):
         residuals = {s: [t.measured - t.fitted for t in self.traces if t.signal == s] for s in signals}
         return {s: remainder_of(errors, float(rounding.get(s) or 0.0)) for s, errors in residuals.items()}
 
+    @property
+    def lacks_a_term(self) -> bool:
+        """Whether more than noise is unexplained in a signal, so that the model lacks a term."""
+        return any(left.unexplained > left.noise for left in self.remainder.values())
+
     def to_pandas(self) -> Any:
         """Return a pandas DataFrame in SI units, one row per parameter.
 
@@ -305,8 +310,8 @@ class Fit(Displayed, Generic[ModelT]):
             {
                 "value": p.value,
                 "std": p.std,
-                "low": p.value - 1.96 * p.std,
-                "high": p.value + 1.96 * p.std,
+                "low": p.value - HALF_WIDTH * p.std,
+                "high": p.value + HALF_WIDTH * p.std,
                 "bound": p.bound,
                 "unit": p.unit,
                 "status": p.status,

@@ -77,7 +77,7 @@ from gcs_autotune.report.toolkit.document import Document, files_section
 from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
-from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor, format_share, sentence
+from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor, format_share, how_to_resume, sentence
 from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
 from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.run_directory import save_page, write_story
@@ -139,6 +139,7 @@ __all__ = [
     "hint_notes",
     "hint_title",
     "hold_document",
+    "how_to_resume",
     "job_document",
     "laser_document",
     "lead_sentence",

@@ -27,6 +27,7 @@ from gcs_autotune.report import (
     SuccessMap,
     WorstCase,
 )
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.study.craft import NONE, unit_in
 from gcs_autotune.study.jobs import JOBS, Job
@@ -248,7 +249,9 @@ def _bound(plan: Plan, frame: Any, error: str, bound: str) -> BoundCheck:
     ratio = math.sqrt(float(np.mean(errors**2) / np.mean(bounds**2))) if len(errors) else math.nan
     scaled = np.clip(errors[bounds > 0.0] / bounds[bounds > 0.0], BOUND_CLASSES[0], BOUND_CLASSES[-1])
     counts = tuple(map(int, np.histogram(scaled, BOUND_CLASSES)[0]))
-    return BoundCheck(error, ratio, low, high, rate_of("within 1.96 bounds", np.abs(errors) <= 1.96 * bounds), counts)
+    return BoundCheck(
+        error, ratio, low, high, rate_of("within 1.96 bounds", np.abs(errors) <= HALF_WIDTH * bounds), counts
+    )
 
 
 def _compared(plan: Plan, job: Job, frame: Any) -> list[tuple[str, str]]:

@@ -18,7 +18,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify import Doubt, Parameter, Status
 from gcs_autotune.identify.problems import Local, descend, inverse_of
 from gcs_autotune.notebook import Display, Displayed, display_of_fit
-from gcs_autotune.rounding import format_number
+from gcs_autotune.rounding import HALF_WIDTH, format_number
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.thrusters.pull_test import PullTest, resolution
 from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap, all_structures
@@ -61,7 +61,7 @@ def map_doubts(
         doubts.append(
             Doubt(
                 "dead-zone-unsure",
-                f"the dead zone {low:.4g} to {high:.4g} {thruster.unit} is uncertain by {1.96 * edge_error:.2g}",
+                f"the dead zone {low:.4g} to {high:.4g} {thruster.unit} is uncertain by {HALF_WIDTH * edge_error:.2g}",
                 "pull at several small commands on both sides of it",
             )
         )

@@ -110,7 +110,7 @@ def fly_aboard(settings: AboardSettings, operator: Operator, observer: Observer,
     dof = axis_kind(tune.axis).dof
     visit = watching(tune, operator, log, record, tune.axis, (dof,))
     flight = _Flight(settings)
-    with record.summarised(f"aboard {tune.axis}", when):
+    with record.summarised(f"aboard {tune.axis}", when, log):
         try:
             onboard = run_mission(visit, flight.declare, log)
         except AutotuneError:

@@ -7,12 +7,17 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
+
+import numpy as np
 
 from gcs_autotune.diagnose import CraftComparison, compare_craft
 from gcs_autotune.documents import SETTING_OUT
+from gcs_autotune.effects import ExtendedModel, may_be_none
 from gcs_autotune.errors import AutotuneError, BadFile, NotInformative, UsageError
-from gcs_autotune.identify import AxisFit, Structure, fit_axis
+from gcs_autotune.identify import AxisFit, ModelFile, Structure, fit, fit_axis, load_model
+from gcs_autotune.identify.thrust import with_actuator
 from gcs_autotune.logs import load_runs
 from gcs_autotune.manoeuvres import MANOEUVRES
 from gcs_autotune.report import ComparedRun, Comparison, reference_of
@@ -61,9 +66,14 @@ def compare(
         twice = next(path for path in sources if places.count(path.resolve()) > 1)
         raise UsageError(f"{twice} is given twice. Give each run once")
     structures: dict[str, str] = {}
+    actuators: dict[tuple[str, str], ExtendedModel] = {}
+    for path in sources:
+        for dof, model in _models_with_actuator(path).items():
+            actuators.setdefault((_vehicle(path), dof), model)
     runs = []
     for path in sources:
-        run = _read(path, parameters, system, structures)
+        own = {dof: model for (vehicle, dof), model in actuators.items() if vehicle == _vehicle(path)}
+        run = _read(path, parameters, system, structures, own)
         structures = {dof: fit.structure for dof, fit in run.fits.items()} | structures
         runs.append(run)
     if all(run.when for run in runs):
@@ -76,11 +86,16 @@ def compare(
 
 
 def fits_in(
-    trials: Sequence[Trial], structures: Mapping[str, str], dofs: Sequence[str] = COMPARED
+    trials: Sequence[Trial],
+    structures: Mapping[str, str],
+    dofs: Sequence[str] = COMPARED,
+    actuators: Mapping[str, ExtendedModel] = MappingProxyType({}),
 ) -> tuple[dict[str, AxisFit], dict[str, str]]:
     """Return the models of *trials* by degree of freedom, and for the others why there is none.
 
     structures : degree of freedom -> structure of drag, so that models can be compared; without one it is chosen.
+    actuators : degree of freedom -> model with actuator effects that a run of this craft found. The fits start from it
+        and have its effects.
     """
     fits: dict[str, AxisFit] = {}
     reasons: dict[str, str] = {}
@@ -95,10 +110,36 @@ def fits_in(
             reasons[dof] = f"the manoeuvres flown do not excite {dof}"
             continue
         try:
-            fits[dof] = fit_axis(telling, dof=dof, structure=cast("Structure | None", structures.get(dof)))
+            fits[dof] = _fitted(telling, dof, structures.get(dof), actuators.get(dof))
         except AutotuneError as error:
             reasons[dof] = str(error)
     return fits, reasons
+
+
+def _fitted(trials: Sequence[Trial], dof: str, structure: str | None, actuator: ExtendedModel | None) -> AxisFit:
+    """Return the model of *trials*, with the effects of *actuator* if there is one.
+
+    A model without these effects may not explain all trials, so it is fitted to those flown to identify the craft.
+    """
+    if actuator is None:
+        return fit_axis(trials, dof=dof, structure=cast("Structure | None", structure))
+    identifying = [t for t in trials if t.purpose == "identification"]
+    return with_actuator(fit(trials, start=actuator), fit_axis(identifying or trials, dof=dof))
+
+
+def _models_with_actuator(path: Path) -> dict[str, ExtendedModel]:
+    """Return the models of one axis in a run directory with clear actuator effects, by degree of freedom."""
+    files = [load_model(file) for file in sorted(path.glob("model*.json"))] if path.is_dir() else []
+    return {f.model.base.form.dofs[0]: f.model for f in files if len(f.model.base.form.dofs) == 1 and _is_bent(f)}
+
+
+def _is_bent(file: ModelFile) -> bool:
+    """Return whether the 95 % interval of an actuator effect of the model excludes the case of no effect."""
+    std = dict(zip(file.names, np.sqrt(np.maximum(np.diag(file.covariance), 0.0)).tolist(), strict=True))
+    return any(
+        not may_be_none(own, {n: std[label] for n in own.values if (label := own.label_of(n)) in std})
+        for own in file.model.effects
+    )
 
 
 def _excited(trial: Trial) -> Collection[str]:
@@ -114,7 +155,11 @@ def _excited(trial: Trial) -> Collection[str]:
 
 
 def _read(
-    path: Path, parameters: Mapping[str, float] | None, system: int | None, structures: Mapping[str, str]
+    path: Path,
+    parameters: Mapping[str, float] | None,
+    system: int | None,
+    structures: Mapping[str, str],
+    actuators: Mapping[str, ExtendedModel],
 ) -> ComparedRun:
     told = _json(path / SUMMARY) if path.is_dir() else {}
     trials: Sequence[Trial]
@@ -125,7 +170,7 @@ def _read(
         trials, fits = (), {}
         reasons = {"all": str(error)}
     else:
-        fits, reasons = fits_in(trials, structures)
+        fits, reasons = fits_in(trials, structures, actuators=actuators)
     kinds = frozenset(str(t.meta["manoeuvre"]) for t in trials if t.meta.get("manoeuvre"))
     run = ComparedRun(visible(path.resolve().name), fits=fits, unfitted=reasons, manoeuvres=kinds)
     if not told:
@@ -135,18 +180,23 @@ def _read(
     names = tuple(_mapping(told.get("gains")))
     present = _json(path / AFTER) or _json(path / BEFORE)
     before, after = (_numbers(_mapping(told.get("metrics")).get(n)) for n in ("before", "after"))
-    vehicle = _mapping(_json(path / SETTING_OUT).get("vehicle"))
     return replace(
         run,
         title=visible(str(told.get("title", ""))),
         when=visible(str(told.get("when", ""))),
         ending=visible(str(told.get("ending", ""))),
-        vehicle=visible(str(vehicle.get("uid") or vehicle.get("system") or "")),
+        vehicle=_vehicle(path),
         axis=visible(axis),
         gains=_numbers({n: present[n] for n in names if n in present}),
         metrics=after if kept else before,
         step=_step(path, "step-after" if kept else "step-before") if axis else None,
     )
+
+
+def _vehicle(path: Path) -> str:
+    """Return the identifier of the vehicle of a run directory; empty if it is unknown."""
+    vehicle = _mapping(_json(path / SETTING_OUT).get("vehicle")) if path.is_dir() else {}
+    return visible(str(vehicle.get("uid") or vehicle.get("system") or ""))
 
 
 def _step(path: Path, name: str) -> Trial | None:
@@ -190,13 +240,13 @@ def _changes(found: Comparison) -> dict[str, tuple[CraftComparison, ...]]:
     changes: dict[str, tuple[CraftComparison, ...]] = {}
     for run in found.runs:
         rows = []
-        for dof, fit in run.fits.items():
+        for dof, now in run.fits.items():
             reference = reference_of(found.runs, dof, run)
             if reference is None or reference is run:
                 continue
             first = reference.fits[dof]
-            if first.model.input_unit == fit.model.input_unit:
-                rows.append(compare_craft(first, fit))
+            if first.model.input_unit == now.model.input_unit:
+                rows.append(compare_craft(first, now))
         changes[run.name] = tuple(rows)
     return changes
 

@@ -41,6 +41,7 @@ from gcs_autotune.logs import TRIALS_FOLDER, load_runs
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import DesignedGains, DesignedOwn, DesignedRelay
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.trial import load_meta
 from gcs_autotune.workflow.authority import readable_runs
 from gcs_autotune.workflow.nominal_plant import motion_of
@@ -56,8 +57,7 @@ RELAY_RATE = 25.0
 """Rate at which a relay is switched [Hz] if none is set: that of `experiment` on a vehicle."""
 THROTTLE = 0.5
 """Throttle of a speed loop [fraction] if none is set: CRUISE_THROTTLE's default."""
-CONFIDENCE = 1.96
-"""Standard errors in a 95 % interval."""
+
 SETTLINGS = 3.0
 """Duration of a step of our own loop in settling times."""
 
@@ -239,7 +239,7 @@ def _supplied(settings: DeskSettings, axis: Axis) -> tuple[SuppliedModel, tuple[
     std = np.zeros(5)
     std[0] = SUPPLIED.p_alpha * model.alpha
     std[1:3] = SUPPLIED.p_beta * np.array([model.beta, model.beta_quadratic])
-    assumed = replace(reduction, covariance=np.diag((std / CONFIDENCE) ** 2))
+    assumed = replace(reduction, covariance=np.diag((std / HALF_WIDTH) ** 2))
     note = (
         f"The model has no covariance. A 95 % uncertainty of {100.0 * SUPPLIED.p_alpha:.0f} % in inertia and "
         f"{100.0 * SUPPLIED.p_beta:.0f} % in drag is assumed"

@@ -51,7 +51,7 @@ def experiment(settings: TuneSettings, operator: Operator, observer: Observer, w
     record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer)
     found: list[Identified] = []
     visit = visiting(settings, operator, log, record, settings.axis, dofs=(axis_kind(settings.axis).dof,))
-    with record.summarised(f"experiment {settings.axis}", when):
+    with record.summarised(f"experiment {settings.axis}", when, log):
         onboard = run_mission(visit, partial(_declare, settings, found), log)
     (identified,) = found
     fit = log.fit or identified.fit

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EFFECTS, Characteristic, ExtendedModel
 from gcs_autotune.errors import NotAchieved
 from gcs_autotune.identify import AxisFit, Fit, Model
-from gcs_autotune.identify.thrust import DEAD_ZONE, QUADRATIC, effect_number, fit_with_actuator, pays
+from gcs_autotune.identify.thrust import DEAD_ZONE, QUADRATIC, effect_number, either_kind
 from gcs_autotune.observer import Observer
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import Relays
@@ -26,8 +26,6 @@ __all__ = ["ExtraRelay", "extra_relay", "fly_extra"]
 
 Array = NDArray[np.float64]
 
-_ALIKE = 0.9
-"""Ratio of residuals above which two models count as not distinguished. Project choice."""
 _WEAKEST = 0.5
 """Smallest force of a weaker relay, relative to the smallest one flown.
 
@@ -52,12 +50,10 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Ext
     plain : the model of the *runs* without dead zone and curve.
     room : largest available relay output [fraction of full].
     """
-    dead, bent = fit_with_actuator(runs, plain, DEAD_ZONE), fit_with_actuator(runs, plain, QUADRATIC)
-    if dead is None or bent is None or not (pays(dead, plain, DEAD_ZONE) and pays(bent, plain, QUADRATIC)):
+    kinds = either_kind(runs, plain)
+    if kinds is None:
         return None
-    few, many = sorted((dead.unexplained, bent.unexplained))
-    if few < _ALIKE * many:
-        return None
+    dead, bent = kinds
     output = _telling(_force_of(dead), _force_of(bent), [float(run.meta["C"]) for run in runs], room)
     if output is None:
         return None

@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.identify import Fit, Model, Validation, fit_axis, moved_besides, save_model, validate
-from gcs_autotune.identify.thrust import with_doubt_of_thrust
+from gcs_autotune.identify.thrust import with_doubt_of_thrust, with_thrust_curve
 from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import (
     Document,
@@ -171,8 +171,10 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
     fit = fit_axis(
         list(used), dof=dof, structure=common.structure, delay="auto" if common.delay is None else common.delay
     )
+    if common.structure is None:
+        fit = with_thrust_curve(fit, used)
     fit = with_doubt_of_thrust(fit, used, common.directory)
-    unseen: Validation | None = validate(fit.model, held) if held else None
+    unseen: Validation | None = validate(fit.whole_model, held) if held else None
     return FlightModel(fit, tuple(t.name for t in held), unseen)
 
 

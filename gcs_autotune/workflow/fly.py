@@ -99,7 +99,7 @@ def fly_plan(
     what = plan.title if plan.until is None else f"until {plan.until.title}"
     visit = visiting(common, operator, log, record, SHOWN_FIRST, dofs=warm)
     flight = _Flight(plan, earlier)
-    with record.summarised(f"{'preview of' if only_preview else 'fly'} {what}", when):
+    with record.summarised(f"{'preview of' if only_preview else 'fly'} {what}", when, log):
         if only_preview:
             with visit as at:
                 flight.show_preview(at)

@@ -128,7 +128,7 @@ def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: s
     record, log = RunDirectory(tune.directory), TuneLog(tune, when, observer)
     flown: list[Held] = []
     visit = visiting(tune, operator, log, record, tune.axis)
-    with record.summarised(f"hold {settings.what}", when):
+    with record.summarised(f"hold {settings.what}", when, log):
         run_mission(visit, partial(_declare, task, flown), log)
     (held,) = flown
     save_page(record.path, hold_document(held, f"Hold {settings.what}", when))

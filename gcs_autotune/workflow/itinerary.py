@@ -279,11 +279,15 @@ class Itinerary:
 
 
 class MissionLog:
-    """Forwards everything to an observer; with an ``itinerary``, each tick also contains the number of its stage."""
+    """Forwards everything to an observer; with an ``itinerary``, each tick also contains the number of its stage.
+
+    ``way_on``: how to continue after an early end; empty if nothing can be reused.
+    """
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
         self.itinerary: Itinerary | None = None
+        self.way_on = ""
 
     def update(self, progress: Progress) -> None:
         """Forward the progress at a control tick, with its stage if there is an itinerary."""
@@ -307,5 +311,6 @@ class MissionLog:
         """Record the reason why the mission ended early."""
 
     def offer_way_on(self, text: str) -> None:
-        """Report how to continue after an early end: a sentence that ends with the command."""
+        """Store and report how to continue after an early end: a sentence that ends with the command."""
+        self.way_on = text
         self.say(text)

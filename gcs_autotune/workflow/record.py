@@ -13,7 +13,9 @@ from gcs_autotune.documents import check_run_folder
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.mavlink import save_params, save_qgc_params
 from gcs_autotune.plain_json import json_text
+from gcs_autotune.report import how_to_resume
 from gcs_autotune.trial import Trial, save_trial
+from gcs_autotune.workflow.itinerary import MissionLog
 
 __all__ = ["JOURNAL", "PROPOSED", "SAVED", "RunDirectory"]
 
@@ -137,8 +139,10 @@ class RunDirectory:
             raise self._unwritable(error) from error
 
     @contextmanager
-    def summarised(self, title: str, when: str) -> Iterator[None]:
+    def summarised(self, title: str, when: str, log: MissionLog) -> Iterator[None]:
         """Write the title and ending of the run inside the context to ``summary.json``, which lists of runs show.
+
+        log : that of the run; it contains how to continue after an early end.
 
         Raises
         ------
@@ -151,7 +155,9 @@ class RunDirectory:
         except AutotuneError as error:
             if self.is_made:
                 with suppress(BadFile):  # the first error is the one to report
-                    self.save_json(SUMMARY, {**about, "ending": "aborted", "reason": str(error)})
+                    how = how_to_resume(log.way_on)
+                    resume = {"resume": how} if how else {}
+                    self.save_json(SUMMARY, {**about, "ending": "aborted", "reason": str(error), **resume})
             raise
         self.save_json(SUMMARY, {**about, "ending": "completed", "reason": ""})
 

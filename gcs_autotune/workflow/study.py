@@ -26,7 +26,7 @@ from gcs_autotune.identify import (
     moved_too,
     validate,
 )
-from gcs_autotune.identify.thrust import fit_surge
+from gcs_autotune.identify.thrust import fit_surge, with_thrust_curve
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import MethodOutcome, RunRow, Study
@@ -222,7 +222,7 @@ def _outcome(
         options = {k: v for k, v in settings.options.items() if not lenient or k in dict(METHODS[method].options)}
         if method == "output-error" and _shows_a_thrust_curve(trials, settings):
             return fit_surge(trials, structure=_drag(settings), delay=settings.delay)
-        return fit(
+        found = fit(
             trials,
             structure_of(settings),
             method,
@@ -234,6 +234,8 @@ def _outcome(
             start=settings.begin,
             **options,
         )
+        open_choice = method == "output-error" and settings.structure is None and _leaves_the_model_open(settings)
+        return with_thrust_curve(found, trials) if open_choice and is_of_one_axis(found) else found
 
     checks = _checks(runs, unseen) if settings.check else 0
     pieces.begin(f"{method}: fitting")
@@ -255,8 +257,13 @@ def _shows_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> b
     """Return whether the runs were flown to identify thrust over throttle, and no other structure is requested."""
     flown = all(t.meta.get("thrust_curve") is True for t in trials)
     drag = settings.structure is None or (isinstance(settings.structure, str) and settings.structure in DRAGS)
-    plain = not (settings.effects or settings.begin or settings.known or settings.use or settings.options)
-    return flown and drag and plain and settings.dof in (None, "surge") and settings.loss == "linear"
+    return flown and drag and _leaves_the_model_open(settings) and settings.dof in (None, "surge")
+
+
+def _leaves_the_model_open(settings: StudySettings) -> bool:
+    """Return whether the settings neither determine the actuator or the start, nor restrict the fit."""
+    given = settings.effects or settings.begin or settings.known or settings.use or settings.options
+    return not given and settings.loss == "linear"
 
 
 def _drag(settings: StudySettings) -> Structure | None:

@@ -38,7 +38,6 @@ class TuneLog(MissionLog):
         self._craft: MavlinkCraft | None = None
         self._announced: tuple[str, ...] = ()
         self._ending, self._reason = "aborted", "the run did not start"
-        self._way_on = ""
         self.fit: AxisFit | None = None
         self.second_fit: AxisFit | None = None
         self.proposal: Proposal | None = None
@@ -116,11 +115,6 @@ class TuneLog(MissionLog):
         self._ending, self._reason = "aborted", str(error) or type(error).__name__
         self._events.append((self._t, f"aborted: {self._reason}"))
 
-    def offer_way_on(self, text: str) -> None:
-        """Store and report how to continue, for the report too."""
-        self._way_on = text
-        super().offer_way_on(text)
-
     def relay_speed(self) -> float:
         """Return the mean speed over ground [m/s] during the relay experiments; 0 when unknown."""
         return self.speed_of(self._relays())
@@ -169,7 +163,7 @@ class TuneLog(MissionLog):
             events=tuple(self._events),
             ending=self._ending,
             reason=self._reason,
-            way_on=self._way_on,
+            way_on=self.way_on,
             directory=str(s.directory),
         )
 

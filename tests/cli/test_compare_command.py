@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from gcs_autotune import api
 from gcs_autotune.cli import main
+from gcs_autotune.identify import save_model
 from gcs_autotune.trial import Trial, save_trial
 
 TUNED = {
@@ -65,6 +66,39 @@ def test_a_heavier_craft_is_reported_with_gains_and_steps_side_by_side(tmp_path,
     assert "All models shown here have linear damping" in " ".join(printed.split())
     assert "The model of run 2 differs by more than the intervals" in printed
     assert "july" in page.read_text()
+
+
+def dead_zone_run(seed: int) -> Trial:
+    """A relay of growing size on a craft that does nothing below 0.08 of full output."""
+    relay = relay_run(seed)
+    rng, t = np.random.default_rng(seed), 0.1 * np.arange(600)
+    force = (0.1 + 0.15 * (t > 30.0)) * np.sign(np.sin(2.0 * math.pi * t / 7.0) + 1e-9)
+    acting, psi, r = np.sign(force) * (np.abs(force) - 0.08), np.zeros(600), np.zeros(600)
+    for i in range(599):
+        change = math.exp(-0.05)
+        r[i + 1] = 2.0 * acting[i] + (r[i] - 2.0 * acting[i]) * change
+        psi[i + 1] = psi[i] + 0.1 * 2.0 * acting[i] + (r[i] - 2.0 * acting[i]) * (1.0 - change) / 0.5
+    values = {"N": force, "psi": psi + rng.normal(0.0, 0.002, 600), "r": r + rng.normal(0.0, 0.002, 600)}
+    return replace(relay, channels={n: replace(c, values=values[n]) for n, c in relay.channels.items()})
+
+
+def test_runs_that_found_a_dead_zone_are_compared_with_it(tmp_path, capsys):
+    runs = []
+    for seed, name in ((1, "may"), (2, "june")):
+        run = dead_zone_run(seed)
+        runs.append(directory(tmp_path, name, f"2026-0{4 + seed}-01T10:00:00", run))
+        save_model(api.fit(run, "affine", dof="yaw", effects=["dead-zone@N"]), runs[-1] / "model.json")
+    assert main(["compare", *map(str, runs), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["changed"] is False
+    for told in document["runs"]:
+        model = told["models"]["yaw"]
+        assert model["dead-zone@N.width"]["value"] == pytest.approx(0.08, abs=0.005)
+        assert model["alpha_r"]["value"] == pytest.approx(1.0, rel=0.05)
+    assert main(["compare", *map(str, runs)]) == 0
+    assert "All models shown here have linear and quadratic damping, with dead zone" in " ".join(
+        capsys.readouterr().out.split()
+    )
 
 
 def test_a_difference_between_different_manoeuvres_is_not_attributed_to_the_craft(tmp_path, capsys):

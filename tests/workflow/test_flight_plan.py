@@ -121,6 +121,8 @@ def test_a_stopped_plan_is_resumed_and_its_model_is_tested_on_held_out_data(
     assert harness.mode == harness.found
     (way_on,) = [text for text in harness.said if "--resume" in text]
     assert way_on.startswith("2 of 3 runs of the plan are flown. To fly the rest")
+    resume = json.loads((harness.directory / "summary.json").read_text())["resume"]
+    assert way_on == f"{resume['text']} {resume['command']}"
     assert any(text.startswith("coming back: returned to ") for text in harness.said)
 
     announced: list[str] = []

@@ -105,7 +105,9 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
     model = ExtendedModel(
         None, tuple(EffectInstance(slug.replace("_", "-"), "X", {"width": v}) for slug, v in numbers.items())
     )
-    return SimpleNamespace(fit_percent=explained, unexplained=100.0 - explained, parameters=parameters, model=model)
+    return SimpleNamespace(
+        fit_percent=explained, unexplained=100.0 - explained, parameters=parameters, model=model, iso=("a cycle",)
+    )
 
 
 @pytest.mark.parametrize(("square", "std", "reported"), [(0.6, 0.1, True), (0.6, 0.4, False), (0.1, 0.01, False)])

@@ -12,13 +12,11 @@ from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.kalman.noisy_objective import log_density
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
 from gcs_autotune.identify.problems.free_numbers import ModelFit
+from gcs_autotune.rounding import HALF_WIDTH
 
 __all__ = ["NoisyFit", "Tangent"]
 
 Array = NDArray[np.float64]
-
-HALF_WIDTH = 1.96
-"""Half-width of a 95 % confidence interval of a Gaussian, in standard errors."""
 
 WIDEST = 10.0
 """Largest half-width of the 95 % interval of a parameter's logarithm.

@@ -31,6 +31,7 @@ from gcs_autotune.identify.result import Trace
 from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.identify.signals.whiteness import all_white, correlation_time, explained, scores_covariance
 from gcs_autotune.models import Form
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["THOROUGH", "Solution", "fit_percents", "solution_of", "solve", "solve_form", "traces_of"]
@@ -309,7 +310,7 @@ def traces_of(segments: Sequence[Segment], solution: Solution) -> tuple[Trace, .
     traces = []
     for r, rows in zip(solution.rests, solution.rows, strict=True):
         spread = np.einsum("ij,jk,ik->i", rows, solution.whole, rows, optimize=True) * raised**2
-        band = np.full(len(r.t), 1.96 * solution.noise[r.signal])
+        band = np.full(len(r.t), HALF_WIDTH * solution.noise[r.signal])
         band[r.known] *= np.sqrt(1.0 + np.maximum(spread, 0.0))
         run, unit = segments[r.segment].name, SIGNALS[r.signal][0]
         traces.append(Trace(run, r.t, r.measured, r.predicted, band, r.signal, unit))

@@ -23,9 +23,10 @@ from gcs_autotune.identify.thrust.thrust_curve import (
     QUADRATIC,
     describe_thrust_curve,
     effect_number,
+    either_kind,
     fit_thrust_curve,
     fit_with_actuator,
-    pays,
+    with_thrust_curve,
 )
 
 __all__ = [
@@ -36,14 +37,15 @@ __all__ = [
     "describe_slow_actuator",
     "describe_thrust_curve",
     "effect_number",
+    "either_kind",
     "fit_slow_actuator",
     "fit_surge",
     "fit_thrust_curve",
     "fit_with_actuator",
     "level_forces",
-    "pays",
     "set_on_the_way_back",
     "square_of",
     "with_actuator",
     "with_doubt_of_thrust",
+    "with_thrust_curve",
 ]

@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import SUBTRACTED, EffectInstance, ExtendedModel, in_order
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.api import fit
+from gcs_autotune.identify.coupled.one_axis import with_actuator
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import validate
 from gcs_autotune.identify.result import AxisFit, Fit, Model, Parameter
 from gcs_autotune.trial import Trial
@@ -34,9 +36,11 @@ __all__ = [
     "QUADRATIC",
     "describe_thrust_curve",
     "effect_number",
+    "either_kind",
     "fit_thrust_curve",
     "fit_with_actuator",
     "pays",
+    "with_thrust_curve",
 ]
 
 Array = NDArray[np.float64]
@@ -51,10 +55,19 @@ The value is chosen: the ratio of a curve that matters is far smaller.
 """
 LINEAR_ENOUGH = 4.0
 """Unexplained part [percent] of a model with a linear actuator, below which no curve is tried."""
+_ALIKE = 0.9
+"""Ratio of residuals above which two models count as not distinguished. Project choice."""
 _BEYOND = 1.1
 """Ratio of a step's output to that of the oscillations, above which the step can show that thrust saturates."""
 _SIZES = 3
-"""Number of oscillation sizes that can distinguish a dead band from a curve."""
+"""Number of sizes of output that can distinguish a dead band from a curve."""
+_SIZE, _HELD = 0.05, 0.05
+"""Difference of two sizes of output [fraction of full], and least fraction of the time that a size is held. Project
+choice."""
+_NEARLY_ALL = 0.2
+"""Largest correlated residual with a thrust curve, relative to that without it, in runs that are not oscillations.
+Project choice: other missing terms leave more.
+"""
 _STDS = 5.0
 """Number of standard errors by which the curve must differ from a straight line.
 
@@ -89,7 +102,7 @@ def fit_thrust_curve(
     hard as without a band. The second kind is tried only *with_band*, because position loops designed for it performed
     worse (BlueROV2 heading: ITAE 0.74 instead of 0.40).
     """
-    if plain.unexplained < LINEAR_ENOUGH:
+    if _is_linear_enough(plain):
         return None
     curve = fit_with_actuator(runs, plain, QUADRATIC)
     if (
@@ -97,8 +110,8 @@ def fit_thrust_curve(
         or not pays(curve, plain, QUADRATIC)
         or not _SHARES[0] < effect_number(curve, QUADRATIC).value < _SHARES[1]
     ):
-        return _dead_alone(runs, plain) if step is None and len(runs) >= _SIZES else None
-    if step is None and len(runs) < _SIZES:
+        return _dead_alone(runs, plain) if step is None and _sizes(runs, plain) >= _SIZES else None
+    if step is None and _sizes(runs, plain) < _SIZES:
         return curve
     together = runs if step is None else [*runs, step]
     bent = fit_with_actuator(together, plain, QUADRATIC)
@@ -110,6 +123,63 @@ def fit_thrust_curve(
     if banded is not None and _likelihood(banded) > _likelihood(extended):
         return banded
     return curve if extended is bent else extended
+
+
+def _is_linear_enough(plain: AxisFit) -> bool:
+    """Return whether a linear actuator explains the runs of *plain*.
+
+    An oscillation stays about one heading, and the unexplained fraction of its motion shows the actuator. Other
+    manoeuvres turn through many circles. A fraction of all that heading hides the actuator, so the residual is compared
+    with its noise instead.
+    """
+    return plain.unexplained < LINEAR_ENOUGH if plain.iso else not plain.lacks_a_term
+
+
+def with_thrust_curve(plain: AxisFit, runs: Sequence[Trial]) -> AxisFit:
+    """Return the fit *plain* of flown *runs* with a thrust curve if they clearly require one, else *plain*.
+
+    The curve must explain nearly all that *plain* does not, because another missing term may resemble it. If the runs
+    do not distinguish it from a dead zone, the result has a doubt.
+    """
+    curve = fit_thrust_curve(runs, plain) if plain.model.input_unit == "1" else None
+    bent = None if curve is None else with_actuator(curve, plain)
+    if bent is None or _correlated(bent) > _NEARLY_ALL * _correlated(plain):
+        return plain
+    if either_kind(runs, plain) is None:
+        return bent
+    name = plain.model.axis.parameter_names()[0]
+    doubt = Doubt(
+        "dead-zone-or-curve",
+        f"a dead zone of the actuator fits the runs as well as the thrust curve of this model. {name} and the drag at "
+        "full output depend on which of the two it is",
+        "fly a manoeuvre with more sizes of output, such as staircase",
+    )
+    return replace(bent, doubts=(*bent.doubts, doubt))
+
+
+def _correlated(fit: AxisFit) -> float:
+    """Return the correlated residual of the main signal of *fit* [rad or m]."""
+    return fit.remainder[fit.traces[0].signal].unexplained if fit.traces else math.inf
+
+
+def _sizes(runs: Sequence[Trial], plain: AxisFit) -> int:
+    """Return the number of sizes of output in *runs*: one per oscillation, otherwise those held for some time."""
+    if plain.iso:
+        return len(runs)
+    sizes = np.concatenate([np.abs(run[plain.model.axis.force].values) for run in runs])
+    bins = np.bincount(np.round(sizes / _SIZE).astype(int))
+    return int(np.sum(bins[1:] >= _HELD * len(sizes)))
+
+
+def either_kind(runs: Sequence[Trial], plain: AxisFit) -> tuple[Fit[Model], Fit[Model]] | None:
+    """Return a model with a dead zone and one with a thrust curve, if the *runs* require one of them and do not
+    distinguish the two; else None.
+    """
+    dead, bent = fit_with_actuator(runs, plain, DEAD_ZONE), fit_with_actuator(runs, plain, QUADRATIC)
+    if dead is None or bent is None or not (pays(dead, plain, DEAD_ZONE) and pays(bent, plain, QUADRATIC)):
+        return None
+    few, many = sorted((dead.unexplained, bent.unexplained))
+    return None if few < _ALIKE * many else (dead, bent)
 
 
 def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | None:

@@ -17,6 +17,7 @@ from gcs_autotune.report.diagnosis.wording import missing_over, signal_words
 from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, INK, legend, new_axes, new_row
 from gcs_autotune.report.toolkit.figures import draw_inputs, finite, thin
 from gcs_autotune.report.toolkit.wording import pretty_unit, to_people
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import DOFS, SIGNALS, parse_header
 from gcs_autotune.trial import Trial
 
@@ -248,7 +249,9 @@ def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -
     every = -(-len(x) // MOST_POINTS) or 1
     axes.plot(x[::every], y[::every], ".", ms=2.4, color=FAINT, alpha=0.6, label="residual")
     centre, mean, error, _ = bin_means(x, y)
-    axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="mean of the residual")
+    axes.errorbar(
+        centre, mean, yerr=HALF_WIDTH * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="mean of the residual"
+    )
     axes.axhline(0.0, color=INK, lw=0.8)
     if after is not None and name in after.against and len(_cloud(after, name)[0]):
         centre, mean, _, _ = bin_means(*_cloud(after, name))

@@ -37,6 +37,7 @@ from gcs_autotune.report.toolkit.wording import (
     sentence,
     to_people,
 )
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = [
@@ -167,9 +168,6 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
 
 NEARLY = 0.02
 """Relative difference up to which a number is not reported as wrong. Project choice."""
-
-HALF_WIDTH = 1.96
-"""Number of standard errors to either end of a 95 % interval."""
 
 MOST_NUMBERS = 4
 """Largest number of wrong numbers listed in the headline. Project choice."""

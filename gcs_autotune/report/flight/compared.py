@@ -13,7 +13,7 @@ from gcs_autotune.diagnose import CraftComparison
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.notebook import Display, Displayed
 from gcs_autotune.notebook import Table as PlainTable
-from gcs_autotune.report.toolkit.axis_fit import structure_words
+from gcs_autotune.report.toolkit.axis_fit import short_name, structure_words, with_effects
 from gcs_autotune.report.toolkit.canvas import FAINT, legend, new_axes
 from gcs_autotune.report.toolkit.document import (
     IN_RESULT,
@@ -207,15 +207,15 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
         for run in runs
     )
     units = {
-        name: " [of full]" if unit == "1" else f" [{pretty_unit(unit)}]" * bool(unit)
+        name: " [of full]" if unit == "1" and "share" not in name else f" [{pretty_unit(unit)}]" * bool(unit)
         for name, unit in parameters.items()
     }
-    heads = (f"{name}{unit}" for name, unit in units.items())
-    structures = {run.fits[dof].structure for run in runs}
+    heads = (f"{short_name(name)}{unit}" for name, unit in units.items())
+    fits = [run.fits[dof] for run in runs]
+    structures = {structure_words(fit.structure) + with_effects(fit.effects) for fit in fits}
     notes = ["* Outside its interval."] if any(outside.values()) else []
     if len(structures) == 1:
-        damping = structure_words(structures.pop())
-        notes.append(f"All models shown here have {damping}. A run's own report may use another structure.")
+        notes.append(f"All models shown here have {structures.pop()}. A run's own report may use another structure.")
     yield Table(("", *heads), "l" + "r" * len(parameters), rows, " ".join(notes))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from gcs_autotune.identify import Fit, Model
 from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, INK, WANTED, legend, new_axes
+from gcs_autotune.rounding import HALF_WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +74,7 @@ def draw_convergence(fit: Fit[Model], history: Mapping[str, Any]) -> Figure | No
     figure, every = new_axes((0.9,) * len(names))
     t = np.asarray(history["t"]) - history["t"][0]
     for name, axes in zip(names, every, strict=True):
-        value, reach = np.asarray(history["value"][name]), 1.96 * np.asarray(history["std"][name])
+        value, reach = np.asarray(history["value"][name]), HALF_WIDTH * np.asarray(history["std"][name])
         axes.fill_between(t, value - reach, value + reach, color=AFTER, alpha=0.25, lw=0)
         axes.plot(t, value, color=AFTER, lw=1.2)
         final = fit.parameters[name].value
@@ -102,7 +103,7 @@ def draw_methods(selected: Fit[Model], fits: Sequence[Fit[Model]]) -> Figure | N
             if parameter is None or parameter.status == "absent":
                 continue
             truth = selected.parameters[name].value
-            reach = abs(1.96 * parameter.std / truth) if np.isfinite(parameter.std) else 0.0
+            reach = abs(HALF_WIDTH * parameter.std / truth) if np.isfinite(parameter.std) else 0.0
             y = i + 0.7 * (k / max(len(fits) - 1, 1) - 0.5)
             label = fit.method if i == 0 else None
             axes.errorbar(parameter.value / truth, y, xerr=reach, fmt="o", ms=3, lw=1, color=_COLOURS[k], label=label)

@@ -18,6 +18,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_seconds,
     pretty_unit,
 )
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import DOFS, signal_meaning
 
 __all__ = [
@@ -109,7 +110,7 @@ def _over_bound(p: Parameter) -> str:
 
 
 def _remark(p: Parameter) -> str:
-    if p.status == "fitted" and 1.96 * p.std > abs(p.value) > 0.0:  # the 95 % interval includes zero
+    if p.status == "fitted" and HALF_WIDTH * p.std > abs(p.value) > 0.0:  # the 95 % interval includes zero
         return "may be zero"
     if p.status == "at_bound" and p.value == 0.0:
         return "none"

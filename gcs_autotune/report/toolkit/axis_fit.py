@@ -26,6 +26,7 @@ from gcs_autotune.report.toolkit.wording import (
     pretty_unit,
     to_people,
 )
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import OVERFULL
 
 __all__ = [
@@ -112,11 +113,7 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     said = [_DAMPING[fit.structure]]
     resolved = not any(d.slug == "inertia-unresolved" for d in fit.doubts)
     if model.beta != 0.0 and fit.structure != "nonlinear" and resolved:
-        time = model.alpha / model.beta
-        how = "decays" if time > 0.0 else "grows"
-        slow = "at low turn rates" if axis.angular else "at low speed"
-        when = "without input" if fit.structure == "linear" else f"without input and {slow}"
-        said.append(f"{when.capitalize()}, motion {how} with a time constant of {format_seconds(abs(time))}.")
+        said.extend(_decay_sentence(fit))
     if axis.restored:
         said.extend(_restoring_sentence(model))
     elif model.input_unit == "1":
@@ -135,6 +132,28 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     left = Remainder(fit.residual_rms, fit.residual_rms) if trace is None else fit.remainder[trace.signal]
     shown = trace.unit if trace is not None and trace.unit else axis.position_unit
     return (*said, remainder_sentence(left, shown))
+
+
+def _decay_sentence(fit: AxisFit) -> list[str]:
+    """Return a sentence on how motion decays without input; empty if linear damping may be zero, or if the decay takes
+    longer than the runs.
+
+    If the model lacks a term, its linear damping may stand for a dead zone or a thrust curve.
+    """
+    model, axis = fit.model, fit.model.axis
+    if model.input_unit == "1" and fit.lacks_a_term and not fit.effects:
+        return [
+            "How motion decays without input is uncertain: the model lacks a term. A dead zone or a thrust curve of "
+            "the actuator looks like linear damping."
+        ]
+    time = model.alpha / model.beta
+    longest = max((float(np.ptp(trace.t)) for trace in fit.traces), default=math.inf)
+    if abs(model.beta) <= HALF_WIDTH * fit.parameters[axis.parameter_names()[1]].std or abs(time) > longest:
+        return []
+    how = "decays" if time > 0.0 else "grows"
+    slow = "at low turn rates" if axis.angular else "at low speed"
+    when = "without input" if fit.structure == "linear" else f"without input and {slow}"
+    return [f"{when.capitalize()}, motion {how} with a time constant of {format_seconds(abs(time))}."]
 
 
 def _restoring_sentence(model: SingleDof) -> list[str]:
@@ -276,10 +295,9 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
 
     If more than noise is unexplained, the model lacks a term. The standard error is then too small, and is left out.
     """
-    lacks_a_term = any(left.unexplained > left.noise for left in fit.remainder.values())
 
     def number(name: str) -> str:
-        if lacks_a_term:
+        if fit.lacks_a_term:
             return f"about {format_number(own[name], 2)}"
         parameter = fit.parameters.get(own.label_of(name))
         return format_value(own[name], math.nan if parameter is None else parameter.std)

@@ -33,6 +33,7 @@ __all__ = [
     "format_share",
     "format_value",
     "glued",
+    "how_to_resume",
     "listed",
     "pretty_unit",
     "remarks",
@@ -51,6 +52,9 @@ NOT_IDENTIFIABLE = "not identifiable from these runs"
 
 _VERBATIM = re.compile(r"`[^`]*`|(?<!\w)'[^']*'(?!\w)|\"[^\"]*\"|gcs-autotune .*")
 """Parts of a sentence to copy or quoted from elsewhere: commands, options, messages of a vehicle."""
+
+COMMAND = ": gcs-autotune "
+"""Text between a sentence and the command that ends it."""
 
 _UNIT = r"(?:min|ms|dB|Hz|rad|deg|kg|[ckm]?m|s|N|V)[²³]?(?:/(?:rad|deg|s|m)[²³]?)?(?!\w)"
 BEFORE_UNIT = re.compile(rf"(?<=\d) (?=[%°]|{_UNIT})|(?<=\d N) (?=[ms][²³]?(?!\w))|(?<=\d min) (?=\d+ s(?!\w))")
@@ -245,6 +249,15 @@ def remarks(doubts: Iterable[Doubt]) -> tuple[Remark, ...]:
 
 NOTHING_WRITTEN = "No parameter was written, so there is nothing to undo."
 """Sentence of a verdict of a flight that tunes nothing."""
+
+
+def how_to_resume(way_on: str) -> dict[str, str]:
+    """Return the ``command`` that continues an interrupted run and the ``text`` before it; empty without a command.
+
+    way_on : a sentence that ends with the command.
+    """
+    text, _, command = way_on.partition(COMMAND)
+    return {"text": f"{sentence(text).rstrip('.')}:", "command": f"{COMMAND.strip(': ')} {command}"} if command else {}
 
 
 def sentence(text: str) -> str:

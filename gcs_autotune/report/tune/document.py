@@ -37,6 +37,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_percent,
     format_quantity,
     format_share,
+    how_to_resume,
     remarks,
     sentence,
 )
@@ -77,9 +78,6 @@ from gcs_autotune.report.tune.wording import (
 )
 
 __all__ = ["tune_document"]
-
-COMMAND = ": gcs-autotune "
-"""Text between a sentence and the command that ends it."""
 
 MOST_PARAMETERS = 24
 """Largest number of parameters listed without folding them. Project choice."""
@@ -206,9 +204,9 @@ def _proof(story: TuneStory) -> Iterator[Section]:
 
 def _resume(story: TuneStory) -> Iterator[Section]:
     """Yield the command that continues an interrupted tune."""
-    text, _, command = story.way_on.partition(COMMAND)
-    if command:
-        yield resume_section(f"{COMMAND.strip(': ')} {command}", f"{sentence(text).rstrip('.')}:")
+    how = how_to_resume(story.way_on)
+    if how:
+        yield resume_section(how["command"], how["text"])
 
 
 def _undo(story: TuneStory) -> Iterator[Section]:
