@@ -197,7 +197,7 @@ def test_a_real_vehicle_is_left_alone_if_no_confirmation_is_possible(capsys, tmp
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
-    sim = [sys.executable, "-m", "sitl", "blueboat", "--listen", f"udp:127.0.0.1:{port}", "--speedup", "20"]
+    sim = [sys.executable, "-m", "sitl", "blueboat", "--listen", f"udp:127.0.0.1:{port}", "--speedup", "5"]
     with subprocess.Popen(sim, stderr=subprocess.PIPE, text=True) as vehicle, Path(os.devnull).open() as nothing:
         assert vehicle.stderr is not None
         vehicle.stderr.readline()
