@@ -192,27 +192,23 @@ def test_a_depth_tune_of_a_boat_is_rejected(capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_real_vehicle_is_left_alone_if_no_confirmation_is_possible(tmp_path):
+def test_a_real_vehicle_is_left_alone_if_no_confirmation_is_possible(capsys, tmp_path, monkeypatch):
     """Over UDP, without --yes and without a terminal: an error before anything is armed."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
-    sim = [sys.executable, "-m", "sitl", "falcon", "--listen", f"udp:127.0.0.1:{port}", "--speedup", "20"]
-    with subprocess.Popen(sim, stderr=subprocess.PIPE, text=True) as vehicle:
+    sim = [sys.executable, "-m", "sitl", "blueboat", "--listen", f"udp:127.0.0.1:{port}", "--speedup", "5"]
+    with subprocess.Popen(sim, stderr=subprocess.PIPE, text=True) as vehicle, Path(os.devnull).open() as nothing:
         assert vehicle.stderr is not None
         vehicle.stderr.readline()
-        tune = ["tune", "heading", "--connect", f"udpout:127.0.0.1:{port}", "--out", str(tmp_path / "r")]
-        done = subprocess.run(
-            [sys.executable, "-m", "gcs_autotune", *tune],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-        vehicle.terminate()
-    assert done.returncode == 2
-    assert "--yes" in done.stderr
+        monkeypatch.setattr(sys, "stdin", nothing)
+        try:
+            link = f"udpout:127.0.0.1:{port}"
+            code, _, err = run(capsys, "tune", "heading", "--connect", link, "--out", tmp_path / "r")
+        finally:
+            vehicle.terminate()
+    assert code == 2
+    assert "--yes" in err
     assert not list((tmp_path / "r" / "trials").glob("*.csv"))
 
 
