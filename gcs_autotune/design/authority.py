@@ -655,7 +655,9 @@ def _titles(craft: CraftModels) -> Iterator[tuple[str, str, str, str]]:
         "steerage",
         "steerage limit",
         "m/s",
-        "rudder moment grows with the square of speed" if powered else "",
+        "the steerage limit assumes a steering moment that grows with the square of speed, like a rudder's"
+        if powered
+        else "",
     )
     unit = _unit(craft, "N")
     for side, _ in SIDES:

@@ -16,8 +16,9 @@ def shares_of(models: Iterable[tuple[Sequence[Key], float]]) -> dict[Key, float]
 
     These fractions add up to the fraction that the last model explains. They are empty if that is unknown. A new cause
     gets what its model explains beyond the remaining causes. A cause that replaces another thus gets that one's
-    fraction too, or remains without one. Of several causes added at once, the last one gets it, because the runs support
-    them only together. Any other change (a removed cause, a better fit) scales the fractions of the remaining causes.
+    fraction too, or remains without one. Of several causes added at once, the last one gets it, because the runs
+    support them only together. Any other change (a removed cause, a better fit) scales the fractions of the remaining
+    causes.
 
     models : the models of a search, one after the other. Each has its causes in the order added, and the fraction of
     the error that they explain together. NaN: unknown.
