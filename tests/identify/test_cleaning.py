@@ -79,7 +79,7 @@ def test_late_samples_are_sorted_and_those_far_too_late_left_out() -> None:
     assert found.t.tolist() == [k for k in range(60) if k != 50]
     assert found.values[29:33].tolist() == [29.0, 31.0, 30.0, 32.0]
     assert 50.0 not in found.values
-    assert notes == ["late-samples: 2 samples of z in run 'own' have an earlier time stamp than the sample before them"]
+    assert notes == ["late-samples: 2 samples of z in run 'own' with an earlier time stamp than the sample before"]
     t[50] = 45.0
     assert len(cleaned(t)[0]) == 59, "five steps late is believed, and is then a repeated stamp"
 

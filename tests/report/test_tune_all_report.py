@@ -58,6 +58,12 @@ def test_a_missing_settling_time_has_the_reason_of_the_tune() -> None:
     assert "hidden by noise \u2192 not in 20.0 s" in to_html(document).replace("\u00a0", " ")
 
 
+def test_a_change_below_one_percent_is_not_shown_as_no_change() -> None:
+    alike = replace(KEPT, before={"itae": 16.3}, after={"itae": 16.25})
+    shown = " ".join(render_text(job_document(JobStory("", "boat", True, "", "j", (alike,)))).replace("│", " ").split())
+    assert "tracking error less than 1 % lower (measured)" in shown
+
+
 def test_gains_of_an_aborted_step_are_not_shown_as_changed() -> None:
     aborted = replace(KEPT, ending="aborted", after=None)
     shown = render_text(job_document(JobStory("", "boat", True, "sitl:blueboat", "j", (aborted,), stopped="stopped")))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.rounding import counted
 from gcs_autotune.sensor import quantum
 from gcs_autotune.trial import Channel, Trial
 
@@ -127,7 +128,8 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
         notes.append(
             Doubt(
                 "missing-samples",
-                f"{lost} samples of {channel.name} in run '{run}' are not numbers",
+                f"{counted(lost, 'sample')} of {channel.name} in run '{run}' "
+                f"{'are not numbers' if lost > 1 else 'is not a number'}",
                 "these samples were left out. Check the sensor and the logger",
             )
         )
@@ -135,8 +137,8 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
         notes.append(
             Doubt(
                 "late-samples",
-                f"{int(late.sum())} samples of {channel.name} in run '{run}' have an earlier time stamp than the "
-                "sample before them",
+                f"{counted(int(late.sum()), 'sample')} of {channel.name} in run '{run}' with an earlier time stamp than "
+                "the sample before",
                 "the samples were sorted, or left out if far too old. Log with the vehicle's own time stamps",
             )
         )

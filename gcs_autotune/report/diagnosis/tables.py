@@ -27,6 +27,7 @@ from gcs_autotune.report.toolkit.wording import (
     pretty_unit,
     sentence,
 )
+from gcs_autotune.rounding import counted
 
 __all__ = [
     "cause_table",
@@ -162,7 +163,7 @@ def parameter_table_document(name: str, findings: Sequence[TableFinding]) -> Doc
     """Return the report of a table of identified parameters: whether its rows describe one craft."""
     off = [f for f in findings if f.answer == "yes"]
     unsure = sum(f.answer == "cannot tell" for f in findings)
-    verdict = f"{len(off)} contradictions" if off else "No contradiction between the rows"
+    verdict = counted(len(off), "contradiction") if off else "No contradiction between the rows"
     shown = [f for f in findings if f.answer == "yes" or f.question not in ("level", "row")]
     rows = tuple((f.question, f.quantity, f.where, f.answer, _table_share(f), format_p(f.p)) for f in shown)
     readings = dict.fromkeys(sentence(f.reading) for f in findings if f.reading and f.answer == "yes")

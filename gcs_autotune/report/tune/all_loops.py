@@ -194,8 +194,9 @@ def _better(step: JobStep) -> str:
     for name, what in (("itae", "tracking error"), ("rms", "distance from the route (rms)")):
         old, new = (_figure(metrics or {}, name) for metrics in (step.before, step.after))
         if math.isfinite(new) and old > 0.0:
-            change = round(100.0 * (new / old - 1.0))
-            return f"the new gains are kept, {what} {abs(change)} % {'lower' if change <= 0 else 'higher'} (measured)"
+            change = 100.0 * (new / old - 1.0)
+            size = f"{abs(change):.0f} %" if abs(change) >= 1.0 else "less than 1 %"
+            return f"the new gains are kept, {what} {size} {'lower' if change <= 0.0 else 'higher'} (measured)"
     return "the new gains are kept"
 
 
