@@ -137,8 +137,8 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
         notes.append(
             Doubt(
                 "late-samples",
-                f"{counted(int(late.sum()), 'sample')} of {channel.name} in run '{run}' with an earlier time stamp than "
-                "the sample before",
+                f"{counted(int(late.sum()), 'sample')} of {channel.name} in run '{run}' with an earlier time stamp "
+                "than the sample before",
                 "the samples were sorted, or left out if far too old. Log with the vehicle's own time stamps",
             )
         )
