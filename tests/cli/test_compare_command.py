@@ -96,9 +96,11 @@ def test_runs_that_found_a_dead_zone_are_compared_with_it(tmp_path, capsys):
         assert model["dead-zone@N.width"]["value"] == pytest.approx(0.08, abs=0.005)
         assert model["alpha_r"]["value"] == pytest.approx(1.0, rel=0.05)
     assert main(["compare", *map(str, runs)]) == 0
-    assert "All models shown here have linear and quadratic damping, with dead zone" in " ".join(
-        capsys.readouterr().out.split()
-    )
+    printed = capsys.readouterr().out
+    assert "All models shown here have linear and quadratic damping, with dead zone" in " ".join(printed.split())
+    heads, width = (line.split() for line in printed.splitlines() if line.startswith(("parameter", "width")))
+    assert heads == ["parameter", "run", "1", "run", "2", "unit"]
+    assert " ".join(width[-2:]) == "of full", "no column is cut off at 80 characters"
 
 
 def test_a_difference_between_different_manoeuvres_is_not_attributed_to_the_craft(tmp_path, capsys):

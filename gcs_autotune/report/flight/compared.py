@@ -158,6 +158,9 @@ _METRICS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
     ("steady_error", "remaining", lambda v: format_share(v) if math.isfinite(v) else NO_FIGURE),
 )
 """Key of ``ComparedRun.metrics`` -> label and format."""
+SIDE_BY_SIDE = 3
+"""Number of models with their standard errors that fit on a line of 80 characters."""
+
 _ITAE = "ITAE is the tracking error per unit step. "
 
 
@@ -199,24 +202,24 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
         return
     parameters = {p.name: p.unit for run in runs for p in run.fits[dof].parameters.values() if _value(run, dof, p.name)}
     outside = {run.name: _outside(found, run, dof) for run in runs}
-    rows = tuple(
-        (
-            f"run {_number(found, run)}",
-            *(_value(run, dof, name) + (" *" if _number_of(name) in outside[run.name] else "") for name in parameters),
-        )
-        for run in runs
-    )
-    units = {
-        name: " [of full]" if unit == "1" and "share" not in name else f" [{pretty_unit(unit)}]" * bool(unit)
-        for name, unit in parameters.items()
-    }
-    heads = (f"{short_name(name)}{unit}" for name, unit in units.items())
+    units = ["of full" if u == "1" and "share" not in name else pretty_unit(u) for name, u in parameters.items()]
     fits = [run.fits[dof] for run in runs]
     structures = {structure_words(fit.structure) + with_effects(fit.effects) for fit in fits}
     notes = ["* Outside its interval."] if any(outside.values()) else []
     if len(structures) == 1:
         notes.append(f"All models shown here have {structures.pop()}. A run's own report may use another structure.")
-    yield Table(("", *heads), "l" + "r" * len(parameters), rows, " ".join(notes))
+    for first in range(0, len(runs), SIDE_BY_SIDE):
+        shown = runs[first : first + SIDE_BY_SIDE]
+        columns = [
+            [_value(run, dof, name) + " *" * (_number_of(name) in outside[run.name]) for name in parameters]
+            for run in shown
+        ]
+        yield Table(
+            ("parameter", *(f"run {_number(found, run)}" for run in shown), "unit"),
+            "l" + "r" * len(shown) + "l",
+            tuple(zip(map(short_name, parameters), *columns, units, strict=True)),
+            " ".join(notes) if shown[-1] is runs[-1] else "",
+        )
 
 
 def _outside(found: Comparison, run: ComparedRun, dof: str) -> frozenset[str]:
