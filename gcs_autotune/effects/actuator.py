@@ -291,7 +291,10 @@ class QuadraticActuator(Characteristic):
     words = "quadratic thrust curve"
     is_structural = True
     title = "Thrust curve"
-    meaning = "thrust grows in part with the square of the command (n|n|), so half command gives less than half thrust"
+    meaning = (
+        "a share of the thrust grows with the square of the command (n|n|). If the share is positive, half command "
+        "gives less than half thrust"
+    )
     plain = "Half the {command} does not give your craft half the force, unlike {simulation}."
     parameters = (Quantity("share", "1", "quadratic fraction of the thrust at the largest command"),)
     grows_with = ("share",)

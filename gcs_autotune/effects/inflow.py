@@ -51,7 +51,10 @@ class SpeedDependentSteering(ActuatorEffect):
 
     slug = "speed-dependent-steering"
     is_structural = True
-    meaning = "the faster the water flows past the rudder, the harder the rudder turns the craft"
+    meaning = (
+        "a share of the steering force grows with the square of the flow past the rudder. If the share is positive, "
+        "the craft steers harder the faster it goes"
+    )
     plain = "How hard your craft steers depends on its speed, but {simulation} steers the same at any speed."
     parameters = (
         Quantity(

@@ -446,7 +446,7 @@ def left_sentence(left: Signature) -> str:
 
 
 def _findings(signature: Signature) -> tuple[str, ...]:
-    return signature.findings[:2]
+    return tuple(map(sentence, signature.findings[:2]))
 
 
 def rests_on(diagnosis: Diagnosis) -> tuple[str, ...]:
