@@ -19,20 +19,28 @@ INERTIA, LINEAR, QUADRATIC = 0.03, 0.08, 0.05
 DEAD = 0.15
 """Dead zone of its thrusters [fraction of full output]."""
 LEVELS = (0.0, 0.67, 0.34, 0.0, -0.67, -0.34, 0.0)
+SIZES = (0.0, 0.2, 0.4, 0.6, 0.4, 0.2, 0.0, -0.2, -0.4, -0.6, -0.4, -0.2, 0.0)
 
 
 @cache
-def flown(dead: float, linear: float, seed: int, levels: tuple[float, ...] = LEVELS) -> Trial:
-    """Return steps of 8 s of the hull, simulated independently of the package's models."""
+def flown(dead: float, linear: float, seed: int, levels: tuple[float, ...] = LEVELS, ahead: float = 0.0) -> Trial:
+    """Return steps of 8 s of the hull, simulated independently of the package's models.
+
+    ahead : noise of the measured speed [m/s] if the motion is one ahead; 0 for a turn with a measured heading.
+    """
     h, rng = 0.005, np.random.default_rng(seed)
     t = h * np.arange(int(8.0 * len(levels) / h))
     N = np.repeat(levels, len(t) // len(levels))
     force = np.sign(N) * np.maximum(np.abs(N) - dead, 0.0) + 0.002
-    psi, r = np.zeros(len(t)), 0.0
+    psi, rate, r = np.zeros(len(t)), np.zeros(len(t)), 0.0
     for i in range(len(t) - 1):
         psi[i + 1] = psi[i] + h * r
         r += h * (force[i] - linear * r - QUADRATIC * r * abs(r)) / INERTIA
+        rate[i + 1] = r
     few = slice(None, None, 20)
+    if ahead > 0.0:
+        speed = rate[few] + rng.normal(0.0, ahead, len(t[few]))
+        return Trial("steps", {"X": Channel("X", "1", t[few], N[few]), "u": Channel("u", "m/s", t[few], speed)})
     noise = rng.normal(0.0, 0.004, len(t[few]))
     channels = {"N": Channel("N", "1", t[few], N[few]), "psi": Channel("psi", "rad", t[few], psi[few] + noise)}
     return Trial("steps", channels)
@@ -60,13 +68,20 @@ def test_steps_of_two_sizes_show_that_the_hull_has_no_linear_damping(seed: int) 
 
 
 def test_steps_of_many_sizes_show_the_dead_zone() -> None:
-    levels = (0.0, 0.2, 0.4, 0.6, 0.4, 0.2, 0.0, -0.2, -0.4, -0.6, -0.4, -0.2, 0.0)
-    fit = with_thrust_curve(plain(DEAD, LINEAR, 1, levels), [flown(DEAD, LINEAR, 1, levels)])
+    fit = with_thrust_curve(plain(DEAD, LINEAR, 1, SIZES), [flown(DEAD, LINEAR, 1, SIZES)])
     (own,) = fit.significant_effects
     assert own.slug == "dead-zone"
     assert own["width"] == pytest.approx(DEAD, abs=0.005)
     assert fit.model.beta == pytest.approx(LINEAR, rel=0.05)
     assert "dead-zone-or-curve" not in [doubt.slug for doubt in fit.doubts]
+
+
+def test_a_dead_zone_as_small_as_the_noise_of_the_speed_is_found() -> None:
+    run = flown(DEAD, LINEAR, 1, SIZES, ahead=0.2)
+    without = fit_axis(run, dof="surge")
+    assert not without.lacks_a_term
+    (own,) = with_thrust_curve(without, [run]).significant_effects
+    assert (own.slug, own["width"]) == ("dead-zone", pytest.approx(DEAD, abs=0.03))
 
 
 @pytest.mark.parametrize("seed", [1, 2])

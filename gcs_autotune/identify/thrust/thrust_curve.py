@@ -64,6 +64,8 @@ _SIZES = 3
 _SIZE, _HELD = 0.05, 0.05
 """Difference of two sizes of output [fraction of full], and least fraction of the time that a size is held. Project
 choice."""
+_SLIGHT = 0.5
+"""Largest correlated residual, relative to the noise, of runs that need no thrust curve. Project choice."""
 _NEARLY_ALL = 0.2
 """Largest correlated residual with a thrust curve, relative to that without it, in runs that are not oscillations.
 Project choice: other missing terms leave more.
@@ -132,7 +134,9 @@ def _is_linear_enough(plain: AxisFit) -> bool:
     manoeuvres turn through many circles. A fraction of all that heading hides the actuator, so the residual is compared
     with its noise instead.
     """
-    return plain.unexplained < LINEAR_ENOUGH if plain.iso else not plain.lacks_a_term
+    if plain.iso:
+        return plain.unexplained < LINEAR_ENOUGH
+    return all(left.unexplained <= _SLIGHT * left.noise for left in plain.remainder.values())
 
 
 def with_thrust_curve(plain: AxisFit, runs: Sequence[Trial]) -> AxisFit:
