@@ -273,6 +273,9 @@ class _Job:
         if deep and not craft.firmware.floats:
             dive = f"to {WORKING_DEPTH:g} m before {' and '.join(deep)}, if it is shallower than {SHALLOW:g} m by then"
             yield Intention(f"dive {dive}", "Dive", dive)
+        if deep and not craft.firmware.floats and len(left) > 1:
+            sunk = "by as much as the vehicle sinks between the steps"
+            yield Intention(f"go deeper {sunk}", "Deeper", sunk)
         seconds = sum(step.seconds for step in flown)
         each = ", ".join(f"{step.name} {exactly(step.seconds)}" for step in flown)
         brief = f"about {exactly(seconds)} of the vehicle's time"

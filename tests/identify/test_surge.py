@@ -112,12 +112,13 @@ def test_the_thrust_curve_keeps_full_throttle_and_sign() -> None:
 
 @pytest.mark.slow
 def test_identify_fits_the_thrust_curve_and_predicts_with_it(tmp_path: Path) -> None:
-    """A plain fit of the same runs explains far less."""
+    """A fit of the same runs with a fixed damping and no thrust curve explains far less."""
     model = SingleDof("surge", "1", 4.0, 0.0, 0.444)
     runs = [flown(model, 1.0, levels, n) for n, levels in enumerate(LEVELS)]
     meant = [replace(run, meta={"thrust_curve": True, "dof": "surge"}) for run in runs]
     found = study(meant, [], StudySettings(), "2026-01-01T00:00:00")
-    plain = study(runs, [], StudySettings(dof="surge", check=False), "2026-01-01T00:00:00")
+    fixed = StudySettings(dof="surge", structure="affine", check=False)
+    plain = study(runs, [], fixed, "2026-01-01T00:00:00")
     assert abs(found.fit.extra[CURVE]["square"] - 1.0) < 3.5 * found.fit.extra[CURVE]["std"]
     assert found.fit.fit_percent > plain.fit.fit_percent + 10.0
     assert found.answer.unseen is not None

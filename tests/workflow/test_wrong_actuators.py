@@ -25,7 +25,12 @@ WRONG = {
     "reversed throttle": ("charlie", "speed", {"parameters": {"SERVO3_REVERSED": 1.0}}, "Set SERVO3_REVERSED to 0"),
     "propeller turned round": ("charlie", "speed", {"effect": "sign-error@u"}, "Set SERVO3_REVERSED to 1"),
     "dead throttle": ("charlie", "speed", {"effect": "dead-zone@throttle.width=1"}, "The thruster is dead or too weak"),
-    "one thruster of two": ("blueboat", "speed", {"parameters": {"SERVO1_REVERSED": 1.0}}, "SERVO1 and SERVO3 is dead"),
+    "one thruster of two": (
+        "blueboat",
+        "speed",
+        {"parameters": {"SERVO1_REVERSED": 1.0}},
+        "SERVO1 and SERVO3 is probably dead",
+    ),
     "astern": (
         "charlie",
         "heading",
