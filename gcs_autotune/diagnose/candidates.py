@@ -312,6 +312,9 @@ Attempt = tuple[EffectCandidate, Fitted]
 ROUGH = 8
 """Maximum number of iterations of a rough fit. Project choice."""
 
+SETTLING = 30
+"""Maximum number of iterations of a final fit. Project choice."""
+
 RUNNERS = 5
 """Number of candidates per step that are fitted to convergence."""
 
@@ -349,14 +352,16 @@ def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | Non
 def fitted_to_the_end(problem: Problem, candidate: EffectCandidate, rough: Fitted) -> Fitted:
     """Return the fit of a candidate continued to convergence.
 
-    The cost has many local minima for effects that act on commands, and for effects that happen at one time. Other
-    start values, or times near the estimated one, are then tried too.
+    The cost has many local minima for effects that act on commands, for effects that depend on a place or direction,
+    and for effects that happen at one time. Other start values, or times near the estimated one, are then tried too.
     """
-    best = rough
-    if "commands" in EFFECTS[candidate.effect.slug].acts_on and candidate.effect.values:
+    best, entry = rough, EFFECTS[candidate.effect.slug]
+    located = _has_location(candidate.effect)
+    if located or ("commands" in entry.acts_on and candidate.effect.values):
         for own in candidate.also:
             effects = _replaced(rough.effects, own)
-            other = problem.fit(rough.theta, effects, rough.initial, trials=ROUGH, shift=rough.shift)
+            trials = SETTLING if located else ROUGH
+            other = problem.fit(rough.theta, effects, rough.initial, trials=trials, shift=rough.shift)
             best = other if other is not None and other.cost < best.cost else best
     best = _settled(problem, best)
     for name in EFFECTS[candidate.effect.slug].happens_at:
@@ -367,8 +372,18 @@ def fitted_to_the_end(problem: Problem, candidate: EffectCandidate, rough: Fitte
     return best
 
 
+def _has_location(effect: EffectInstance) -> bool:
+    """Return whether an effect of the surroundings has a place or direction, so that the cost has several deep minima.
+
+    For example, walls on two sides of the track can fit the runs about equally well. Only the true one predicts another
+    run. A rough fit is too short to compare the minima.
+    """
+    entry = EFFECTS[effect.slug]
+    return entry.family == "environment" and not entry.is_disturbance and set(effect.values) > set(entry.grows_with)
+
+
 def _settled(problem: Problem, best: Fitted) -> Fitted:
-    fit = problem.fit(best.theta, best.effects, best.initial, trials=30, learn=False, shift=best.shift)
+    fit = problem.fit(best.theta, best.effects, best.initial, trials=SETTLING, learn=False, shift=best.shift)
     return fit if fit is not None and fit.cost <= best.cost else best
 
 
