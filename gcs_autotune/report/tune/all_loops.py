@@ -23,7 +23,7 @@ from gcs_autotune.report.toolkit.document import (
     resume_section,
 )
 from gcs_autotune.report.toolkit.wording import format_moment, format_number, format_seconds, format_share, sentence
-from gcs_autotune.report.tune.wording import SIMULATED_UNDO
+from gcs_autotune.report.tune.wording import SIMULATED_UNDO, not_reached
 from gcs_autotune.rounding import counted, format_digits
 
 __all__ = ["JobStep", "JobStory", "job_document"]
@@ -289,5 +289,4 @@ def _unsettled(metrics: Mapping[str, Any]) -> str:
     """Return why there is no settling time, as in the report of the tune itself."""
     if metrics.get("hidden_by_noise"):
         return "hidden by noise"
-    span = _figure(metrics, "span")
-    return f"not in {format_seconds(span)}" if math.isfinite(span) else "not settled"
+    return not_reached(_figure(metrics, "span"), "not settled")

@@ -37,7 +37,7 @@ __all__ = [
 _METRICS: tuple[tuple[str, str, Callable[[StepMetrics], str]], ...] = (
     ("itae", "tracking error (ITAE per unit step)", lambda m: _with_unit(m.itae, "s²")),
     ("overshoot", "overshoot", lambda m: format_share(m.overshoot)),
-    ("rise", "rise time (10 to 90 %)", lambda m: format_seconds(m.rise, not_reached(m))),
+    ("rise", "rise time (10 to 90 %)", lambda m: format_seconds(m.rise, not_reached(m.span))),
     ("settling", "settling time (to within 5 %)", settling_cell),
     ("steady_error", "remaining error", lambda m: format_share(m.steady_error)),
     ("travel", "actuator travel per second", lambda m: format_share(m.travel)),

@@ -44,25 +44,29 @@ PROOF_SENTENCE = (
 """Sentence that introduces :func:`proof_command`."""
 
 _ENDINGS: Mapping[str, tuple[str, Tone]] = {
-    "kept": ("The new {axis} gains are better in a measured step and are kept.", "good"),
-    "restored": ("The new {axis} gains were not kept. The old ones were restored.", "neutral"),
-    "dry-run": ("Dry run: new {axis} gains are proposed. Nothing was written to the vehicle.", "neutral"),
-    "declined": ("New {axis} gains were proposed and declined. Nothing was written to the vehicle.", "neutral"),
-    "unchanged": ("The design gave no better {axis} gains. The present gains stay on the vehicle.", "neutral"),
+    "kept": ("The new {axis} {gains} are better {measured} and are kept.", "good"),
+    "restored": ("The new {axis} {gains} were not kept. The old ones were restored.", "neutral"),
+    "dry-run": ("Dry run: new {axis} {gains} are proposed. Nothing was written to the vehicle.", "neutral"),
+    "declined": ("New {axis} {gains} were proposed and declined. Nothing was written to the vehicle.", "neutral"),
+    "unchanged": ("The design gave no better {axis} {gains}. The present {gains} stay on the vehicle.", "neutral"),
     "aborted": ("The {axis} tune was aborted.", "bad"),
 }
 """Ending -> headline, tone."""
+_OTHER: tuple[str, Tone] = ("The {axis} tune ended: {ending}.", "neutral")
+"""Headline and tone of an ending that is not in the table."""
 _NAMED: Mapping[str, str] = {"actuators": "actuator"}
 """Axis -> its name before another noun, where it differs."""
 
 
 def verdict_of(story: TuneStory) -> Verdict:
     """Return the verdict of a tune: what changed, by how much, and whether it is safe."""
-    text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
+    headline, tone = _ENDINGS.get(story.ending, _OTHER)
+    gains, measured = "gains", "in a measured step"
     if story.thrust_before is not None:
-        text = text.replace("gains", "parameters").replace("better in a measured step", "better as measured")
-    if story.track_before is not None:
-        text = text.replace("gains", "parameters").replace("a measured step", "a measured mission")
+        gains, measured = "parameters", "as measured"
+    elif story.track_before is not None:
+        gains, measured = "parameters", "in a measured mission"
+    text = headline.format(axis=_NAMED.get(story.axis, story.axis), gains=gains, measured=measured, ending=story.ending)
     is_conclusive = story.ending in ("kept", "dry-run", "declined")
     sentences = [] if is_conclusive else [sentence(story.reason)]
     if story.metrics_before is not None and story.metrics_after is not None:
@@ -83,7 +87,7 @@ def verdict_of(story: TuneStory) -> Verdict:
     sentences.append(parameters_sentence(story))
     if story.ending == "kept" and story.proposal is not None and not story.proposal.worst_margins.stable:
         tone = "bad"
-    return Verdict(text.replace("{axis}", _NAMED.get(story.axis, story.axis)), tone, tuple(s for s in sentences if s))
+    return Verdict(text, tone, tuple(s for s in sentences if s))
 
 
 def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
@@ -151,12 +155,15 @@ def _settling_words(metrics: StepMetrics) -> str:
 
 def settling_cell(metrics: StepMetrics) -> str:
     """Return the text of a table cell: the settling time, or the reason why there is none."""
-    return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else not_reached(metrics))
+    return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else not_reached(metrics.span))
 
 
-def not_reached(metrics: StepMetrics) -> str:
-    """Return the text for a time that the record of a step does not contain: the craft may get there later."""
-    return f"not in {format_seconds(metrics.span)}" if math.isfinite(metrics.span) else "not reached"
+def not_reached(span: float, unknown: str = "not reached") -> str:
+    """Return the text for a time that a record of *span* [s] does not contain: the craft may get there later.
+
+    unknown : the text without a known span.
+    """
+    return f"not in {format_seconds(span)}" if math.isfinite(span) else unknown
 
 
 def _change_words(before: float, after: float) -> str:
