@@ -45,7 +45,7 @@ def test_a_drawing_that_fails_ends_its_programs():
     draw_page = module_of_the_docs("draw_page")
     with (
         pytest.raises(ValueError, match="no page"),
-        draw_page.running([sys.executable, "-c", "import time; time.sleep(600)"]) as program,
+        draw_page.running([sys.executable, "-c", "import signal; signal.pause()"]) as program,
     ):
         raise ValueError("no page")
     assert program.returncode is not None

@@ -91,8 +91,8 @@ def test_runs_that_found_a_dead_zone_are_compared_with_it(tmp_path, capsys):
     assert main(["compare", *map(str, runs), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["changed"] is False
-    for told in document["runs"]:
-        model = told["models"]["yaw"]
+    for compared in document["runs"]:
+        model = compared["models"]["yaw"]
         assert model["dead-zone@N.width"]["value"] == pytest.approx(0.08, abs=0.005)
         assert model["alpha_r"]["value"] == pytest.approx(1.0, rel=0.05)
     assert main(["compare", *map(str, runs)]) == 0

@@ -66,6 +66,13 @@ def test_a_sensor_slower_than_the_log_is_not_clipped() -> None:
     assert not clipped(channel(np.repeat(triangle(1.0), 2))).any()
 
 
+@pytest.mark.parametrize("seed", [5, 61])
+def test_a_speed_that_levels_off_in_a_short_record_is_not_clipped(seed: int) -> None:
+    t, noise = 0.1 * np.arange(12), np.random.default_rng(seed).normal(0.0, 0.004, 48)
+    relay = np.concatenate([top * (0.31 - 0.56 * np.exp(-t / 0.3)) for top in (1.0, -0.9, 0.95, -1.05)])
+    assert not clipped(channel(np.round(relay + noise, 2))).any(), "two levels of the scale look fast"
+
+
 def test_one_step_of_a_coarse_scale_is_not_a_speed() -> None:
     slow, quick = (np.round(triangle(1.0, step=s) / 0.125) * 0.125 for s in (0.13, 0.6))
     assert quantum(slow) == 0.125
@@ -99,6 +106,8 @@ def test_a_plateau_is_clipped_if_both_flanks_are_steep_enough(x: list[float], br
         ([0.0, 1.0, 2.03] * 3, 0.0),
         ([0.0, 1.0, 2.0, 2.0 + 1.5e-6] * 3, 1.0),
         ([0.0, 1.0, 2.0, 2.0 + 3e-6] * 3, 0.0),
+        ([0.01 * k for k in range(11)], 0.01),  # few repeat, but eleven levels on a grid are not due to chance
+        ([0.01 * k for k in range(10)], 0.0),
     ],
 )
 def test_the_quantum_is_the_smallest_step_that_divides_all_others(values: list[float], step: float) -> None:

@@ -104,6 +104,7 @@ def test_an_rov_is_tuned_in_table_order_after_one_announcement(tmp_path, scripte
     messages = [text for text in bench.said if text.startswith("will ")]
     assert any("in this order: heading, depth" in text for text in messages)
     assert any("take about" in text and "heading" in text and "depth" in text for text in messages)
+    assert any("go deeper by as much as the vehicle sinks" in text for text in messages)
     assert sum("Go ahead" in text for text in bench.said) == 1
     assert story.ending == "kept" and not story.resume
     page = (bench.job / "report.html").read_text()
