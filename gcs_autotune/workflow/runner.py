@@ -173,13 +173,15 @@ class ManoeuvreRunner:
         if pause < LEFT_ALONE:
             return False
         self._spoilt += 1
-        told = (
+        probable = (
             f"this computer paused for {pause:.1f} s without sending commands, so the vehicle may have released the "
             "overrides"
         )
         if self._spoilt > MOST_SPOILT:
-            raise PreconditionFailed(f"{reason}. Probable cause: {told}. Close other programs or use a faster computer")
-        self._observer.say(f"{reason}. Probable cause: {told}")
+            raise PreconditionFailed(
+                f"{reason}. Probable cause: {probable}. Close other programs or use a faster computer"
+            )
+        self._observer.say(f"{reason}. Probable cause: {probable}")
         return True
 
     def _explain(self, error: AutotuneError) -> None:
