@@ -360,6 +360,19 @@ def test_a_prompt_shown_before_access_is_known_can_be_answered(asking: Page) -> 
     assert "ATC_STR_RAT_P 0.2\u00a0\u2192\u00a00.4" in asking.page.inner_text("#put-back")
 
 
+def test_the_form_opened_before_the_servers_table_arrived_fills_when_it_does(visit: Any, scripted: str) -> None:
+    page = visit(scripted)
+    held: list[Any] = []
+    page.page.route("**/about", lambda route: held.append(route))
+    page.page.reload()
+    page.is_up()
+    with page.page.expect_response("**/runs"):
+        page.page.click("#tab-start")
+    assert page.page.locator("#craft option").count() == 0
+    held[0].continue_()
+    page.page.locator("#craft option").first.wait_for(state="attached")
+
+
 def test_two_viewers_see_the_same_and_either_can_stop(asking: Page) -> None:
     second = asking.context.new_page()
     second.goto(asking.link)

@@ -86,6 +86,7 @@ export function fill(choice) {
 // Craft to choose from: simulated, received on a port, and those of earlier runs with their settings.
 let known = [], received = [];
 function crafts() {
+  if (!table) return;  // opened or updated before the server's table arrived; make() calls this again
   const before = $("craft").value, groups = [["Simulated", Object.entries(table.crafts).map(([name, uri]) => [uri, name])],
     ["Received now", received.map((port) => [port.uri, `${port.told} on ${port.uri}`])],
     ["Of gcs-autotune.toml", Object.keys(table.presets).map((name) => [`preset ${name}`, name])],
