@@ -28,6 +28,7 @@ from gcs_autotune.diagnose.adequacy import (
 )
 from gcs_autotune.diagnose.candidates import RUNNERS, best_of_each
 from gcs_autotune.diagnose.heldout import parts_of
+from gcs_autotune.diagnose.least_squares_scorer import LeastSquares
 from gcs_autotune.diagnose.process_noise import above_the_command
 from gcs_autotune.diagnose.score import (
     ALIKE,
@@ -125,7 +126,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
         # force look like one, too, and only they leave nothing when both are known.
         state, adrift = needs_process_noise(state)
         try:
-            state, ahead = _look_ahead(state, step, stage, 2 if adrift else FARTHEST)
+            state, ahead = _look_ahead(state, step, stage)
             if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fit)):
                 taken = ahead
         except OutOfTime as over:  # the search with process noise is kept: it takes long
@@ -192,7 +193,7 @@ class _Path:
 
 
 def _look_ahead(
-    state: SearchState, step: SearchStep[Fitted], stage: str, farthest: int
+    state: SearchState, step: SearchStep[Fitted], stage: str
 ) -> tuple[SearchState, tuple[SearchStep[Fitted], ...] | None]:
     """Return steps whose causes help together; return None if no combination does.
 
@@ -200,7 +201,7 @@ def _look_ahead(
 
     If two things are wrong, correcting one may not improve the prediction, because the predicted position drifts in
     either case. The likeliest causes are each combined with the best next one, by likelihood alone. If the best pair
-    does not help either, a third cause is added (up to *farthest*).
+    does not help either, a third cause is added.
     """
     paths: list[_Path] = []
     likely = [j for j in step.judged if j.evidence > 0.0 and not state.scorer().follows_a_command(j.effect, j.fit)]
@@ -214,8 +215,8 @@ def _look_ahead(
         scorer = state.scorer(tried=tried)
         whole = scorer.score(end.effect, end.fit)
         if scorer.winner([whole]) is not None:
-            return state, _accepted(path, whole)
-        state, path = _followed(state, path, stage) if length < farthest else (state, None)
+            return state, _accepted(path, whole, scorer)
+        state, path = _followed(state, path, stage) if length < FARTHEST else (state, None)
     return state, None
 
 
@@ -231,16 +232,25 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
 
 
-def _accepted(path: _Path, whole: CandidateScore[Fitted]) -> tuple[SearchStep[Fitted], ...]:
-    """Return the steps of a path with its causes accepted and the numbers of its final fit."""
+def _accepted(path: _Path, whole: CandidateScore[Fitted], scorer: LeastSquares) -> tuple[SearchStep[Fitted], ...]:
+    """Return the steps of a path with its causes accepted and the numbers of its final fit.
+
+    In the last step, the evidence is that beside the causes before it, for the cause and its rivals alike. The rivals
+    that the fitted runs do not distinguish from it are scored on held-out data too.
+    """
     now = {(e.slug, e.place): e for e in whole.fit.effects}
     steps = []
     for taken, step in zip(path.taken[:-1], path.steps[:-1], strict=True):
         ended = replace(taken, effect=now[taken.effect.slug, taken.effect.place])
         steps.append(replace(step, judged=tuple(ended if j is taken else j for j in step.judged), accepted=ended))
-    last = path.steps[-1]
-    others = tuple(j for j in last.judged if j is not path.taken[-1])
-    return (*steps, replace(last, judged=(whole, *others), accepted=whole))
+    best, last = path.taken[-1], path.steps[-1]
+    others = [
+        replace(scorer.score(j.effect, j.fit), evidence=j.evidence) if best.evidence - j.evidence < ALIKE else j
+        for j in last.judged
+        if j is not best
+    ]
+    winner = replace(whole, evidence=best.evidence)
+    return (*steps, replace(last, judged=(winner, *others), accepted=winner))
 
 
 # -- earlier causes reconsidered

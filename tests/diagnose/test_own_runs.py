@@ -21,6 +21,7 @@ from gcs_autotune.diagnose.intake import is_one_flight, within_manoeuvre
 from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, words_of
 from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
 from gcs_autotune.diagnose.question import Question
+from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.errors import PreconditionFailed
@@ -287,6 +288,48 @@ def test_two_causes_are_accepted_together_if_neither_is_certain_alone() -> None:
     assert {a.effect.slug for a in pair.accepted} == {"quadratic-drag", "dead-zone"}
     weak = replace(step, judged=(replace(unsure, lacks="weak"),))
     assert process_noise._pair(begun, weak, slugs, no_progress) is None
+
+
+def stepped_rov(seed: int) -> Trial:
+    """Return yaw steps of a small ROV with quadratic drag alone, a quadratic thrust curve and a slight bias."""
+    rng, interval, parts = np.random.default_rng(seed), 0.1, 400
+    N = np.repeat([0.0, 0.67, 0.335, 0.0, -0.67, -0.335, 0.0], [16, 97, 98, 98, 98, 98, 100])
+    psi, r, heading = np.empty(len(N)), np.empty(len(N)), 0.0
+    rate = 0.0
+    for k, u in enumerate(N):
+        psi[k], r[k] = heading, rate
+        force = 0.34 * u + 0.66 * u * abs(u) / 0.67 + 0.0018
+        for _ in range(parts):
+            heading += interval / parts * rate
+            rate += interval / parts * (force - 0.055 * rate * abs(rate)) / 0.0217
+    t = interval * np.arange(len(N))
+    noisy = {
+        "psi": ("rad", psi + 0.0044 * rng.normal(size=len(N))),
+        "r": ("rad/s", r + 0.004 * rng.normal(size=len(N))),
+    }
+    columns = {"N": ("1", N), **noisy}
+    return Trial("steps", {n: Channel(n, unit, t, values) for n, (unit, values) in columns.items()})
+
+
+@pytest.mark.slow
+def test_three_causes_that_help_only_together_are_found_although_a_force_seems_to_drift(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(strategies, "needs_process_noise", lambda state: (state, True))
+    run = stepped_rov(1)
+    some = ["quadratic-drag", "dead-zone", "quadratic-actuator", "input-bias", "backlash", "advance-speed-loss"]
+    form = plain_form([run], "yaw")
+    found = strategies.add_causes(begin(Question(form, prepare_as_recorded([run], form, None)[0], some)))
+    causes = {e.slug: e for e in found.causes}
+    drag, _ = causes.pop("quadratic-drag"), causes.pop("input-bias")
+    (thrust,) = causes.values()
+    # commands of two sizes do not distinguish a curve from a dead zone: the drag beside a dead zone is a quarter less
+    assert thrust.slug in ("quadratic-actuator", "dead-zone")
+    assert drag["coefficient"] == pytest.approx(0.055 if thrust.slug == "quadratic-actuator" else 0.0414, rel=0.02)
+    last = [step for step in found.steps if step.accepted][-1].judged
+    assert {j.effect.slug for j in last[:2]} == {"quadratic-actuator", "dead-zone"}
+    assert last[0].evidence == pytest.approx(last[1].evidence, abs=ALIKE)
+    assert last[1].gain > 0.9  # scored on held-out data too
 
 
 def with_forces(run: Trial, slugs: Sequence[str]) -> SearchState:

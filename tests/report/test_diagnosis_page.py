@@ -301,6 +301,8 @@ def test_only_a_cause_before_another_one_improves_the_prediction_together_with_i
     first, second = (replace(found.causes[0], share=share) for share in shares)
     text = shown(replace(found, causes=(first, second)))
     assert ("only together with the next ones" in text) is is_said
+    # its evidence is that without the causes it needs, and so are its rivals
+    assert text.count("Very strong: log-likelihood") == (1 if is_said else 2)
 
 
 def test_with_process_noise_the_evidence_is_shown_for_each_part():
@@ -317,6 +319,9 @@ def test_an_alternative_with_more_evidence_is_not_called_the_second_best():
     better = [replace(r, evidence=2.0 * accepted.evidence) if r.step == accepted.step else r for r in others]
     text = shown(replace(found, ranking=(accepted, *better)))
     assert "These runs support another cause as well: quadratic thrust curve, log-likelihood +812.0." in text
+    equal = [replace(r, evidence=accepted.evidence - 0.01) if r.step == accepted.step else r for r in others]
+    text = shown(replace(found, ranking=(accepted, *equal)))
+    assert "These runs support another cause as well: quadratic thrust curve, log-likelihood +406.0." in text
     assert "Best alternative: quadratic thrust curve" not in text
 
 

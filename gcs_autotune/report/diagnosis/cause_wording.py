@@ -52,6 +52,7 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
             yield Note(f"{subject} explains {share} of the power of the slowly varying force.", "Explained")
     elif cause.share == 0.0 and any(c.share > 0.0 for c in diagnosis.causes[place + 1 :]):
         yield Note("This cause improves the prediction only together with the next ones.", "Explained on held-out data")
+        return  # what it gained alone, and its rivals then, do not hold beside the causes that it needs
     of_cause = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
     if of_cause and math.isfinite(of_cause[-1].evidence):
         others = [r for r in diagnosis.ranking if r.step == of_cause[-1].step and r.cause != cause.effect.slug]
@@ -74,8 +75,10 @@ def _rival_words(rival: Ranked | None, accepted: Ranked) -> str:
     if rival is None:
         return "There is no evidence for an alternative effect."
     where = "" if rival.place == accepted.place else f" at {place_words(rival.place)}"
-    head = "Best alternative" if rival.evidence < accepted.evidence else "These runs support another cause as well"
-    return f"{head}: {effect_words(rival.cause)}{where}, log-likelihood {0.5 * rival.evidence:+.1f}."
+    shown, own = (f"{0.5 * each.evidence:+.1f}" for each in (rival, accepted))
+    is_worse = rival.evidence < accepted.evidence and shown != own
+    head = "Best alternative" if is_worse else "These runs support another cause as well"
+    return f"{head}: {effect_words(rival.cause)}{where}, log-likelihood {shown}."
 
 
 def cause_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
