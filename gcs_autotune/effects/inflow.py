@@ -308,6 +308,7 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
     grows_with = ("loss",)
     shown_by = "residual against speed under power: it grows with speed. It is zero while drifting to a stop"
     mistaken_for = ("linear-drag", "quadratic-drag", "saturation")
+    yields_to = ("quadratic-drag",)  # every hull has it; at few levels of one command both slow the craft alike
     separated_by = (
         "steady speed at half and at full command, then coasting to a stop without command after each. A loss of "
         "thrust acts only under power and is larger at full command. Drag acts all the time"

@@ -163,6 +163,8 @@ def test_equally_likely_causes_are_ordered_by_how_usual_they_are() -> None:
     assert ordered([usual, late]) == [usual, late]
     assert ordered([late, usual]) == [usual, late]
     assert ordered([far, late]) == [late, far]
+    loss, drag = judged("advance-speed-loss", evidence=50.0), judged("quadratic-drag", evidence=50.0 - 0.5 * ALIKE)
+    assert ordered([loss, drag]) == [drag, loss]
 
 
 # --- unseen data --------------------------------------------------------------------------------
