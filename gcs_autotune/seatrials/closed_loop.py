@@ -93,18 +93,19 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     notes: list[Doubt] = []
     loop, explained, (omega_std, zeta_std, overshoot_std) = _loop(run, parts)
     whole = explained[-1]
+    outputs = np.concatenate([p[force].values for p in parts]) if force in run else np.zeros(1)
+    full = float(np.mean(np.abs(outputs) >= SATURATED))
+    is_saturated = full > OFTEN  # then no doubt may advise a larger relay
     if whole < FOLLOWED:
-        notes.append(_not_linear(explained))
+        notes.append(_not_linear(explained, is_saturated=is_saturated))
     omega_n, zeta, overshoot = _characteristics(loop).tolist()
-    if force in run:
-        full = float(np.mean(np.abs(np.concatenate([p[force].values for p in parts])) >= SATURATED))
-        if full > OFTEN:
-            cause = f"the {actuator} was at its limit for {100.0 * full:.0f} % of the time, so the loop was not linear"
-            notes.append(Doubt("saturated", cause, "use a smaller --set-point and --second-set-point"))
+    if is_saturated:
+        cause = f"the {actuator} was at its limit for {100.0 * full:.0f} % of the time, so the loop was not linear"
+        notes.append(Doubt("saturated", cause, "use a smaller --set-point and --second-set-point"))
     step, record = _step_figures(loop), sum(part.duration for part in parts)
     slowest = max((figure.reading.value for figure in known(*step)), default=NAN)
     if slowest > record:
-        notes.append(_slower_than_the_relays(slowest, record))
+        notes.append(_slower_than_the_relays(slowest, record, is_saturated=is_saturated))
         step, omega_n, zeta, overshoot = (), NAN, NAN, NAN
     if omega_std >= omega_n or zeta_std >= zeta:  # figures of unknown size are left out
         omega_n = omega_std = zeta = NAN
@@ -148,17 +149,18 @@ def _oscillates(run: Trial, axis: AxisKind, amplitude: float, period: float) -> 
     return Sheet(run.name, "set-point-relay", f"closed {axis.name} loop", figures, verdict, ())
 
 
-def _slower_than_the_relays(seconds: float, record: float) -> Doubt:
+def _slower_than_the_relays(seconds: float, record: float, *, is_saturated: bool) -> Doubt:
     """Return the doubt about a step of the model that takes longer [s] than the *record* of all relays [s].
 
     A relay takes several periods, and a period several rise times. So the loop itself is faster than that. The slow
     part belongs to the fit, because noise or a small drift leaves it undetermined.
     """
     cause = f"the fitted loop has a part as slow as {seconds:.0f} s, but the relays took only {record:.0f} s"
-    return Doubt("slower-than-relays", cause, "repeat in calmer water or with a larger --set-point")
+    cure = "repeat in calmer water" + " or with a larger --set-point" * (not is_saturated)
+    return Doubt("slower-than-relays", cause, cure)
 
 
-def _not_linear(explained: Sequence[float]) -> Doubt:
+def _not_linear(explained: Sequence[float], *, is_saturated: bool) -> Doubt:
     """Return the doubt about the fractions *explained* of the larger relay, the smaller one and both.
 
     Saturation distorts the larger motion; a dead zone, waves and sensor noise distort the smaller one.
@@ -168,12 +170,14 @@ def _not_linear(explained: Sequence[float]) -> Doubt:
     shares = f"({100.0 * larger:.0f} % of the larger relay's, {100.0 * smaller:.0f} % of the smaller one's)"
     if larger < smaller - DISTINCT:
         return Doubt("not-linear", f"{cause} {shares}, which indicates saturation", "use a smaller --set-point")
-    if smaller < larger - DISTINCT:
+    if smaller < larger - DISTINCT and not is_saturated:
         cause = f"{cause} {shares}, which indicates a dead zone, waves or noise"
         return Doubt("not-linear", cause, "use a larger --set-point and --second-set-point")
     return Doubt(
         "not-linear",
-        f"{cause}, for either relay. A rate limit, noise, waves or a loop of another structure can cause this",
+        f"{cause}, for either relay. A rate limit, noise, waves or a loop of another structure can cause this"
+        if not is_saturated
+        else f"{cause} {shares}. The limit of the actuator can cause this, and so can a dead zone, waves or noise",
         "compare the result with a flown step",
     )
 

@@ -21,6 +21,10 @@ from tests.manoeuvres.toy_craft import PondCraft, answered, at_rest
 
 RELAYS = {"set-point": 10.0, "hysteresis": 3.0, "second-set-point": 6.0, "second-hysteresis": 3.0}
 
+SMALL_IS_WORSE = (0.9, 0.6, 0.8)
+_SLOW = np.poly([-0.005, -2.0 + 4.0j, -2.0 - 4.0j]).real[::-1]
+SLOW_LOOP = TransferFunction((1.0, 120.0), tuple(_SLOW / _SLOW[0]))
+
 
 def flown(craft: PondCraft, relays: dict[str, float] = RELAYS) -> Trial:
     kind = MANOEUVRES["set-point-relay"]
@@ -89,6 +93,15 @@ def test_a_loop_whose_steering_is_at_its_limit_is_doubted() -> None:
     wide = {"set-point": 60.0, "hysteresis": 10.0, "second-set-point": 45.0, "second-hysteresis": 10.0}
     (sheet,) = ship_figures(flown(PondCraft(), wide))
     assert "saturated" in {d.slug for d in sheet.doubts}
+
+
+def test_no_doubt_about_a_saturated_loop_advises_a_larger_relay(monkeypatch: pytest.MonkeyPatch) -> None:
+    wide = {"set-point": 60.0, "hysteresis": 10.0, "second-set-point": 45.0, "second-hysteresis": 10.0}
+    monkeypatch.setattr(closed_loop, "_loop", lambda *_: (SLOW_LOOP, SMALL_IS_WORSE, np.array([0.1, 0.01, 0.0])))
+    (sheet,) = ship_figures(flown(PondCraft(), wide))
+    assert [doubt.slug for doubt in sheet.doubts] == ["not-linear", "saturated", "slower-than-relays"]
+    assert not [doubt.cure for doubt in sheet.doubts if "larger" in doubt.cure]
+    assert "limit of the actuator" in sheet.doubts[0].cause
 
 
 def test_motion_after_the_last_switch_does_not_count() -> None:
@@ -168,10 +181,13 @@ def test_an_unidentifiable_fast_pole_does_not_worsen_the_other_figures() -> None
 
 
 def test_a_larger_relay_is_advised_if_the_smaller_one_fits_worse() -> None:
-    assert "dead zone" in _not_linear((0.9, 0.6, 0.8)).cause
-    assert "larger" in _not_linear((0.9, 0.6, 0.8)).cure
-    assert "saturation" in _not_linear((0.6, 0.9, 0.8)).cause
-    assert "another structure" in _not_linear((0.8, 0.82, 0.8)).cause
+    small, large, neither = (
+        _not_linear(x, is_saturated=False) for x in (SMALL_IS_WORSE, (0.6, 0.9, 0.8), (0.8, 0.82, 0.8))
+    )
+    assert "dead zone" in small.cause
+    assert "larger" in small.cure
+    assert "saturation" in large.cause
+    assert "another structure" in neither.cause
 
 
 def test_the_verdict_reports_an_overshoot_hidden_by_the_damping_ratio() -> None:
@@ -190,9 +206,7 @@ def test_a_loop_needs_two_relays() -> None:
 
 def test_step_figures_longer_than_the_relays_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """A BlueBoat's tuned loop: 677 s to settle, from 25 s of relays of five degrees."""
-    slow = np.poly([-0.005, -2.0 + 4.0j, -2.0 - 4.0j]).real[::-1]
-    loop = TransferFunction((1.0, 120.0), tuple(slow / slow[0]))
-    monkeypatch.setattr(closed_loop, "_loop", lambda *_: (loop, [0.95, 0.95, 0.95], np.array([0.1, 0.01, 0.0])))
+    monkeypatch.setattr(closed_loop, "_loop", lambda *_: (SLOW_LOOP, [0.95, 0.95, 0.95], np.array([0.1, 0.01, 0.0])))
     (sheet,) = ship_figures(oscillating_loop(0.0, (1.0, 1.0, 1e-6), 0.0))
     assert [doubt.slug for doubt in sheet.doubts] == ["slower-than-relays"]
     assert "but the relays took only 120 s" in sheet.doubts[0].cause
