@@ -193,6 +193,10 @@ def _of_directory(
 
 
 def _holds(folder: Path) -> str:
+    """Return a sentence on what *folder* contains: its runs, as the directory of ``tune all`` does, or its files."""
+    runs = sorted(f for f in folder.iterdir() if any((f / TRIALS_FOLDER).glob("*.csv")))
+    if runs:
+        return f". It contains these runs: {', '.join(visible(str(run)) for run in runs)}"
     names = sorted(visible(f.name) for f in folder.iterdir())
     return f". It contains {', '.join(names[:5])}{' ...' if len(names) > 5 else ''}" if names else ". It is empty"
 
