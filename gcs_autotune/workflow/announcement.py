@@ -148,6 +148,7 @@ def battery(now: Observation, envelope: Envelope, seconds: float, most: float = 
     usual, longest = (math.ceil(20.0 * each / 3600.0) * 5 for each in (seconds, max(most, seconds)))
     share = f"about {usual} %" if longest == usual else f"about {usual} %, up to {longest} %"
     share_briefly = f"about {usual} %" if longest == usual else f"{usual} to {longest} %"
+    briefly = f"{share_briefly} of a one-hour battery"
     draws = f"{share} of a battery that lasts an hour at this power"
     assumed = ", which is assumed"
     known = []
@@ -158,9 +159,9 @@ def battery(now: Observation, envelope: Envelope, seconds: float, most: float = 
         known.append(f"{now.battery_voltage:.1f} V now{ends}")
     if not known:
         rest = ". The vehicle does not report its battery, so the battery is not monitored"
-        return Intention(f"use {draws}{assumed}{rest}", "Battery", f"{share_briefly} (not reported, so not monitored)")
+        return Intention(f"use {draws}{assumed}{rest}", "Battery", f"{briefly} (not reported, so not monitored)")
     state = ", ".join(known)
-    return Intention(f"use {draws}{assumed}. State: {state}", "Battery", f"{share_briefly} ({state})")
+    return Intention(f"use {draws}{assumed}. State: {state}", "Battery", f"{briefly} ({state})")
 
 
 def styled(name: str, *, designs: bool = True) -> Intention:

@@ -228,3 +228,4 @@ def test_the_announced_battery_covers_the_longest_run():
     reported = battery(Observation(0.0, 0.0, battery_remaining=0.87), Envelope(), 120.0, 540.0)
     assert reported.text.startswith("use about 5 %, up to 15 % of a battery") and "((" not in reported.text
     assert reported.text.count("(") == 0
+    assert reported.brief == "5 to 15 % of a one-hour battery (87 % now, limit 10 %)"
