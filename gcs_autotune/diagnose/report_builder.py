@@ -134,7 +134,7 @@ def build_report(
             *_other_places(state, order),
             *_reversed(state),
             *_weightless(state),
-            *_by_interval(state),
+            *(() if white and with_noise is None else _by_interval(state)),  # of a plain model, no longer in use then
             *(() if missing is None else doubt_of_days(missing.dof, missing.unit, missing.days)),
         ),
         numbers=numbers,
