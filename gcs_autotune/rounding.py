@@ -78,7 +78,8 @@ def rounded(value: float, last: int) -> str:
 
 def rounded_to(value: float, std: float) -> str:
     """Return *value* alone as text, rounded to its standard error: ``rounded_to(6.9312, 0.17)`` is ``"6.93"``."""
-    return format_value(value, std).partition(" ±")[0].lstrip("(")
+    both, _, power = format_value(value, std).partition(")")
+    return both.partition(" ±")[0].lstrip("(") + power
 
 
 _POWERS = 1e6

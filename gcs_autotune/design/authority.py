@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from gcs_autotune.design.laws.rover_speed import pulse_of
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, ExtendedModel, ExtendedSimulator, passage_of
@@ -43,6 +44,12 @@ STOPPED = 0.1
 """Fraction of the speed at which a stop ends: that of the manoeuvre ``stopping``."""
 DT = 0.05
 """Time between the samples of a simulation [s]."""
+INTERVALS = (DT, 0.1 * DT, 0.01 * DT)
+"""Times between the samples of the beginning of a turn [s], tried until the acceleration is resolved."""
+RESOLVED = 50.0
+"""Number of samples that the rise to :data:`RESERVE` of a turn rate must take."""
+MOST_SAMPLES = 1200
+"""Largest number of samples of the beginning of a turn."""
 HORIZONS = (60.0, 240.0, 960.0, 3840.0)
 """Lengths of a simulation [s], tried until the motion is steady."""
 STEADY = 2e-3
@@ -171,13 +178,18 @@ class FlownModel:
     @property
     def straight(self) -> float:
         """The steering output that goes straight against the constant moment [fraction of full]."""
-        full = sum(abs(gain) * self.full.get(channel, 1.0) for channel, gain in self.drives("N").items())
-        return -self.model.base["N_0"] / full if full > 0.0 else 0.0
+        constant = self.model.base["N_0"]
+        ends = [self._of_actuators("N", side) + constant for side in (-1.0, 1.0)]
+        if ends[0] * ends[1] >= 0.0:
+            return 0.0
+        return float(brentq(lambda output: self._of_actuators("N", output) + constant, -1.0, 1.0))
 
-    def simulated(self, X: Array, N: Array, start: Mapping[str, float], Y: float = 0.0) -> dict[str, Array] | None:
-        """Return every signal (n,) for outputs *X* and *N* (n,) [fraction of full] at intervals of ``DT``; None if the
-        motion diverges."""
-        t: Array = DT * np.arange(len(X), dtype=np.float64)
+    def simulated(
+        self, X: Array, N: Array, start: Mapping[str, float], Y: float = 0.0, t: Array | None = None
+    ) -> dict[str, Array] | None:
+        """Return every signal (n,) for outputs *X* and *N* (n,) [fraction of full] at the times *t* (n,) [s], by
+        default at intervals of ``DT``; None if the motion diverges."""
+        t = DT * np.arange(len(X), dtype=np.float64) if t is None else t
         ahead, turning, aside = (self.drives(force) for force in "XNY")
         commands = {}
         for channel in self.model.base.form.inputs:
@@ -191,15 +203,25 @@ class FlownModel:
 
     def force(self, force: str, side: float) -> float:
         """Return the largest constant force to *side* [unit of the model], trim included."""
+        return side * (self._of_actuators(force, side) + self.model.base[f"{force}_0"])
+
+    def held(self, force: str, side: float) -> float:
+        """Return the largest constant force to *side*, trim included. Of a normalised model, it is a fraction of the
+        force at full output, which the actuators' curves set."""
+        most, is_share = side * self._of_actuators(force, side), self.model.base.form.normalised
+        return self.force(force, side) / (most if is_share and most > 0.0 else 1.0)
+
+    def _of_actuators(self, force: str, output: float) -> float:
+        """Return the force of the actuators [unit of the model] at an *output* of -1 to 1 of full."""
         found = 0.0
         for channel, gain in self.drives(force).items():
-            u = np.array([side * math.copysign(1.0, gain) * self.full.get(channel, 1.0)])
+            u = np.array([output * math.copysign(1.0, gain) * self.full.get(channel, 1.0)])
             for own in self.model.effects:
                 law = EFFECTS[own.slug]
                 if own.place == channel and isinstance(law, Characteristic):
                     u = law.acting(own, u)
             found += gain * float(u[0])
-        return side * (found + self.model.base[f"{force}_0"])
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -394,7 +416,7 @@ def _numbers(craft: CraftModels) -> Iterator[tuple[str, float]]:
     for model in dict.fromkeys([*craft.yaw, *([craft.surge] if craft.surge else [])]):
         if model.drives("Y") and model.has("sway"):
             for side, sign in SIDES:
-                yield f"side-force-{side}", model.force("Y", -sign)
+                yield f"side-force-{side}", model.held("Y", -sign)
 
 
 def _straight(craft: CraftModels, surge: FlownModel) -> Iterator[tuple[str, float]]:
@@ -455,15 +477,15 @@ def _time_to(craft: CraftModels, surge: FlownModel, speed: float) -> float:
     return math.nan
 
 
-def _crossing(values: Array, level: float) -> float:
-    """Return the time [s] at which *values* (n,) first rise to *level*; NaN if they do not."""
+def _crossing(values: Array, level: float, dt: float = DT) -> float:
+    """Return the time [s] at which *values* (n,), *dt* [s] apart, first rise to *level*; NaN if they do not."""
     beyond = np.flatnonzero(values >= level)
     if not len(beyond):
         return math.nan
     k = int(beyond[0])
     if k == 0:
         return 0.0
-    return float(DT * (k - 1 + (level - values[k - 1]) / (values[k] - values[k - 1])))
+    return float(dt * (k - 1 + (level - values[k - 1]) / (values[k] - values[k - 1])))
 
 
 def _stop(craft: CraftModels, surge: FlownModel, X: float, speed: float, order: float) -> tuple[float, float]:
@@ -486,7 +508,7 @@ def _stop(craft: CraftModels, surge: FlownModel, X: float, speed: float, order: 
 
 
 def _turns(craft: CraftModels) -> Iterator[tuple[str, float]]:
-    for throttle in _throttles(craft):
+    for throttle in _throttles(craft) if craft.rover or craft.surge is not None else ():  # others turn on the spot
         label = "flown" if math.isnan(throttle) else f"{100.0 * throttle:.3g}"
         for side, sign in SIDES:
             speed, rate = _circle(craft, throttle, sign)
@@ -502,7 +524,7 @@ def _turns(craft: CraftModels) -> Iterator[tuple[str, float]]:
     yield "turn-ratio", starboard / port
     if math.isfinite(port):
         for side, sign in SIDES:
-            yield f"moment-{side}", _nearest(craft, _approach(craft, working)).force("N", -sign)
+            yield f"moment-{side}", _nearest(craft, _approach(craft, working)).held("N", -sign)
     yield from _steerage(craft)
 
 
@@ -590,17 +612,23 @@ def _beginning(craft: CraftModels, throttle: float, side: str, sign: float, rate
     model = _nearest(craft, speed)
     if not craft.coupled and craft.skid:
         X, N = _two_thrusters(craft, X, N)
-    before, after = round(APPROACH / DT), round(HORIZONS[0] / DT)
+    before = round(APPROACH / DT)
     straight = craft.outputs(throttle, 0.0)[0] if craft.coupled else 0.0
     start = {"u": speed} if craft.coupled else {}
     level = model.straight
-    X_t, N_t = (np.concatenate([np.full(before, a), np.full(after, b)]) for a, b in ((straight, X), (level, N)))
-    moved = model.simulated(X_t, N_t, start)
-    if moved is None:
-        return
-    r = sign * moved["r"][before:]
-    yield f"turn-acceleration-{side}", float(np.max(np.diff(r))) / DT
-    yield f"turn-acceleration-mean-{side}", RESERVE * rate / _crossing(r, RESERVE * rate)
+    for dt in INTERVALS:
+        after = round(min(HORIZONS[0], MOST_SAMPLES * dt) / dt)
+        X_t, N_t = (np.concatenate([np.full(before, a), np.full(after, b)]) for a, b in ((straight, X), (level, N)))
+        t = np.concatenate([DT * np.arange(before), DT * before + dt * np.arange(after)])
+        moved = model.simulated(X_t, N_t, start, t=t)
+        if moved is None:
+            return
+        r = sign * moved["r"][before:]
+        seconds = _crossing(r, RESERVE * rate, dt)
+        if not seconds <= RESOLVED * dt:
+            break
+    yield f"turn-acceleration-{side}", float(np.max(np.diff(r))) / dt
+    yield f"turn-acceleration-mean-{side}", RESERVE * rate / seconds
 
 
 def _steerage(craft: CraftModels) -> Iterator[tuple[str, float]]:
@@ -710,7 +738,9 @@ def _circles(known: Mapping[str, tuple[float, float]]) -> Iterator[Circle]:
 def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iterator[Missing]:
     if craft.surge is None:
         yield Missing(
-            "Speeds, accelerations, stops, and the circle at other speeds.",
+            "Speeds, accelerations, stops, and the circle at other speeds."
+            if craft.rover
+            else "Speeds, accelerations, stops and turning circles.",
             "gcs-autotune tune speed" if craft.rover else "gcs-autotune fly relay --force X",
         )
     elif not craft.surge.flew_astern():
@@ -744,23 +774,24 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
             "directory to the authority command",
         )
     largest, reach = _reach(craft, "N")
-    zigzag = "gcs-autotune fly zig-zag --steering 1. Give its run directory in place of the present yaw model"
+    what = "zig-zag" if craft.rover else "steps --force N"
+    full = f"gcs-autotune fly {what} --steering 1. Give its run directory in place of the present yaw model"
     if craft.skid and "turn-rate-port" not in figures:
         yield Missing(
             f"Turns at full steering and {100.0 * craft.working:.0f} % throttle. One thruster then pushes astern, but "
             "the models contain only thrust ahead.",
-            f"{zigzag}. For the circles, fly the stop with full astern too",
+            f"{full}. For the circles, fly the stop with full astern too",
         )
     elif BEYOND * largest < reach:
         yield Missing(
             f"Turns at full steering: the runs used {100.0 * largest:.0f} % of {100.0 * reach:.0f} %, so the figures "
             "are extrapolated.",
-            zigzag,
+            full,
         )
     if not any(m.drives("Y") for m in craft.yaw):
         yield Missing(
             "The side force (wind) that the craft can hold against. The models contain no sideways thrust.",
-            "a track in wind. It shows the drift angle",
+            "a track in wind. It shows the drift angle" if craft.rover else "gcs-autotune fly relay --force Y",
         )
 
 
@@ -782,6 +813,13 @@ def _assumed(craft: CraftModels, known: Collection[str]) -> Iterator[str]:
         )
     if turns and not craft.coupled and craft.skid:
         yield "The turn rates hold at the speed that was flown. At full steering the two thrusters share their output."
+    for force, models in (("N", craft.yaw), ("X", [craft.surge] if craft.surge else [])):
+        curved = any(model.effect(slug, force) for model in models for slug in (CURVE, DEAD_ZONE))
+        if curved and _beyond(craft, force):
+            yield (
+                f"Beyond {100.0 * _reach(craft, force)[0]:.0f} % of {force} output, the figures continue the thrust "
+                "curve of the model. A curve that fits the runs as well may give other ones, outside their intervals."
+            )
     for model in dict.fromkeys([*craft.yaw, *([craft.surge] if craft.surge else [])]):
         if not model.flown:
             yield f"{model.name}: the file does not contain its runs. Full output is taken as flown."

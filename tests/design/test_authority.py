@@ -52,6 +52,38 @@ def test_speeds_stops_and_turns_match_the_equations() -> None:
     assert figures["moment-starboard"].value == pytest.approx(0.97)
 
 
+def quick_rov() -> FlownModel:
+    """Return the yaw model of a small ROV flown up to 67 %: quadratic drag and a thrust curve."""
+    model = as_extended(SingleDof("yaw", "1", alpha=0.0217, beta=1e-6, beta_quadratic=0.055, delta=0.0018))
+    curve = EffectInstance("quadratic-actuator", "N", {"share": 0.66}, {"u_ref": 0.67})
+    flown = {"N": (-0.67, 0.67)}
+    return FlownModel("yaw", replace(model, effects=(curve,), units={"N": "1"}), full={"N": 1.0}, flown=flown)
+
+
+def test_an_rov_with_a_thrust_curve_holds_its_full_output_and_has_no_circle() -> None:
+    can = authority_of(CraftModels(None, (quick_rov(),), rover=False))
+    force = 0.34 + 0.66 / 0.67  # at full output, in the model's unit
+    moments = [can.figures[f"moment-{side}"].value for side in ("port", "starboard")]
+    assert moments == pytest.approx([1.0 + 0.0018 / force, 1.0 - 0.0018 / force], rel=1e-3)
+    assert can.figures["turn-rate-starboard"].value == pytest.approx(math.sqrt((force + 0.0018) / 0.055), rel=0.01)
+    assert can.circles == ()
+    texts = [row.fly for row in can.missing]
+    assert any("fly steps --force N --steering 1" in text for text in texts)
+    assert any("thrust curve of the model" in text for text in can.assumed)
+
+
+def test_the_acceleration_of_a_quick_craft_is_resolved_from_a_straight_start() -> None:
+    figures = authority_of(CraftModels(None, (quick_rov(),), rover=False)).figures
+    force = 0.34 + 0.66 / 0.67
+    starts = {side: figures[f"turn-acceleration-{side}"].value for side in ("port", "starboard")}
+    assert starts["starboard"] == pytest.approx((force + 0.0018) / 0.0217, rel=0.01)
+    assert starts["port"] == pytest.approx((force - 0.0018) / 0.0217, rel=0.01)
+    # r = r_0 tanh(t / tau) with tau = sqrt(alpha^2 / (drag force)): 0.8 r_0 after 1.0986 tau
+    rate, tau = math.sqrt(force / 0.055), 0.0217 / math.sqrt(0.055 * force)
+    means = [figures[f"turn-acceleration-mean-{side}"].value for side in ("port", "starboard")]
+    assert means == pytest.approx([0.8 * rate / (math.atanh(0.8) * tau)] * 2, rel=0.02)
+
+
 def test_standard_errors_come_from_the_covariance_of_the_models() -> None:
     figures = found(RUDDER).figures
     assert figures["top-ahead"].std == pytest.approx(4.0 * 0.01 / 0.25, rel=0.02)

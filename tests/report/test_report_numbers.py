@@ -19,7 +19,7 @@ from gcs_autotune.report.toolkit.wording import (
     format_value,
     pretty_unit,
 )
-from gcs_autotune.rounding import format_digits
+from gcs_autotune.rounding import format_digits, rounded_to
 
 VALUES = st.floats(-1e9, 1e9, allow_subnormal=False)
 ERRORS = st.floats(1e-12, 1e9)
@@ -138,3 +138,8 @@ def test_units_and_times_are_written_readably():
     assert pretty_unit("1 s^2/(m rad)") == "s²/(m rad)"
     assert format_moment("2026-11-20T20:12:09+00:00") == "2026-11-20 20:12 UTC"
     assert format_moment("yesterday") == "yesterday"
+
+
+def test_a_small_value_alone_keeps_its_power_of_ten() -> None:
+    assert rounded_to(-0.00051792, 2e-8) == "-5.1792e-4"
+    assert rounded_to(6.9312, 0.17) == "6.93"

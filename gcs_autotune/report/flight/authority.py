@@ -55,7 +55,8 @@ def _verdict(authority: Authority) -> str:
         said.append(f"makes {_worded(figures['cruise-speed'])} at {100.0 * craft.working:.0f} % throttle")
     turns = [f for side in ("port", "starboard") if (f := figures.get(f"turn-rate-{side}")) is not None]
     if turns:
-        said.append(f"turns at {_worded(min(turns, key=lambda f: f.value))} at full steering")
+        least = min(turns, key=lambda f: f.value)
+        said.append(f"turns at {_worded(least)} at full steering{f' ({least.note})' if least.note else ''}")
     how = next((h for h in ("astern", "coasting") if f"stop-{h}" in figures), "")
     if how:
         words = "with full astern" if how == "astern" else "without thrust"
@@ -128,11 +129,12 @@ def _turning(authority: Authority, limits: Sequence[ParameterLimit]) -> Iterator
         for c in authority.circles
     ]
     heads = ("throttle", "speed [m/s]", "port [°/s]", "starboard [°/s]", "port [m]", "starboard [m]")
-    table = Table(heads, "lrrrrr", tuple(circles), note="Turn rate and diameter of the steady turn at full steering.")
+    means = "Turn rate and diameter of the steady turn at full steering."
+    table = (Table(heads, "lrrrrr", tuple(circles), note=means),) if circles else ()
     plot = (Figure("circles", "Turning diameter against speed.", partial(_draw, authority)),) if circles[1:] else ()
     steerage = "Below the steerage limit, full steering does not turn the boat against its constant moment."
     said = _noted(steerage, "steerage" in authority.figures)
-    yield Section("turning", "Turning", (*_table(rows), *said, table, *plot), facts=IN_RESULT)
+    yield Section("turning", "Turning", (*_table(rows), *said, *table, *plot), facts=IN_RESULT)
 
 
 def _holding(authority: Authority, limits: Sequence[ParameterLimit]) -> Iterator[Section]:
