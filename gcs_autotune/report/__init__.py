@@ -77,7 +77,14 @@ from gcs_autotune.report.toolkit.document import Document, files_section
 from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
-from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor, format_share, how_to_resume, sentence
+from gcs_autotune.report.toolkit.wording import (
+    beside_telemetry,
+    format_error,
+    format_factor,
+    format_share,
+    how_to_resume,
+    sentence,
+)
 from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
 from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.run_directory import save_page, write_story
@@ -133,6 +140,7 @@ __all__ = [
     "files_section",
     "fit_document",
     "flight_document",
+    "format_error",
     "format_factor",
     "format_share",
     "frequency_plot",

@@ -72,7 +72,9 @@ def authority(
     if len(boards) < 2:
         return result
     runs_of = ", ".join(dict.fromkeys(boards.values()))
-    same = f"The runs {runs_of} are of one craft, although their autopilot boards differ. If not, the results are wrong."
+    same = (
+        f"The runs {runs_of} are of one craft, although their autopilot boards differ. If not, the results are wrong."
+    )
     return replace(result, assumed=(same, *result.assumed))
 
 

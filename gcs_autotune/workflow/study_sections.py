@@ -33,7 +33,7 @@ from gcs_autotune.identify import (
 )
 from gcs_autotune.identify.frequency import FrequencyResponse
 from gcs_autotune.models import Form, Nomoto1
-from gcs_autotune.report import correlation_plot, frequency_plot, plan_plot, profile_plot
+from gcs_autotune.report import correlation_plot, format_error, frequency_plot, plan_plot, profile_plot
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import StudySettings
@@ -161,7 +161,7 @@ def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:
 def _people(value: float, signal: str) -> str:
     if not math.isfinite(value):
         return "cannot predict"
-    return f"{math.degrees(value):.3g}\u00b0" if SIGNALS[signal].angular else f"{value:.3g}"
+    return format_error(value, SIGNALS[signal].unit)
 
 
 def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySettings) -> FormChoice:

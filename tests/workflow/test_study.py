@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,19 @@ def test_one_run_is_checked_on_its_last_third_and_the_final_fit_uses_all_of_it()
     assert found.answer.unseen.fit_percent > 90.0
     assert all(t.t[0] >= 60.0 * 0.7 - 0.2 for t in found.answer.unseen.traces)
     assert found.fit.traces[0].t[0] == pytest.approx(0.0)
+
+
+@pytest.mark.slow
+def test_held_out_errors_of_the_structures_have_a_unit_and_name_their_data() -> None:
+    run = steps(4)
+    depth = {
+        "z": replace(run["psi"], name="z", unit="m"),
+        "w": replace(run["r"], name="w", unit="m/s"),
+        "Z": replace(run["N"], name="Z", unit="N"),
+    }
+    found = study([replace(run, channels=depth)], [], StudySettings(dof="heave"), "2026-01-01T00:00:00")
+    assert {row[1].rpartition(" ")[2] for row in found.choice} == {"m"}
+    assert "parts of the run held out in turn (depth" in found.choice_verdict
 
 
 @pytest.mark.slow
