@@ -107,7 +107,7 @@ def diagnosis_document(
     return Document(
         title=title,
         when=format_moment(when),
-        badge=diagnosis.verdict,
+        badge=diagnosis.verdict.replace("-", " "),
         verdict=verdict_of(diagnosis),
         lead=lead_sentence(diagnosis),
         lead_figures=(_after(examined) or _before(examined))[:1],

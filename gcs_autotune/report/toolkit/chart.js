@@ -118,7 +118,7 @@
     const scales = { x: { ...scale(panel.x, x), range: (u, low, high) => [low ?? x[0], high ?? x[1]] }, y: scale(panel.y, y) };
     const axes = [
       axis(panel.x, panel.isLast ? { size: BOTTOM } : { size: TOP, values: () => [] }),
-      axis(panel.y, { size: Math.max(LEFT, 14 + 7 * Math.max(0, ...names)), space: 26 }),
+      axis(panel.y, { size: Math.max(LEFT, 14 + 7 * Math.max(0, ...names)), space: 18 }),
     ];
     const series = [{}, { scale: "y", paths: () => null, points: { show: false } }];
     const data = [x, [null, null]];
