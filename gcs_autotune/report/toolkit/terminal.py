@@ -141,6 +141,8 @@ def _text(text: str) -> Text:
     return TiedText(with_signs(visible(text)))
 
 
+GAP = 3
+"""Characters between two columns of a table."""
 LONGEST_WORD = 20
 """Longest word of a wrapping column that is kept on one line. Project choice: paths and parameter lists may break."""
 
@@ -151,6 +153,7 @@ def _grid(table: Table) -> Padding:
     lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold", show_header=is_headed)
     rows = [tuple(with_signs(visible(cell)) for cell in row) for row in table.rows[: table.shown]]
     used = [i for i in table.filled(rows) if table.heads[i] not in table.wide]
+    columns: list[tuple[Text, bool, bool, int]] = []
     for i in used:
         right = table.align[i] == "r"
         head = Text(with_signs(visible(table.heads[i])))
@@ -163,7 +166,20 @@ def _grid(table: Table) -> Padding:
         least = max(widths, default=0)
         # The width is taken from the columns that may wrap, so those that cannot must not be among them.
         whole = least >= max(cell_len(text) for text in (head.plain, *(row[i] for row in rows)))
-        lines.add_column(head, justify="right" if right else "left", no_wrap=whole, min_width=least)
+        columns.append((head, right, whole, least))
+    # A table that is too wide would lose the end of every line. Rather, the longest name breaks.
+    over = sum(least for *_, least in columns) + GAP * (len(columns) - 1) - BOX
+    longest = max((c for c in columns if not c[1]), key=lambda c: c[3], default=None) if over > 0 else None
+    for column in columns:
+        head, right, whole, least = column
+        lines.add_column(
+            head,
+            justify="right" if right else "left",
+            no_wrap=whole and column is not longest,
+            overflow="fold",
+            min_width=least,
+            width=None if longest is None else least - over * (column is longest),
+        )
     for row in rows:
         lines.add_row(*(TiedText(row[i]) for i in used))
     return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)
