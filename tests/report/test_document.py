@@ -187,3 +187,17 @@ def test_a_flight_report_ends_with_its_figures_and_the_undo() -> None:
     assert " 67 " in text
     boxed = " ".join(text[text.index("╭") :].replace("│", " ").split())
     assert "67 %/20° zig-zag. First overshoot: 5.73°. No parameter was written, so there is nothing to undo." in boxed
+
+
+def test_a_table_breaks_its_longest_name_only_if_it_is_too_wide() -> None:
+    heads = ("parameter", "value ± std", "unit", "meaning", "remark")
+    rows = (
+        ("N_r", "-0.00001 ± 0.00003", "s/rad", "yaw moment by yaw acceleration", "may be zero"),
+        ("quadratic-actuator@N.share", "0.6635 ± 0.0002", "s²/rad²", "quadratic fraction of the thrust", ""),
+    )
+    document = Document(title="t", sections=(Section("s", "S", (Table(heads, "lrlll", rows),)),))
+    narrow, wide = render_text(document, 80), render_text(document, 100)
+    for text in (narrow, wide):
+        assert "remark" in text and "zero" in text and "acceleration" in text
+    assert max(map(len, narrow.splitlines())) <= 80
+    assert "quadratic-actuator@N.share" not in narrow and "quadratic-actuator@N.share" in wide

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 from rich import box
 from rich.cells import cell_len
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.padding import Padding
 from rich.panel import Panel
 from rich.table import Table as RichTable
@@ -112,7 +113,7 @@ def _part(part: Part) -> Iterator[RenderableType]:
     elif is_empty(part) or isinstance(part, Figure) or part.detail:
         return
     elif isinstance(part, Table):
-        yield _grid(part)
+        yield _Grid(part)
     elif part.kind == "bullet":
         yield _bullet(part.text)
     elif part.kind == "command":
@@ -147,13 +148,38 @@ LONGEST_WORD = 20
 """Longest word of a wrapping column that is kept on one line. Project choice: paths and parameter lists may break."""
 
 
-def _grid(table: Table) -> Padding:
-    """Return a table without its empty and wide columns, and without the rows that the page folds."""
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """A table that is laid out when the width of its place is known."""
+
+    table: Table
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        yield _grid(self.table, options.max_width)
+
+
+def _fit(lines: RichTable, width: int) -> None:
+    """Break the longest name of a table that is too wide. It would lose the end of every line."""
+    least = [column.min_width or 0 for column in lines.columns]
+    over = sum(least) + GAP * (len(least) - 1) - width
+    names = [column for column in lines.columns if column.justify == "left"]
+    if over <= 0 or not names:
+        return
+    longest = max(names, key=lambda column: column.min_width or 0)
+    for column in lines.columns:
+        column.width = column.min_width
+    longest.width, longest.no_wrap = max((longest.min_width or 0) - over, 1), False
+    longest.min_width = longest.width
+
+
+def _grid(table: Table, width: int) -> Padding:
+    """Return a table for *width* characters, without its empty and wide columns, and without the rows that the page
+    folds.
+    """
     is_headed = any(table.heads)
     lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold", show_header=is_headed)
     rows = [tuple(with_signs(visible(cell)) for cell in row) for row in table.rows[: table.shown]]
     used = [i for i in table.filled(rows) if table.heads[i] not in table.wide]
-    columns: list[tuple[Text, bool, bool, int]] = []
     for i in used:
         right = table.align[i] == "r"
         head = Text(with_signs(visible(table.heads[i])))
@@ -166,20 +192,8 @@ def _grid(table: Table) -> Padding:
         least = max(widths, default=0)
         # The width is taken from the columns that may wrap, so those that cannot must not be among them.
         whole = least >= max(cell_len(text) for text in (head.plain, *(row[i] for row in rows)))
-        columns.append((head, right, whole, least))
-    # A table that is too wide would lose the end of every line. Rather, the longest name breaks.
-    over = sum(least for *_, least in columns) + GAP * (len(columns) - 1) - BOX
-    longest = max((c for c in columns if not c[1]), key=lambda c: c[3], default=None) if over > 0 else None
-    for column in columns:
-        head, right, whole, least = column
-        lines.add_column(
-            head,
-            justify="right" if right else "left",
-            no_wrap=whole and column is not longest,
-            overflow="fold",
-            min_width=least,
-            width=None if longest is None else least - over * (column is longest),
-        )
+        lines.add_column(head, justify="right" if right else "left", no_wrap=whole, min_width=least, overflow="fold")
+    _fit(lines, width)
     for row in rows:
         lines.add_row(*(TiedText(row[i]) for i in used))
     return _apart(Group(lines, _apart(_text(table.note))) if table.note else lines)
