@@ -48,8 +48,6 @@ INTERVALS = (DT, 0.1 * DT, 0.01 * DT)
 """Times between the samples of the beginning of a turn [s], tried until the acceleration is resolved."""
 RESOLVED = 50.0
 """Number of samples that the rise to :data:`RESERVE` of a turn rate must take."""
-MOST_SAMPLES = 1200
-"""Largest number of samples of the beginning of a turn."""
 HORIZONS = (60.0, 240.0, 960.0, 3840.0)
 """Lengths of a simulation [s], tried until the motion is steady."""
 STEADY = 2e-3
@@ -612,13 +610,12 @@ def _beginning(craft: CraftModels, throttle: float, side: str, sign: float, rate
     model = _nearest(craft, speed)
     if not craft.coupled and craft.skid:
         X, N = _two_thrusters(craft, X, N)
-    before = round(APPROACH / DT)
+    before, after = round(APPROACH / DT), round(HORIZONS[0] / DT)
     straight = craft.outputs(throttle, 0.0)[0] if craft.coupled else 0.0
     start = {"u": speed} if craft.coupled else {}
     level = model.straight
+    X_t, N_t = (np.concatenate([np.full(before, a), np.full(after, b)]) for a, b in ((straight, X), (level, N)))
     for dt in INTERVALS:
-        after = round(min(HORIZONS[0], MOST_SAMPLES * dt) / dt)
-        X_t, N_t = (np.concatenate([np.full(before, a), np.full(after, b)]) for a, b in ((straight, X), (level, N)))
         t = np.concatenate([DT * np.arange(before), DT * before + dt * np.arange(after)])
         moved = model.simulated(X_t, N_t, start, t=t)
         if moved is None:
@@ -788,10 +785,10 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
             "are extrapolated.",
             full,
         )
-    if not any(m.drives("Y") for m in craft.yaw):
+    if craft.rover and not any(m.drives("Y") for m in craft.yaw):
         yield Missing(
             "The side force (wind) that the craft can hold against. The models contain no sideways thrust.",
-            "a track in wind. It shows the drift angle" if craft.rover else "gcs-autotune fly relay --force Y",
+            "a track in wind. It shows the drift angle",
         )
 
 

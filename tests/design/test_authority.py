@@ -69,6 +69,7 @@ def test_an_rov_with_a_thrust_curve_holds_its_full_output_and_has_no_circle() ->
     assert can.circles == ()
     texts = [row.fly for row in can.missing]
     assert any("fly steps --force N --steering 1" in text for text in texts)
+    assert not any("wind" in text for text in texts)
     assert any("thrust curve of the model" in text for text in can.assumed)
 
 
