@@ -122,8 +122,8 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
         state, step = blocked_cv(state, step) or (state, step)
     taken: tuple[SearchStep[Fitted], ...] = (step,)
     if step.accepted is None and white < SIGNIFICANCE:
-        # With a drifting force every pair looks as good as the next, and there are many. Two causes without any such
-        # force look like one, too, and only they leave nothing when both are known.
+        # With a drifting force every pair looks as good as the next, and there are many. Several causes without any
+        # such force look like one, too, and only they leave nothing when all are known.
         state, adrift = needs_process_noise(state)
         try:
             state, ahead = _look_ahead(state, step, stage)

@@ -90,12 +90,12 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
         broken = any(math.isinf(e) for e in per_fold)
         left_out = math.inf if broken or not rms else rms[signal]
         table.append(ScoredDrag(structure, bic.get(structure, math.nan), left_out, tuple(per_fold)))
-    left_out = f"{len(folds)} parts of the run" if len(runs) == 1 else "runs"
-    reasons = _reasons(fit, table, signal, left_out)
+    parts = f"{len(folds)} parts of the run" if len(runs) == 1 else "runs"
+    reasons = _reasons(fit, table, signal, parts)
     return AxisChoice(structure_of(fit.structure), fit.decision, tuple(table), signal, reasons)
 
 
-def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str, left_out: str) -> tuple[str, ...]:
+def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str, parts: str) -> tuple[str, ...]:
     reasons = []
     if fit.decision is not None:
         d = fit.decision
@@ -107,7 +107,7 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str, left_out: s
     best = min(table, key=lambda row: row.left_out)
     own = next(row for row in table if row.structure == fit.structure)
     seen = f"{signal_meaning(signal, fit.dof).split(',')[0]}, delay {fit.model.delay:.2g} s"
-    what = f"{left_out} held out in turn ({seen})"
+    what = f"{parts} held out in turn ({seen})"
     if not math.isfinite(best.left_out):
         reasons.append(f"{what}: no structure can predict it")
     elif best.left_out < (1.0 - ALIKE) * own.left_out:

@@ -147,8 +147,7 @@ def battery(now: Observation, envelope: Envelope, seconds: float, most: float = 
     """
     usual, longest = (math.ceil(20.0 * each / 3600.0) * 5 for each in (seconds, max(most, seconds)))
     share = f"about {usual} %" if longest == usual else f"about {usual} %, up to {longest} %"
-    share_briefly = f"about {usual} %" if longest == usual else f"{usual} to {longest} %"
-    briefly = f"{share_briefly} of a one-hour battery"
+    briefly = (f"about {usual} %" if longest == usual else f"{usual} to {longest} %") + " of a one-hour battery"
     draws = f"{share} of a battery that lasts an hour at this power"
     assumed = ", which is assumed"
     known = []
