@@ -19,7 +19,7 @@ from gcs_autotune.report import save_page, study_document
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext, tune_runner
-from gcs_autotune.workflow.experiments import dive_for, speed_for
+from gcs_autotune.workflow.experiments import dive_for, dive_words, speed_for
 from gcs_autotune.workflow.identification import Identified, identify
 from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
@@ -72,19 +72,19 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
     """Return what this experiment will do on the vehicle of *visit*, which puts its model into *found*."""
     context, craft = learn(settings, visit), visit.craft
     now, firmware, axis = craft.observe(), craft.firmware, context.axis
-    dive = dive_for(axis.dof, firmware, now)
+    down = dive_words(axis.dof, firmware, now)
     pace = pace_of(craft.steered_by)
-    legs = legs_of_experiment(axis.dof, pace, dives=dive is not None)
+    legs = legs_of_experiment(axis.dof, pace, dives=dive_for(axis.dof, firmware, now) is not None)
     itinerary = Itinerary(legs, pace.turn)
     whole = excursion_of(context, now, (itinerary,))
 
     def fly(_: Journal) -> None:
         found.append(identify(context.begin(), turns_first=False))
 
-    movements, briefly = _movements(context, 0.0 if dive is None else float(dive.settings["depth"]))
+    movements, briefly = _movements(context, *down)
     return Mission(
         itinerary=itinerary,
-        modes=(*([firmware.hold_mode] if dive is not None else []), firmware.manual_mode),
+        modes=(*([firmware.hold_mode] if any(down) else []), firmware.manual_mode),
         movements=movements,
         needs=(
             room(axis.dof, context.speed, settings, now, whole),
@@ -96,19 +96,19 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
     )
 
 
-def _movements(context: TuneContext, depth: float) -> tuple[str, str]:
-    """Return what moves as a sentence and in one line of a terminal. It dives to *depth* [m] first; zero: no dive."""
+def _movements(context: TuneContext, down: str, dive: str) -> tuple[str, str]:
+    """Return what moves as a sentence and in one line of a terminal. *down*, *dive*: of :func:`.dive_words`."""
     kind, firmware = context.axis.kind, context.craft.firmware
-    down, dive = (f"dive to {depth:g} m, then ", "a dive, ") if depth else ("", "")
     by_throttle = kind.excitation.by_throttle and firmware.needs_way
     flown = f"two {'throttle-step' if by_throttle else 'self-oscillation'} experiments in {context.axis.name}"
+    briefly = f"two {'series of throttle steps' if by_throttle else 'oscillations'}"
     more, perhaps = (
         ", and a third one if these two do not distinguish a dead zone from a thrust curve",
         ", perhaps a third",
     )
     if by_throttle or context.settings.most_relays < 3:
         more = perhaps = ""
-    return f"{kind.excitation.check}{down}{flown}{more}", f"{dive}pulses, {flown}{perhaps}"
+    return f"{kind.excitation.check}{down}{flown}{more}", f"{dive}pulses, {briefly}{perhaps}"
 
 
 def learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:

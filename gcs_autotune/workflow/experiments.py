@@ -44,6 +44,7 @@ __all__ = [
     "WORKING_DEPTH",
     "Relays",
     "dive_for",
+    "dive_words",
     "measure",
     "measure_halves",
     "noise_as_read",
@@ -226,6 +227,24 @@ def dive_for(dof: str, firmware: Firmware, now: Observation) -> Dive | None:
     if firmware.floats or not excitation_of(dof).below_surface or not now.z < SHALLOW:
         return None
     return Dive(DiveSettings(WORKING_DEPTH, enough=SHALLOW))
+
+
+def dive_words(dof: str, firmware: Firmware, now: Observation) -> tuple[str, str]:
+    """Return what an announcement states on dives, in a sentence and briefly; both empty if *dof* needs none.
+
+    A buoyant ROV may rise during the run, and then dives although it is deep enough now.
+    """
+    if firmware.floats or not excitation_of(dof).below_surface:
+        return "", ""
+    down, is_sure = f"dive to {WORKING_DEPTH:g} m", dive_for(dof, firmware, now) is not None
+    return (
+        (f"{down}, then ", f"{down}, ")
+        if is_sure
+        else (
+            f"dive to {WORKING_DEPTH:g} m whenever it is shallower than {SHALLOW:g} m, then ",
+            f"{down} if shallow, ",
+        )
+    )
 
 
 def resolution(trial: Trial) -> float:

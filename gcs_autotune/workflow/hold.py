@@ -56,7 +56,7 @@ from gcs_autotune.report import (
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiment import learn
-from gcs_autotune.workflow.experiments import SWING_AHEAD, dive_for, measure, noise_in, resolution
+from gcs_autotune.workflow.experiments import SWING_AHEAD, dive_for, dive_words, measure, noise_in, resolution
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.itinerary import WALL_RELAY, Itinerary, Leg, legs_beside, legs_of_experiment, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
@@ -148,9 +148,9 @@ def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
             f"the model contains no {context.axis.dof}, which hold {task.settings.what} needs. Identify it first"
         )
     now, firmware = craft.observe(), craft.firmware
-    dive = dive_for(context.axis.dof, firmware, now)
+    down, briefly = dive_words(context.axis.dof, firmware, now)
     pace = pace_of(craft.steered_by)
-    legs = list(legs_of_experiment(context.axis.dof, pace, dives=dive is not None))
+    legs = list(legs_of_experiment(context.axis.dof, pace, dives=dive_for(context.axis.dof, firmware, now) is not None))
     if given is not None:
         legs = [leg for leg in legs if not leg.kind]
     flown_too = [a for a in task.axes if supplied(task.settings.models, a, tune.full_scale) is None]
@@ -167,10 +167,9 @@ def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
 
     titles = [kind.excitation.title] * (given is None) + [MOTIONS[axis] for axis in flown_too]
     relays = f"relay oscillations about the present {' and '.join(titles)}, then " if titles else ""
-    down = "" if dive is None else f"dive to {float(dive.settings['depth']):g} m, then "
     return Mission(
         itinerary=itinerary,
-        modes=(*([firmware.hold_mode] if dive is not None else []), firmware.manual_mode),
+        modes=(*([firmware.hold_mode] if down else []), firmware.manual_mode),
         movements=f"{kind.excitation.check}{down}{relays}{task.movements(context)} with our own controller",
         needs=(
             room(context.axis.dof, context.speed, tune, now, whole),
@@ -178,7 +177,7 @@ def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
             battery(now, tune.envelope, itinerary.seconds),
         ),
         fly=fly,
-        moves_briefly=f"{'a dive, ' * (dive is not None)}pulses, {'relays, ' * bool(titles)}{task.briefly(context)}",
+        moves_briefly=f"{briefly}pulses, {'relays, ' * bool(titles)}{task.briefly(context)}",
     )
 
 

@@ -21,7 +21,7 @@ from gcs_autotune.workflow.excursion import (
     too_small,
     worst_of,
 )
-from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, dive_for
+from gcs_autotune.workflow.experiments import STEP_AHEAD, SWING_AHEAD, dive_for, dive_words
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, Pace, legs_of_tune
 from gcs_autotune.workflow.nominal_plant import assumed_crafts, assumed_plant
 from gcs_autotune.workflow.preflight import sign_check_for
@@ -130,8 +130,7 @@ def movements_of(context: TuneContext, now: Observation) -> tuple[str, str]:
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
     shown = "" if context.law.controls_velocity else shown
     turning = ", turning around if space requires" if speed else ""
-    dive = dive_for(axis.dof, context.craft.firmware, now)
-    down = f"dive to {dive.settings['depth']:g} m, " if dive is not None else ""
+    down, briefly = dive_words(axis.dof, context.craft.firmware, now)
     signs, by_throttle = d.excitation.check, d.excitation.by_throttle
     kind = "throttle steps" if by_throttle else f"relay oscillations about the present {d.excitation.title}"
     identifies = context.given is None and context.settings.gains is None
@@ -139,13 +138,13 @@ def movements_of(context: TuneContext, now: Observation) -> tuple[str, str]:
     most = SHARE * context.settings.envelope.heading_excursion
     turns = (beside or d.stepped == "r") and math.isfinite(most)
     sentence = (
-        f"{signs}{down}{'then ' * bool(down)}{shown}steps in {axis.name}{', steps in turn rate' * beside}"
+        f"{signs}{down}{shown}steps in {axis.name}{', steps in turn rate' * beside}"
         + f" (turning by up to {math.degrees(most):.0f} deg)" * turns
         + f" and {kind}" * identifies
         + f" under way at {speed:.1f} m/s{turning}" * bool(axis.needs_speed)
     )
     brief = (
-        f"{down}pulses, {shown}{axis.name} steps{', turn-rate steps' * beside}"
+        f"{briefly}pulses, {shown}{axis.name} steps{', turn-rate steps' * beside}"
         + f", {'throttle steps' if by_throttle else 'oscillations'}" * identifies
         + f" at {speed:.1f} m/s" * bool(axis.needs_speed)
     )

@@ -44,6 +44,11 @@ def test_each_row_is_one_line_of_80_columns(tmp_path: Path, vehicle: str, what: 
     assert {"Arms", "Moves", "Space", "Time", "Battery", "Writes"} <= {each.row for each in rows}
     first = max(len(each.row) for each in rows) + 2
     assert [each.brief for each in rows if first + len(each.brief.replace(" deg", "°")) > 80] == []
+    (moves,) = [each for each in rows if each.row == "Moves"]
+    # a buoyant ROV that is deep enough now may rise during the run
+    dives = what in ("depth", "roll")
+    assert ("dive to 1.5 m whenever it is shallower than 1 m" in moves.text) is dives
+    assert ("dive to 1.5 m if shallow" in moves.brief) is dives
     harness.assert_neutral()
 
 
