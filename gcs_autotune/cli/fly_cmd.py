@@ -193,11 +193,11 @@ def _list() -> int:
 
     for kind in MANOEUVRES.values():
         excites = f"Excites {', '.join(sorted(kind.excites))}. " if kind.excites and kind.identifies else ""
-        if kind.for_force:
+        if kind.for_force and kind.is_alone:
             excites = "Excites the motion of the driven force. "
         options = (*(["force"] if kind.for_force else []), *kind.options)
         takes = f" Takes {', '.join(f'--{n}' for n in options)}." if options else ""
-        how = takes if kind.make else f" Flown by {kind.command}."
+        how = takes if kind.is_alone else f" Flown by {kind.command}."
         text = f"{kind.help}. {excites}Space: {kind.room}.{how}"
         filled = textwrap.fill(text, 80, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False)
         sys.stdout.write(f"{kind.name}\n{filled}\n")

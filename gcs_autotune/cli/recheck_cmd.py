@@ -34,9 +34,10 @@ def _run(args: argparse.Namespace) -> int:
 
 COMMAND = Command(
     description="Fly two relay experiments on the autopilot's set-point of heading, depth (ROVs) or speed (boats), "
-    "like fly set-point-relay. Compare the result with the last tune of the same vehicle in the folder of runs. The "
-    "verdict is good, degraded since the tune, poorly damped, oscillates, undecided, or not identifiable. If the "
-    "result is unclear, the relays are flown again at half or twice the size. No parameter is written. "
+    "like fly set-point-relay, and then the step of the last tune of the same vehicle in the folder of runs. The two "
+    "steps are compared. The verdict is good, degraded since the tune, poorly damped, oscillates, undecided, or not "
+    "identifiable. Without an earlier tune a step is flown only if the relays give no clear verdict. No parameter is "
+    "written. "
     "Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,

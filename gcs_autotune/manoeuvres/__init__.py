@@ -35,7 +35,17 @@ from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
-from gcs_autotune.manoeuvres.step import Step, StepSettings, are_read, common_windows, windows_of
+from gcs_autotune.manoeuvres.step import (
+    MOST_DURATION,
+    SHARE_OF_TOP,
+    Step,
+    StepSettings,
+    are_read,
+    common_windows,
+    speed_step,
+    step_from_present,
+    windows_of,
+)
 from gcs_autotune.manoeuvres.step_position import PushPosition, StepPosition
 from gcs_autotune.manoeuvres.table import MANOEUVRES
 from gcs_autotune.manoeuvres.throttle_steps import BOTH_WAYS, LEVELS, ThrottleSteps, ThrottleStepsSettings
@@ -57,7 +67,9 @@ __all__ = [
     "LEVELS",
     "MANOEUVRES",
     "MOST_CORNERS",
+    "MOST_DURATION",
     "NEARLY",
+    "SHARE_OF_TOP",
     "SPEED_TIME",
     "STOPPING",
     "TO_COME_ABOUT",
@@ -127,6 +139,8 @@ __all__ = [
     "read_points",
     "restore_on_exit",
     "seen_from",
+    "speed_step",
     "state_on",
+    "step_from_present",
     "windows_of",
 ]

@@ -47,8 +47,8 @@ class ManoeuvreKind:
     excites : degrees of freedom that it excites. drives : forces that it commands.
     make : function that creates it from options (SI and radians) by name: those of ``options``, and ``throttle``,
         ``duration``,
-        ``side`` (1 starboard, -1 port) and ``keep-still`` (1: hold an ROV's other axes); None if only ``command``
-        flies it.
+        ``side`` (1 starboard, -1 port) and ``keep-still`` (1: hold an ROV's other axes); None if ``command`` creates
+        it.
     options : names in :data:`gcs_autotune.limits.LIMITS`.
     room : text on the required space; the preview computes it in metres.
     identifies : whether its record is for identification. turns : whether the heading may change by a full turn.
@@ -58,7 +58,7 @@ class ManoeuvreKind:
     tied : whether the craft is tied up; then there is no check by motion and no return.
     presets : candidates of `identify --plan-next`.
     axis : the autopilot's own loop that flies it, if any; its options are in that loop's units.
-    command : the command that flies it, if not ``gcs-autotune fly``.
+    command : the command that flies it, if not ``gcs-autotune fly``; see :attr:`is_alone`.
     layered : whether it is flown over our own loops, which are designed from a model first. timed : whether it takes
         timed points.
     for_force : function that returns this row for another force of an open-loop programme; see :meth:`of`.
@@ -85,6 +85,11 @@ class ManoeuvreKind:
     timed: bool = False
     for_force: Callable[[str], ManoeuvreKind] | None = None
     shrinks: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether a person can fly it by itself, with ``gcs-autotune fly``."""
+        return self.command == "fly"
 
     def of(self, force: str) -> ManoeuvreKind:
         """Return this entry of the table for *force* (``X`` to ``N``; empty: unchanged).

@@ -14,13 +14,16 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.axes import SIGNAL_FORCES
+from gcs_autotune.axes import AXES, SIGNAL_FORCES, AxisKind
 from gcs_autotune.craft import Command, Observation, set_point
+from gcs_autotune.errors import UsageError
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.settling import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
@@ -28,7 +31,18 @@ from gcs_autotune.trial import Trial
 
 Array = NDArray[np.float64]
 
-__all__ = ["Step", "StepSettings", "are_read", "common_windows", "windows_of"]
+__all__ = [
+    "KIND",
+    "MOST_DURATION",
+    "SHARE_OF_TOP",
+    "Step",
+    "StepSettings",
+    "are_read",
+    "common_windows",
+    "speed_step",
+    "step_from_present",
+    "windows_of",
+]
 
 SHORTEST_HALF = 1.0
 """Shortest record [s] of a half that is evaluated. Project choice."""
@@ -55,6 +69,24 @@ A boat has more than twice this time before its space ends. Project choice.
 """
 LEAST_SAMPLES = 5
 """Smallest number of second differences from which the noise is computed. Project choice."""
+HOLD = 10.0
+"""Hold [s] before the step of a craft that can keep its position, for the integral to settle. Project choice."""
+ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
+"""Time on target [s] that ends a half step, under way and at rest. Project choice.
+
+A slow drift due to a dead band of the thrusters lasts longer than this.
+"""
+LEAST = 3.0
+"""Shortest wait [s] on target, and before a step, even if craft and output are at rest. Project choice."""
+SPEED_BAND = 0.2
+"""Deviation from the held speed that counts as steady before the step, as a fraction of that speed.
+
+It is large because speed signals are noisy.
+"""
+SHARE_OF_TOP = 0.4
+"""Size of the speed step as a fraction of the working speed: from 60 % of it to 100 %. Project choice."""
+MOST_DURATION = 25.0
+"""Longest duration of a speed step [s]. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +120,33 @@ class StepSettings:
     enough: float = math.inf
     least_hold: float = math.inf
     least_enough: float = math.inf
+
+
+def step_from_present(
+    signal: str, size: float, duration: float, speed: float, *, under_way: bool, ends_early: bool = True
+) -> StepSettings:
+    """Return the step of *size* [SI, rad] of a heading or depth from its present value, flown at *speed* [m/s].
+
+    under_way : whether the craft keeps moving ahead. ends_early : whether a wait or a half may end early; not with the
+    stop rule of Miskovic2010.
+    """
+    enough = ENOUGH if under_way else ENOUGH_AT_REST
+    return StepSettings(
+        signal=signal,
+        size=size,
+        duration=duration,
+        speed=speed,
+        hold=0.0 if under_way else HOLD,
+        enough=enough if ends_early else math.inf,
+        least_hold=LEAST if ends_early else math.inf,
+        least_enough=LEAST if ends_early else math.inf,
+    )
+
+
+def speed_step(top: float, size: float, duration: float, *, ends_early: bool = True) -> StepSettings:
+    """Return the step of *size* [m/s] up to the speed *top* [m/s]; *ends_early* as :func:`step_from_present`."""
+    enough, least = (ENOUGH, LEAST) if ends_early else (math.inf, math.inf)
+    return StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=enough, least_enough=least)
 
 
 class Rest:
@@ -329,3 +388,39 @@ def common_windows(one: Trial, other: Trial) -> tuple[float, ...]:
     comparison.
     """
     return tuple(min(pair) for pair in zip(windows_of(one), windows_of(other), strict=False))
+
+
+def _make(axis: AxisKind, options: Mapping[str, float]) -> Step:
+    speed, duration = options.get("speed", 0.0), options.get("step-duration", axis.step_duration)
+    if axis.dof == "surge":
+        size = options.get("step", SHARE_OF_TOP * speed)
+        return Step(speed_step(speed, size, duration if math.isfinite(duration) else MOST_DURATION))
+    size, under_way = options.get("step", axis.step), not options.get("keep-still")
+    return Step(step_from_present(axis.stepped, size, duration, speed, under_way=under_way))
+
+
+def _of_force(force: str) -> ManoeuvreKind:
+    """Return the row for the loop that drives *force*: heading (N), depth (Z), a boat's speed (X)."""
+    axis = next((a for a in AXES.values() if a.names.force == force), None)
+    if axis is None:
+        raise UsageError(f"the autopilot has no loop for {force}. Use N (heading), Z (depth) or X (speed)")
+    return _row(axis)
+
+
+def _row(axis: AxisKind) -> ManoeuvreKind:
+    return ManoeuvreKind(
+        name="step",
+        help="step and step back under the autopilot's own loop, to test gains",
+        excites=frozenset({axis.dof}),
+        drives=frozenset(),
+        make=partial(_make, axis),
+        options=("step", "step-duration"),
+        room="at the spot; a boat keeps its cruise speed",
+        identifies=False,
+        axis=axis.name,
+        command="tune AXIS, and recheck AXIS",
+        for_force=_of_force,
+    )
+
+
+KIND = _row(AXES["heading"])

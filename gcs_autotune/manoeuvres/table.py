@@ -10,7 +10,17 @@ import math
 from collections.abc import Mapping
 
 from gcs_autotune.axes import EXCITATIONS
-from gcs_autotune.manoeuvres import free_decay, layered, open_loop, set_point_relay, spiral, stopping, turning, zig_zag
+from gcs_autotune.manoeuvres import (
+    free_decay,
+    layered,
+    open_loop,
+    set_point_relay,
+    spiral,
+    step,
+    stopping,
+    turning,
+    zig_zag,
+)
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.relay import Relay, WallRelay
 from gcs_autotune.manoeuvres.relay_settings import OptionNames, RelaySettings
@@ -92,15 +102,6 @@ _WALL_RELAY = ManoeuvreKind(
     stays=True,
     needs="d",
 )
-_STEP = ManoeuvreKind(
-    name="step",
-    help="step and step back under the autopilot's own loop, to test gains",
-    excites=frozenset({"yaw", "heave", "surge"}),
-    drives=frozenset({"N"}),
-    identifies=False,
-    room="at the spot; a boat keeps its cruise speed",
-    command="tune AXIS",
-)
 _SIGN_CHECK = ManoeuvreKind(
     name="sign-check",
     help="a pulse and a pulse back, to check that an actuator moves the craft in the right direction",
@@ -170,7 +171,7 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         _RELAY,
         _WALL_RELAY,
         _THROTTLE_STEPS,
-        _STEP,
+        step.KIND,
         _SIGN_CHECK,
         _TURN_AROUND,
         _DIVE,

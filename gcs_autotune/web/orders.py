@@ -246,7 +246,7 @@ def _style(chosen: Mapping[str, Any], job: str) -> list[str]:
 def _chosen_manoeuvre(chosen: Mapping[str, Any]) -> tuple[ManoeuvreKind, str]:
     """Return the row of the chosen manoeuvre, and the force to drive; empty for its own."""
     kind = lookup(MANOEUVRES, str(chosen.get("manoeuvre", "")), "manoeuvre")
-    if kind.make is None:
+    if not kind.is_alone:
         raise UsageError(f"{kind.name} is not flown by itself, but by {kind.command}")
     force = str(chosen.get("force") or "")
     if force and force not in _forces(kind):

@@ -38,6 +38,7 @@ from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 from gcs_autotune.identify import ModelFile, fit_axis, load_model, model_file_of
 from gcs_autotune.identify.relay import predict_cycle
 from gcs_autotune.logs import TRIALS_FOLDER, load_runs
+from gcs_autotune.manoeuvres import SHARE_OF_TOP
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import DesignedGains, DesignedOwn, DesignedRelay
@@ -46,7 +47,7 @@ from gcs_autotune.trial import load_meta
 from gcs_autotune.workflow.authority import readable_runs
 from gcs_autotune.workflow.nominal_plant import motion_of
 from gcs_autotune.workflow.own_loops import SUPPLIED, range_of
-from gcs_autotune.workflow.proof import SHARE_OF_TOP, cruise_pair, known_of
+from gcs_autotune.workflow.proof import cruise_pair, known_of
 from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
 
 __all__ = ["DeskSettings", "design_at_desk", "designs_of_styles"]

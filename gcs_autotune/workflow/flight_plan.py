@@ -79,6 +79,7 @@ class FlySettings:
     held_out : whether the run is used for validation and not for the fit.
     points : timed points (s, m ahead, m to starboard), for a manoeuvre that takes them.
     beside : further models of the same craft, for other motions than ``model``.
+    follows : whether the run follows another one of the same command, and so need not be one that `fly` offers.
 
     Raises
     ------
@@ -97,11 +98,12 @@ class FlySettings:
     held_out: bool = False
     points: tuple[tuple[float, float, float], ...] = ()
     beside: tuple[ModelFile, ...] = ()
+    follows: bool = False
 
     def __post_init__(self) -> None:
         """Check that the run can be flown."""
         kind = self.kind
-        if kind.make is None:
+        if kind.make is None or not (kind.is_alone or self.follows):
             raise UsageError(
                 f"{kind.name} is not flown by itself, but by {kind.command}. `gcs-autotune fly --list` shows the others"
             )
@@ -213,12 +215,14 @@ class FlySettings:
 
 
 class FlownAgain(Protocol):
-    """A rule that evaluates the record of a run and may request another run; ``words`` announce it."""
-
-    words: str
+    """A rule that evaluates the record of a run and may request another run."""
 
     def meet(self, craft: MavlinkCraft) -> None:
         """Process the vehicle's identity and parameters, before anything moves."""
+        ...
+
+    def further(self, run: FlySettings) -> tuple[FlySettings, str, str]:
+        """Return the run that may follow *run*, its announcement as a sentence, and in a few words."""
         ...
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:

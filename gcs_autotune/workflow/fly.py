@@ -124,6 +124,7 @@ class _Flight:
         self._planner: SelfPlanner | None = None
         self._has_begun = False
         self._own: CraftLoops | None = None
+        self._further: FlightRun | None = None
         self._visit: Visit[MissionLog]
         self._previewer: FlightPreviewer
 
@@ -199,6 +200,12 @@ class _Flight:
                 run = self._planned_from(run, plan.until)
             self.runs.append(run)
             self._report_preview(run, f"preview of {settings.name}" if len(plan.runs) > 1 else "preview", only_preview)
+        if plan.again is not None:
+            further = previewer.run_of(plan.again.further(plan.runs[0])[0])
+            if further.rejection:
+                log.say(f"a {further.name} after these runs is not possible: {further.rejection}")
+            else:
+                self._further = further
         return held
 
     def _report_preview(self, run: FlightRun, of: str, only_preview: bool) -> None:
@@ -293,12 +300,13 @@ class _Flight:
     def _whole(self, diving: float) -> Excursion:
         """Return the excursion of the remaining runs, from arming to restoring, including *diving* [s]."""
         each = [run.excursion for run in self._left]
+        space = [*each, self._further.excursion] if each and self._further is not None else each
         check = sum(seconds for name, seconds in each[0].stages if name == STAGE) if each else 0.0
         looking = LOOKING * self._plan.calm * len(each)
         alone = [(name, seconds) for one in each for name, seconds in one.stages if name != STAGE]
         stages = ((STAGE, check), *alone) if check else tuple(alone)
         seconds = sum(one.seconds for one in each) - check * max(len(each) - 1, 0) + looking + diving
-        return replace(worst_of(each), seconds=seconds, stages=stages) if each else Excursion(0.0, 0.0)
+        return replace(worst_of(space), seconds=seconds, stages=stages) if each else Excursion(0.0, 0.0)
 
     def _stages(self) -> list[Leg]:
         """Return the stages of the runs and those between the runs, with their usual times."""
@@ -318,19 +326,21 @@ class _Flight:
         yield Leg(run.name, taken.get(run.name, run.preview.seconds))
 
     def _in_all(self, whole: Excursion) -> float:
-        """Return the longest time [s] of the runs, including the second flight of a recheck and its return."""
-        if self._plan.again is None or not self._left:
+        """Return the longest time [s] of the runs, including one that may follow them, and the return before it."""
+        if self._further is None or not self._left:
             return whole.seconds
-        run = self._left[0]
-        return 2.0 * whole.seconds + (whole.metres(run.envelope) / run.speed if run.speed else 0.0)
+        run = self._further
+        back = whole.metres(run.envelope) / run.speed if run.speed else 0.0
+        return whole.seconds + back + run.excursion.seconds
 
     def _continues(self, whole: Excursion) -> list[Intention]:
         """Return a sentence on what may follow the runs of the plan, which take the *whole* excursion."""
         until = self._plan.until
-        if self._plan.again is not None and self._left:
-            words = "return and " * self._visit.craft.firmware.needs_way + self._plan.again.words
+        if self._plan.again is not None and self._further is not None and self._left:
+            _, words, brief = self._plan.again.further(self._plan.runs[0])
+            back = "return and " * self._visit.craft.firmware.needs_way
             longest = f"up to {exactly(LATE * self._in_all(whole))} in all"
-            return [Intention(f"then {words}: {longest}", "Also", f"flies again at another size if needed, {longest}")]
+            return [Intention(f"then {back}{words}: {longest}", "Also", f"{brief}, {longest}")]
         if until is None:
             return []
         minutes = f"at most {until.seconds / 60.0:.0f} min"
@@ -474,11 +484,11 @@ class _Flight:
         if self._plan.again is None or last.trial is None:
             return None
         settings = self._plan.again.another(last.settings, last.trial, think)
-        if settings is None:
+        if settings is None or self._further is None:
             return None
         run = self._previewer.run_of(settings)
         if run.rejection:
-            self._visit.log.say(f"the run is not repeated: {run.rejection}")
+            self._visit.log.say(f"the {run.name} is not flown: {run.rejection}")
             return None
         return run
 

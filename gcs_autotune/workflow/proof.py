@@ -31,7 +31,15 @@ from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Fit, Model
 from gcs_autotune.identify.thrust import CURVE, square_of
-from gcs_autotune.manoeuvres import STOPPING, Step, StepSettings
+from gcs_autotune.manoeuvres import (
+    MOST_DURATION,
+    SHARE_OF_TOP,
+    STOPPING,
+    Step,
+    StepSettings,
+    speed_step,
+    step_from_present,
+)
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
@@ -41,7 +49,6 @@ from gcs_autotune.workflow.supplied_model import SuppliedModel
 
 __all__ = [
     "SHARE",
-    "SHARE_OF_TOP",
     "Known",
     "Proof",
     "cruise_pair",
@@ -57,14 +64,12 @@ __all__ = [
 
 FILTERED = ("surge",)
 """Degrees of freedom whose velocity is measured by a satellite receiver, which low-passes it."""
-SHARE_OF_TOP = 0.4
-"""Size of the speed step as a fraction of the working speed: from 60 % of it to 100 %. Project choice."""
 LEAST_NOISES = 8.0
 """Smallest useful speed or turn-rate step, in standard deviations of the measured noise. Project choice."""
-SPEED_BAND, RATE_BAND = 0.2, 0.25
-"""Deviation from the held velocity that counts as steady before the step, as a fraction of that velocity.
+RATE_BAND = 0.25
+"""Deviation from the held turn rate that counts as steady before the step, as a fraction of that rate.
 
-It is large because velocity signals are noisy.
+It is large because turn rates are noisy.
 """
 NEAR = 0.9
 """Fraction of the experiment's speed. For a step that ends below it, the cruise parameters are those of the
@@ -74,22 +79,13 @@ SAME_SPEED = 0.02
 """Relative difference from the measured cruise speed below which the present CRUISE_SPEED is kept."""
 LEAST_SETTLE = 6.0
 """Shortest time [s] for a boat to reach the turn rate at which its step begins."""
-SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
-"""Duration of a speed step in time constants of the craft, with its minimum and maximum [s]."""
+SETTLE_OF_TIME, LEAST_DURATION = 5.0, 8.0
+"""Duration of a speed step in time constants of the craft, and its minimum [s]."""
 SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
 """Duration of a half step that may end early, in time constants of the craft, and its minimum [s].
 
 A boat with useful gains is at its target by then. The two steps are compared over the time that both recorded.
 """
-HOLD = 10.0
-"""Hold [s] before the step of a craft that can keep its position, for the integral to settle. Project choice."""
-ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
-"""Time on target [s] that ends a half step, under way and at rest. Project choice.
-
-A slow drift due to a dead band of the thrusters lasts longer than this.
-"""
-LEAST = 3.0
-"""Shortest wait [s] on target, and before a step, even if craft and output are at rest. Project choice."""
 OF_TIME_BESIDE = 3.0
 """Duration of the additional turn-rate step of a heading tune, in time constants of the craft."""
 
@@ -160,22 +156,15 @@ class Proof:
 def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
     """Return the heading or depth step, flown at *speed* [m/s]."""
     d = axis.kind
-    step = StepSettings(
-        signal=d.excitation.signal,
-        size=settings.step if settings.step is not None else d.step,
-        duration=settings.step_duration or d.step_duration,
-        speed=speed,
-        hold=0.0 if axis.needs_speed else HOLD,
-        enough=_enough(settings, ENOUGH if axis.needs_speed else ENOUGH_AT_REST),
-        least_hold=_enough(settings, LEAST),
-        least_enough=_enough(settings, LEAST),
+    step = step_from_present(
+        d.excitation.signal,
+        settings.step if settings.step is not None else d.step,
+        settings.step_duration or d.step_duration,
+        speed,
+        under_way=axis.needs_speed,
+        ends_early=settings.ends_early,
     )
     return Proof(step, None, {})
-
-
-def _enough(settings: TuneSettings, seconds: float) -> float:
-    """Return the *seconds* after which a wait may end early, or never with Miskovic2010's stop rule."""
-    return math.inf if not settings.ends_early else seconds
 
 
 def proof_of_velocity(
@@ -215,8 +204,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
         (SETTLE_OF_TIME, LEAST_DURATION) if not settings.ends_early else (SHORT_OF_TIME, LEAST_SHORT)
     )
     duration = settings.step_duration or min(max(share * time, least_duration), MOST_DURATION)
-    enough, least = _enough(settings, ENOUGH), _enough(settings, LEAST)
-    step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=enough, least_enough=least)
+    step = speed_step(top, size, duration, ends_early=settings.ends_early)
     if top < NEAR * kept:
         throttle = throttle_of(known.actuator.output_for(holding(model, top)), present)
     return Proof(step, top - size, cruise_pair(known, throttle, present))

@@ -1,27 +1,33 @@
 """``recheck``: test whether the gains of an earlier tune are still good.
 
-Two relays on the set-point are flown. If the loop cannot be identified from them, they are flown again at another size.
-The result is compared with that of the last tune of the same vehicle.
+Two relays on the set-point are flown. Unless they show that the loop is poorly damped, the step of the last tune of the
+same vehicle is flown after them, and the two steps are compared. Without such a tune a step is flown only if the relays
+give no clear verdict.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from gcs_autotune.axes import AxisKind
+from gcs_autotune.design import StepMetrics
 from gcs_autotune.documents import SETTING_OUT
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
+from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.observer import Observer
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, sentence, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
-from gcs_autotune.trial import Trial
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial, load_meta, load_trial
+from gcs_autotune.workflow.experiments import measure, noise_in, resolution
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
 from gcs_autotune.workflow.fly import fly_plan
 from gcs_autotune.workflow.operator import Operator
@@ -32,9 +38,8 @@ __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 
 AFTER = "parameters_after.json"
 """Name of the file with the vehicle's parameters at the end of a tune."""
-SMALLER, LARGER = 0.5, 2.0
-"""Size of the second flight relative to the first: the smaller, and the larger if a dead band or noise masked the
-response.
+BAD, UNCLEAR = ("oscillates", "poorly damped"), ("undecided", "not identifiable")
+"""Verdicts on the relays after which no step is flown, and those after which one is flown even without an earlier tune.
 """
 MORE = 0.1
 """Increase of the overshoot since the tune, above which the loop counts as degraded. Project choice."""
@@ -49,12 +54,14 @@ class LastTune:
     ``directory``, ``when``: its run directory and time.
     ``gains``: the gains that it kept.
     ``numbers``: metrics of the step flown with these gains.
+    ``step``: the record of this step; None without one.
     """
 
     directory: Path
     when: str
     numbers: LoopNumbers
     gains: Mapping[str, float]
+    step: Path | None = None
 
     def changed(self, present: Mapping[str, float]) -> tuple[str, ...]:
         """Return the names of the gains whose values in *present* differ from those of the tune."""
@@ -84,7 +91,9 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
             )
             held = read(summary.parent / AFTER)
             gains = {str(name): float(value) for name, value in held.items()}
-            found.append((str(told["when"]), about, LastTune(summary.parent, str(told["when"]), numbers, gains)))
+            step = next(summary.parent.glob("trials/*-step-after.csv"), None)
+            tune = LastTune(summary.parent, str(told["when"]), numbers, gains, step)
+            found.append((tune.when, about, tune))
         except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
             continue
     for _, about, tune in sorted(found, key=lambda row: row[0], reverse=True):
@@ -94,24 +103,29 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
 
 
 class Recheck:
-    """The rule for a second flight: evaluate the loop from the first, and fly again with other sizes if necessary.
+    """The rule for a second flight: a step, unless the relays show that the loop is poorly damped.
+
+    Relays alone do not show slow errors: with gains whose ITAE was eight times that of the tune, they showed a loop as
+    well damped as after it.
 
     ``tune``: the last tune of the vehicle.
     ``changed``: names of the gains changed since the tune.
-    ``factor``: size of the second flight relative to the first; 0: none.
     ``shown``: the flight from which the loop is evaluated.
-    ``sheet``: figures computed from ``shown``.
-    ``why``: reason why there are no figures.
+    ``sheet``: figures computed from the relays.
+    ``why``: reason why there are none.
+    ``stepped``: whether a step was flown.
+    ``step``, ``step_then``: metrics of this step and of that of the tune over the same time; None if one cannot be
+    evaluated.
     """
-
-    words = "fly again at half or twice the size, if these relays do not determine the damping of the loop"
 
     def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
         self._axis, self._runs, self._observer = axis, runs, observer
         self.tune: LastTune | None = None
         self.changed: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
-        self.factor = 0.0
+        self.stepped = False
+        self.step: StepMetrics | None = None
+        self.step_then: StepMetrics | None = None
         self.why = ""
         self.shown: Trial | None = None
 
@@ -132,32 +146,40 @@ class Recheck:
         others = f". Changed since: {', '.join(self.changed)}" if self.changed else ". Its gains are unchanged"
         self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
+    def further(self, run: FlySettings) -> tuple[FlySettings, str, str]:
+        """Return the step that may follow the relays of *run*, with its announcement.
+
+        It is the step of the last tune, so that the two can be compared.
+        """
+        options = _options_of(self.tune)
+        step = replace(run, manoeuvre="step", options=options, name="step", follows=True)
+        size = options.get("step", self._axis.step)
+        unit = "deg" if self._axis.angular else SIGNALS[self._axis.stepped][0]
+        shown = f" of {math.degrees(size) if self._axis.angular else size:.3g} {unit}" if math.isfinite(size) else ""
+        if options:
+            words = (
+                f"fly a step{shown} and back, as in the tune, unless these relays show that the loop is poorly damped"
+            )
+            return step, words, f"a step{shown} and back, as in the tune"
+        words = f"fly a step{shown} and back, if these relays give no clear verdict"
+        return step, words, f"a step{shown} and back if the relays decide nothing"
+
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
-        """Return the second run, or None if the first one was sufficient.
+        """Return the step, or None if the relays were sufficient or the step was flown.
 
         *think* runs a computation while the link is served.
         """
-        sheet, why = think(partial(read_loop, trial))
-        if not self.factor or (
-            sheet is not None and _is_informative(sheet)
-        ):  # otherwise the first one is more informative
-            self.sheet, self.why, self.shown = sheet, why, trial
-        if self.factor or (sheet is not None and _is_informative(sheet)):
+        if run.manoeuvre == "step":
+            self.stepped, (self.step, self.step_then) = True, think(partial(read_steps, trial, self.tune))
+            self.shown = self.shown if self.step is None else trial
             return None
-        small = sheet is not None and any("larger" in doubt.cure for doubt in sheet.doubts)
-        factor = LARGER if small else SMALLER
-        usual = run.make(0.0, speed=1.0).meta_fields
-        sizes = zip(("set-point", "second-set-point"), usual["set_points"], strict=True)
-        passed = zip(("hysteresis", "second-hysteresis"), usual["hystereses"], strict=True)
-        options = {name: factor * float(value) for name, value in (*sizes, *passed)}
-        try:
-            other = replace(run, options={**run.options, **options}, name=f"{run.name}-again")
-        except AutotuneError:  # below what the sensors show, or beyond what the loop may be asked
-            return None
-        self.factor = factor
-        half = "half of" if factor < 1.0 else "twice"
-        self._observer.say(f"the relays do not determine the damping of the loop: flying again at {half} their size")
-        return other
+        self.sheet, self.why = think(partial(read_loop, trial))
+        self.shown = trial
+        kind = verdict_of(self._axis.name, self).kind
+        if kind == "not identifiable":
+            self._observer.say("the relays do not determine the damping of the loop")
+        is_enough = kind in BAD if _options_of(self.tune) else kind not in UNCLEAR
+        return None if is_enough else self.further(run)[0]
 
 
 def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
@@ -167,6 +189,39 @@ def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
     except NotInformative as error:
         return None, trial.reason if trial.reason.startswith("not settled") else str(error)
     return sheet, ""
+
+
+def read_steps(trial: Trial, tune: LastTune | None) -> tuple[StepMetrics | None, StepMetrics | None]:
+    """Return the metrics of a flown step, and of the step of the last *tune* over the same time.
+
+    Both are measured as in a tune. None: there is no such step, or its record is too short.
+    """
+    if tune is not None and tune.step is not None:
+        with suppress(AutotuneError, OSError, KeyError):
+            then = load_trial(tune.step)
+            windows = common_windows(trial, then)
+            return _measured(trial, windows), _measured(then, windows)
+    return _measured(trial), None
+
+
+def _measured(step: Trial, windows: Sequence[float] = ()) -> StepMetrics | None:
+    signal = str(step.meta["signal"])
+    try:
+        metrics = measure(step, noise_in(step, signal), resolution(step), windows)
+    except NotInformative:
+        return None
+    return metrics if math.isfinite(metrics.overshoot) else None
+
+
+def _options_of(tune: LastTune | None) -> dict[str, float]:
+    """Return size and duration of the step that a *tune* flew with its new gains, as options; empty if unknown."""
+    if tune is None or tune.step is None:
+        return {}
+    try:
+        meta = load_meta(tune.step)
+        return {"step": abs(float(meta["size"])), "step-duration": float(meta["duration"])}
+    except (AutotuneError, OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
 def _is_informative(sheet: Sheet) -> bool:
@@ -197,11 +252,14 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     now = LoopNumbers(overshoot_std=std, **{slug: of(slug) for slug in slugs})
     verdict = partial(LoopCheck, axis, now=now, then=then, when="" if tune is None else tune.when)
     note: tuple[str, ...] = ()
-    if check.factor:
-        size = "half" if check.factor < 1.0 else "twice"
-        note = (f"The first relays gave no clear result, so they were flown again at {size} the size.",)
     if check.changed:
-        note = (*note, f"Gains changed since the tune: {', '.join(check.changed)}.")
+        note = (f"Gains changed since the tune: {', '.join(check.changed)}.",)
+    if check.step is not None:
+        is_known = sheet is not None and _is_informative(sheet)
+        if not is_known:
+            note = ("The relays did not determine the damping. The figures are those of a flown step.", *note)
+        damping = of("damping") if is_known else math.nan
+        return _of_step(check.step, check.step_then, damping, partial(verdict, notes=note), axis)
     if sheet is not None and "oscillation" in told:
         return verdict("oscillates", f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}.", "bad", note)
     if sheet is None or not _is_informative(sheet):
@@ -210,6 +268,8 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         )
         text = f"Not identifiable: these relays do not determine the damping of the {axis} loop. {sentence(why)}"
         cure = f"Check the plot, fly in calmer water or with other sizes (--set-point), or run {again}."
+        if check.stepped:
+            note = (*note, "A flown step could not be evaluated either.")
         return verdict("not identifiable", text, "neutral", (*note, cure), now=LoopNumbers())
     zeta, zeta_std = told["damping"].value, told["damping"].std
     over, over_std = told["overshoot"].value, told["overshoot"].std
@@ -232,6 +292,36 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         text = f"Good: the {axis} loop is{well} damped. There is no earlier tune to compare with."
         return verdict("good", text, "good", note)
     return verdict("good", f"Good: the {axis} loop is not clearly worse than after its tune.", "good", note)
+
+
+def _of_step(
+    step: StepMetrics, at_tune: StepMetrics | None, damping: float, verdict: Callable[..., LoopCheck], axis: str
+) -> LoopCheck:
+    """Return the verdict on the loop of *axis* from a flown *step*, from that of the last tune and the *damping* ratio
+    that the relays show.
+    """
+    now = LoopNumbers(step.overshoot, step.rise, step.settling, damping, itae=step.itae, span=step.span)
+    verdict = partial(verdict, now=now)
+    shown = f"overshoots a step by {100.0 * step.overshoot:.0f} %"
+    settles = math.isfinite(step.settling) or step.hidden_by_noise
+    if at_tune is not None:
+        then = LoopNumbers(at_tune.overshoot, at_tune.rise, at_tune.settling, itae=at_tune.itae, span=at_tune.span)
+        verdict = partial(verdict, then=then)
+        worse = _worse(now, 0.0, then)
+        if not worse and now.itae > SLOWER * then.itae:
+            worse = f"the tracking error of a step is {now.itae / then.itae:.1f} times that after the tune"
+        if worse:
+            return verdict("degraded", f"Degraded since the tune: {worse}. Run gcs-autotune tune {axis}.", "bad")
+    if step.overshoot > LARGE_OVERSHOOT:
+        text = f"Large overshoot: the {axis} loop {shown}. Run gcs-autotune tune {axis}."
+        return verdict("poorly damped", text, "bad")
+    if at_tune is not None:
+        return verdict("good", f"Good: the {axis} loop is not clearly worse than after its tune.", "good")
+    if not settles:
+        text = f"Undecided: the {axis} loop {shown}, and does not settle to within 5 % in {step.span:.0f} s."
+        return verdict("undecided", text, "neutral")
+    text = f"Good: the {axis} loop {shown}. There is no earlier step of a tune to compare with."
+    return verdict("good", text, "good")
 
 
 def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
@@ -259,7 +349,7 @@ def recheck(
     shown = check.shown if check.shown is not None else next(run.trial for run in result.runs if run.trial is not None)
     found = verdict_of(axis.name, check)
     directory = common.directory
-    doubts = () if check.sheet is None else tuple(check.sheet.doubts)
+    doubts = () if check.sheet is None or check.step is not None else tuple(check.sheet.doubts)
     found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
     title = f"Recheck of {axis.name}: {common.connection.uri}"
     document = recheck_document(found, title, when, shown)

@@ -148,7 +148,7 @@ def test_an_abort_in_any_phase_restores_the_craft_and_keeps_the_record(name: str
 
 
 def test_every_row_is_tested_and_has_its_name() -> None:
-    assert {name for name, kind in MANOEUVRES.items() if kind.make is None} == set(BY_COMMAND)
+    assert {name for name, kind in MANOEUVRES.items() if not kind.is_alone} == set(BY_COMMAND)
     for name, kind in MANOEUVRES.items():
         assert kind.name == name
         for preset in kind.presets:

@@ -296,9 +296,7 @@ def test_choices_become_a_valid_command_line(tmp_path: Path) -> None:
     assert make_parser().parse_args(list(preview.arguments)).preview
 
 
-@pytest.mark.parametrize(
-    "kind", [kind for kind in MANOEUVRES.values() if kind.make is not None], ids=lambda kind: kind.name
-)
+@pytest.mark.parametrize("kind", [kind for kind in MANOEUVRES.values() if kind.is_alone], ids=lambda kind: kind.name)
 def test_every_manoeuvre_can_be_chosen_with_each_force_and_its_options(kind: ManoeuvreKind, tmp_path: Path) -> None:
     (offered,) = [each for each in fields()["manoeuvres"] if each["name"] == kind.name]
     assert [option["name"] for option in offered["options"]] == list(kind.options)

@@ -1,4 +1,4 @@
-"""Is the old tune still good? Verdicts, the last tune found, other sizes flown, and what people are shown."""
+"""Is the old tune still good? Verdicts, the last tune found, the step after the relays, and what people are shown."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from gcs_autotune.axes import AXES
+from gcs_autotune.design import StepMetrics
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.open_loop import Reading
@@ -75,10 +76,42 @@ def test_a_well_damped_loop_with_a_large_overshoot_is_not_called_poorly_damped()
 
 
 def test_the_terminal_shows_the_numbers_with_those_of_the_tune_and_no_coefficients() -> None:
-    shown = render_text(recheck_document(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
+    shown = render_text(recheck_document(judged(GOOD, TUNED, changed=("ATC_STR_RAT_P",))))
     assert "tune of" in shown and "step overshoot" in shown and "5 ± 2" in shown
-    assert "flown again at half the" in shown and "Gains changed since the tune: ATC_STR_RAT_P" in shown
+    assert "Gains changed since the tune: ATC_STR_RAT_P" in shown
     assert "a_1" not in shown and "b_1" not in shown
+
+
+def stepped(overshoot: float, itae: float, settling: float = 3.5) -> StepMetrics:
+    return StepMetrics(itae, overshoot, 1.8, settling, 0.0, 0.1, span=12.0)
+
+
+@pytest.mark.parametrize(
+    ("now", "then", "kind", "text"),
+    [
+        (stepped(0.05, 2.1), stepped(0.04, 2.0), "good", "not clearly worse than after its tune"),
+        (stepped(0.05, 3.1), stepped(0.04, 2.0), "degraded", "tracking error of a step is 1.6 times that after"),
+        (stepped(0.16, 2.1), stepped(0.04, 2.0), "degraded", "overshoots by 16 % (after the tune: 4 %)"),
+        (stepped(0.25, 2.1), stepped(0.24, 2.0), "poorly damped", "Large overshoot"),
+        (stepped(0.05, 2.0, math.nan), stepped(0.04, 2.0), "good", "not clearly worse"),
+        (stepped(0.05, 2.0), None, "good", "no earlier step of a tune"),
+        (stepped(0.05, 2.0, math.nan), None, "undecided", "does not settle to within 5 % in 12 s"),
+    ],
+)  # fmt: skip
+def test_a_flown_step_is_compared_with_that_of_the_tune(
+    now: StepMetrics, then: StepMetrics | None, kind: str, text: str
+) -> None:
+    found = judged(None, TUNED, step=now, step_then=then)
+    assert found.kind == kind and text in found.text
+    assert found.now.itae == now.itae and "did not determine the damping" in found.notes[0]
+
+
+def test_the_damping_that_relays_show_stands_beside_the_figures_of_a_step() -> None:
+    found = judged(GOOD, TUNED, step=stepped(0.05, 2.1), step_then=stepped(0.04, 2.0))
+    assert found.now.damping == 0.7 and found.now.overshoot == 0.05 and not found.notes
+    assert "ITAE per unit step" in render_text(recheck_document(found))
+    late = judged(GOOD, TUNED, step=stepped(0.05, 2.0, math.nan), step_then=stepped(0.04, 2.0))
+    assert "not in 12 s" in render_text(recheck_document(late))
 
 
 def noted(folder: Path, name: str, when: str, board: str, **summary: Any) -> None:
@@ -108,9 +141,10 @@ def test_the_last_tune_is_the_newest_kept_one_of_this_vehicle(
     assert last_tune(tmp_path / "none", "heading", lambda about: True) is None
 
 
-def checked(harness: SitlHarness, runs: Path, options: dict[str, float] | None = None, **common: Any) -> Any:
-    settings = FlySettings("set-point-relay", harness.common(**common), options or {}, force="N")
-    return recheck(FlightPlan.of(settings), AXES["heading"], Unattended(), Ear(harness.said), WHEN, runs)
+def checked(harness: SitlHarness, runs: Path, axis: str = "heading", **common: Any) -> Any:
+    kind = AXES[axis]
+    settings = FlySettings("set-point-relay", harness.common(**common), {}, force=kind.names.force)
+    return recheck(FlightPlan.of(settings), kind, Unattended(), Ear(harness.said), WHEN, runs)
 
 
 @pytest.mark.slow
@@ -131,16 +165,16 @@ def test_a_loop_in_a_limit_cycle_is_reported_in_red_with_its_amplitude(tmp_path:
 
 
 @pytest.mark.slow
-def test_uninformative_sizes_are_halved_and_flown_again_without_a_good_verdict(tmp_path: Path) -> None:
-    """The space ends before the second relay, whatever its size."""
-    harness = SitlHarness(tmp_path)
-    found = checked(harness, tmp_path, envelope=Envelope(distance=160.0))
-    assert (found.kind, found.tone) == ("not identifiable", "neutral")
-    assert any("flying again at half of their size" in text for text in harness.said)
-    assert "at half the size" in found.notes[0]
+def test_a_step_is_flown_if_the_relays_decide_nothing(tmp_path: Path) -> None:
+    """The thrusters of this ROV are at their limit for much of each relay on its depth."""
+    harness = SitlHarness(tmp_path, "bluerov2")
+    found = checked(harness, tmp_path, axis="depth")
+    assert (found.kind, found.tone) == ("good", "good"), found.text
+    assert "a step of 1 m and back, if these relays give no clear verdict" in " ".join(harness.said)
+    assert "figures are those of a flown step" in found.notes[0] and math.isfinite(found.now.itae)
     names = {path.stem.partition("-")[2] for path in (harness.directory / "trials").glob("*.csv")}
-    assert {"set-point-relay", "set-point-relay-again"} <= names
-    assert '<div class="verdict neutral">' in (harness.directory / "report.html").read_text(encoding="utf-8")
+    assert {"set-point-relay", "step"} <= names
+    harness.assert_neutral()
 
 
 @pytest.mark.slow

@@ -38,6 +38,8 @@ class LoopNumbers:
     ``overshoot``: of a step, as a fraction of the step; ``overshoot_std``: its standard error.
     ``rise`` (10 to 90 %), ``settling`` (to 5 %): times [s].
     ``damping``: damping ratio.
+    ``itae`` [s^2]: integral of time times absolute error, per unit step. ``span`` [s]: time over which the step was
+    recorded. Both are only of a flown step.
     ``oscillation``: amplitude with a constant command [SI, rad]; ``period``: its period [s].
     """
 
@@ -48,6 +50,8 @@ class LoopNumbers:
     oscillation: float = math.nan
     period: float = math.nan
     overshoot_std: float = math.nan
+    itae: float = math.nan
+    span: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,32 +123,37 @@ SECTIONS = (_metrics, _record)
 def _numbers(check: LoopCheck) -> Table:
     now, then = check.now, check.then
     unit, factor = to_people(SIGNALS[axis_kind(check.axis).stepped][0])
-    std = now.overshoot_std
     rows = [
-        _row("step overshoot", "%", 100.0, now.overshoot, math.nan if then is None else then.overshoot, std),
-        _row("rise time (10 to 90 %)", "s", 1.0, now.rise, math.nan if then is None else then.rise),
-        _row("settling time (to within 5 %)", "s", 1.0, now.settling, math.nan if then is None else then.settling),
-        _row("damping ratio", "", 1.0, now.damping, math.nan),
-        _row("oscillation at constant command", unit, factor, now.oscillation, math.nan),
-        _row("period of this oscillation", "s", 1.0, now.period, math.nan),
+        _row("step overshoot", "%", 100.0, "overshoot", now, then),
+        _row("rise time (10 to 90 %)", "s", 1.0, "rise", now, then),
+        _row("settling time (to within 5 %)", "s", 1.0, "settling", now, then),
+        _row("ITAE per unit step", "s²", 1.0, "itae", now, then),
+        _row("damping ratio", "", 1.0, "damping", now, None),
+        _row("oscillation at constant command", unit, factor, "oscillation", now, None),
+        _row("period of this oscillation", "s", 1.0, "period", now, None),
     ]
     heads = ("figure", "now", f"tune of {format_moment(check.when)}" if then is not None else "", "unit")
     return Table(heads, "lrrl", tuple(row for row in rows if any(row[1:3])))
 
 
-def _row(name: str, unit: str, factor: float, now: float, then: float, std: float = math.nan) -> tuple[str, ...]:
-    values = [format_number(factor * value, 3) if math.isfinite(value) else "" for value in (now, then)]
-    if values[0] and math.isfinite(std):
-        values[0] = format_value(factor * now, factor * std)
-    if values[1] and not values[0]:
-        values[0] = "not identified"
-    return (name, *values, unit)
+def _row(name: str, unit: str, factor: float, slug: str, now: LoopNumbers, then: LoopNumbers | None) -> tuple[str, ...]:
+    """Return one row of the table. A value that only one of the two loops has is named as missing."""
+    pair = [math.nan if numbers is None else factor * getattr(numbers, slug) for numbers in (now, then)]
+    shown = [format_number(value, 3) if math.isfinite(value) else "" for value in pair]
+    if slug == "overshoot" and shown[0] and math.isfinite(now.overshoot_std):
+        shown[0] = format_value(pair[0], factor * now.overshoot_std)
+    if any(shown) and not all(shown) and then is not None:
+        k = shown.index("")
+        span = (now, then)[k].span
+        shown[k] = f"not in {span:.0f} s" if math.isfinite(span) else "not identified" * (k == 0)
+    return (name, *shown, unit)
 
 
 def _response(axis: str, run: Trial) -> Iterator[Figure]:
     """Yield the plot of command and response, relative to the initial course."""
     signal = axis_kind(axis).stepped
     commanded = [(m.t, float(m.detail[f"{signal}_ref"])) for m in run.marks if f"{signal}_ref" in m.detail]
+    commanded += [(m.t, float(m.detail["value"])) for m in run.marks if m.kind == "target"]
     if signal in run and commanded:
         caption = f"Commanded and measured {axis}. A well damped loop follows quickly, without oscillation."
         yield Figure("recheck", caption, partial(_draw_response, axis, run, commanded))
