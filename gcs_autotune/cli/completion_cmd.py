@@ -43,7 +43,7 @@ def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
         elif action.type in (Path, page_file):
             action.complete = mark  # type: ignore[attr-defined]
         elif action.dest == "manoeuvre":
-            action.choices = [kind.name for kind in MANOEUVRES.values() if kind.make is not None]
+            action.choices = [kind.name for kind in MANOEUVRES.values() if kind.is_alone]
 
 
 COMMAND = Command(

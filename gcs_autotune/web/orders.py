@@ -114,7 +114,7 @@ def fields(preset: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
         "everyday": EVERYDAY,
         "jobs": [{"name": name, "title": title, "example": _BOAT} for name, title in JOBS.items()],
         "axes": [{"name": name, "example": kind.example, "signal": kind.stepped} for name, kind in AXES.items()],
-        "manoeuvres": [_manoeuvre(kind) for kind in MANOEUVRES.values() if kind.make is not None],
+        "manoeuvres": [_manoeuvre(kind) for kind in MANOEUVRES.values() if kind.is_alone],
         "sides": SIDES,
         "styles": STYLES,
         "numbers": {heading: [_field(name, preset) for name in names] for heading, names in _ASKED.items()},

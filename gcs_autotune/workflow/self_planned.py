@@ -138,7 +138,7 @@ def offers_for(
     throttles = (cruise,) if firmware.needs_way else THROTTLES if "X" in able else (0.0,)
     found: dict[str, Offer] = {}
     for kind in _kinds(able):
-        if not (kind.identifies and kind.make is not None and kind.suits(firmware) and kind.drives <= able):
+        if not (kind.identifies and kind.is_alone and kind.suits(firmware) and kind.drives <= able):
             continue
         if kind.tied or kind.needs:  # a bollard or a wall ahead must be requested
             continue
