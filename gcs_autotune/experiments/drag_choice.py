@@ -109,11 +109,12 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str, parts: str)
     seen = f"{signal_meaning(signal, fit.dof).split(',')[0]}, delay {fit.model.delay:.2g} s"
     what = f"{parts} held out in turn ({seen})"
     if not math.isfinite(best.left_out):
-        reasons.append(f"{what}: no structure can predict it")
+        reasons.append(f"{what}: not each can be predicted from the others")
     elif best.left_out < (1.0 - ALIKE) * own.left_out:
         reasons.append(f"{what}: {DAMPING[best.structure]} predicts better than {DAMPING[own.structure]}")
     else:
-        reasons.append(f"{what}: {DAMPING[own.structure]} predicts best")
+        how = "best" if best is own else f"about as well as {DAMPING[best.structure]}"
+        reasons.append(f"{what}: {DAMPING[own.structure]} predicts {how}")
     known = [row for row in table if np.isfinite(row.bic)]
     if known:
         reasons.append(
