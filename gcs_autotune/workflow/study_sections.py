@@ -160,7 +160,7 @@ def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:
 
 def _people(value: float, signal: str) -> str:
     if not math.isfinite(value):
-        return "not each"
+        return "not every part"
     return format_error(value, SIGNALS[signal].unit)
 
 
@@ -187,7 +187,7 @@ def forms_weighed(choice: FormChoice) -> Weighed:
     rows = tuple(
         (
             r.form.name,
-            f"{100.0 * r.left_out:.1f} %" if math.isfinite(r.left_out) else "not each",
+            f"{100.0 * r.left_out:.1f} %" if math.isfinite(r.left_out) else "not every part",
             f"{r.bic - least + 0.0:.1f}" if math.isfinite(r.bic) else "",
             "chosen" if r is choice.chosen else ", ".join(r.complaints),
         )
