@@ -247,7 +247,8 @@ def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | Non
     alone = all(run.meta.get("thrust_curve") is True for run in runs)
     if alone or len(args.runs) > 1 or any(asked) or args.method != "output-error" or not file.is_file():
         return None
-    return file if load_model(file).model.effects else None
+    effects = {effect.slug for effect in load_model(file).model.effects}
+    return file if effects - {"input-delay"} else None  # a delay alone is fitted by every identification
 
 
 def _other(text: str | None, load: Callable[[Path], ModelFile]) -> ModelFile | str | None:

@@ -136,6 +136,7 @@ def _ratio_interval(squares: Sequence[Array]) -> tuple[float, float]:
     squares : for each part, the squared errors (2, k) of both models.
     """
     draws = np.random.default_rng(SEED)
+    squares = [part for part in squares if part.size]  # a part may be shorter than the horizon
     ratios = []
     for _ in range(DRAWS):
         chosen = [squares[i] for i in draws.integers(0, len(squares), len(squares))]

@@ -37,6 +37,8 @@ def test_runs_fitted_with_effects_are_fitted_with_them_again(
 
     assert "dead-zone@N.width" not in found("--save", str(model)), "a model without effects"
     assert "dead-zone@N.width" not in found()
+    found("--structure", "linear", "--delay", "0.2", "--save", str(model))
+    assert "alpha_r" in found(), "a delay alone is no effect"
     found("--structure", "linear", "--effects", "dead-zone@N", "--save", str(model))
     assert found()["dead-zone@N.width"] == pytest.approx(WIDTH, rel=0.05)
     assert "dead-zone@N.width" not in found("--structure", "linear"), "explicit options override the recorded ones"

@@ -109,6 +109,11 @@ def test_terminal_and_page_begin_with_the_lead(name: str) -> None:
     assert page.index(lead[:40]) < page.index("Basis of this result")
 
 
+def test_the_lead_calls_a_hypothesis_a_possible_cause() -> None:
+    assert not lead_sentence(dead_zone()).startswith("A possible cause")
+    assert lead_sentence(replace(dead_zone(), verdict="partly-explained")).startswith("A possible cause: ")
+
+
 def test_the_first_figure_comes_before_the_verdict() -> None:
     page = page_of(dead_zone(), "boat", WHEN)
     assert page.index('class="lead') < page.index("<svg") < page.index('class="verdict')

@@ -54,7 +54,8 @@ def test_a_dead_zone_and_weak_astern_thrust_are_corrected_and_proved(tmp_path: P
     assert Journal.read(harness.directory / "journal.jsonl").is_settled
     summary = json.loads((harness.directory / "summary.json").read_text())
     assert summary["thrust"]["after"]["departure"] == pytest.approx(story.thrust_after.departure)
-    assert "Thrust at each command" in (harness.directory / "report.html").read_text()
+    page = (harness.directory / "report.html").read_text()
+    assert "Thrust at each command" in page and "Thrust (measured): departs from the command by" in page
     announced = " ".join(harness.said)
     assert announced.index("will write some of MOT_THR_MIN") < announced.index("State before the run")
 

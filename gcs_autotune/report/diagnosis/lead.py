@@ -69,7 +69,8 @@ def lead_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.causes:
         more = MORE[min(len(diagnosis.causes) - 1, len(MORE) - 1)]
         begin = f"With this cause and {more} in the simulation" if more else "With this cause in the simulation"
-        return f"{plain_sentence(diagnosis, diagnosis.causes[0])} {_difference(diagnosis.gain, begin)}"
+        maybe = "A possible cause: " if diagnosis.verdict == "partly-explained" else ""
+        return f"{maybe}{plain_sentence(diagnosis, diagnosis.causes[0])} {_difference(diagnosis.gain, begin)}"
     said = f"{_begun(simulation)} differs from your craft by more than noise. These runs do not show why."
     hint = f" A possible cause: {plain_sentence(diagnosis, diagnosis.hints[0])}" if diagnosis.hints else ""
     return said + _error(diagnosis) + hint

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 
-from gcs_autotune.design import Margins, PositionMetrics, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Linearity, Margins, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.report.toolkit.document import Tone, Verdict
 from gcs_autotune.report.toolkit.wording import (
     format_change,
@@ -69,6 +69,8 @@ def verdict_of(story: TuneStory) -> Verdict:
     text = headline.format(axis=_NAMED.get(story.axis, story.axis), gains=gains, measured=measured, ending=story.ending)
     is_conclusive = story.ending in ("kept", "dry-run", "declined")
     sentences = [] if is_conclusive else [sentence(story.reason)]
+    if story.thrust_before is not None and story.thrust_after is not None:
+        sentences.append(thrust_words(story.thrust_before, story.thrust_after))
     if story.metrics_before is not None and story.metrics_after is not None:
         sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
         if story.beside is not None:
@@ -97,6 +99,12 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
         f"{format_share(after.overshoot)} (before: {format_share(before.overshoot)}); "
         f"{_settling_words(after)} (before: {settling_cell(before)})."
     )
+
+
+def thrust_words(before: Linearity, after: Linearity) -> str:
+    """Return one sentence on how far the thrust departs from the command."""
+    now, was = f"{100.0 * after.departure:.1f} %", f"{100.0 * before.departure:.1f} %"
+    return f"Thrust (measured): departs from the command by {now} of full output (before: {was})."
 
 
 def route_words(before: TrackMetrics, after: TrackMetrics | None) -> str:
