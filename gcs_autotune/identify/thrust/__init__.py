@@ -26,6 +26,7 @@ from gcs_autotune.identify.thrust.thrust_curve import (
     either_kind,
     fit_thrust_curve,
     fit_with_actuator,
+    with_doubt_of_kind,
     with_thrust_curve,
 )
 
@@ -46,6 +47,7 @@ __all__ = [
     "set_on_the_way_back",
     "square_of",
     "with_actuator",
+    "with_doubt_of_kind",
     "with_doubt_of_thrust",
     "with_thrust_curve",
 ]
