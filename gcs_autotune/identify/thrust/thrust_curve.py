@@ -42,6 +42,7 @@ __all__ = [
     "either_kind",
     "fit_thrust_curve",
     "fit_with_actuator",
+    "limit_sentence",
     "pays",
     "with_doubt_of_kind",
     "with_thrust_curve",
@@ -404,6 +405,11 @@ def effect_number(fit: Fit[Model], slug: str) -> Parameter:
     return next(p for name, p in fit.parameters.items() if name.startswith(slug))
 
 
+def limit_sentence(limit: str) -> str:
+    """Return a sentence on an output *limit*, as text, above which the force of a model is constant."""
+    return f"Above {limit} of the autopilot's full output, the force of the model stays constant"
+
+
 def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
     """Return one sentence that reports the thrust curve, dead band or saturation in *fit*.
 
@@ -415,10 +421,9 @@ def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = 
     if QUADRATIC in has:
         share, (at, part) = effect_number(fit, QUADRATIC), _bent_at_half(fit)
         sure = share.value > _STDS * share.std
-        square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command"
-    levels = (
-        f". The fit limits the force at {effect_number(fit, LEVEL).value:.0%} of full output" if LEVEL in has else ""
-    )
+        flown = f"{share.value:.0%} at {_reference(fit):.0%}, the largest output flown"
+        square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command ({flown})"
+    levels = f". {limit_sentence(f'{effect_number(fit, LEVEL).value:.0%}')}" if LEVEL in has else ""
     if DEAD_ZONE in has:
         what = f"an actuator that does nothing below {effect_number(fit, DEAD_ZONE).value:.1%} of full output"
         if _lost(fit) == 0.0:

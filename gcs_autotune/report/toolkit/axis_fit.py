@@ -11,6 +11,7 @@ import numpy as np
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, effect_words
 from gcs_autotune.identify import DAMPING, AxisFit, IsoEstimate, LimitCycle, Parameter, Remainder, StructureFit, Trace
 from gcs_autotune.identify.relay import SCATTER
+from gcs_autotune.identify.thrust import limit_sentence
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.document import Note, Part, Table
 from gcs_autotune.report.toolkit.wording import (
@@ -321,10 +322,7 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
     if own.slug == "dead-zone":
         return f"The model has a dead zone: no force below {number('width')} of full output."
     if own.slug == "saturation":
-        return (
-            f"The fit limits the force at {number('limit')} of full output. Thrust that flattens gradually gives such "
-            "a limit too."
-        )
+        return f"{limit_sentence(number('limit'))}. Thrust that flattens gradually gives such a limit too."
     values = ", ".join(f"{name} {number(name)}" for name in own.values)
     return f"Actuator: {effect_words(own.slug)}, {values}."
 
