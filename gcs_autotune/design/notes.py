@@ -193,11 +193,11 @@ def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate, wid
     """Return a note on how much the documented ranges cost, and how to try gains outside them."""
     moved = [g.parameter for g in (*problem.gains, *problem.late) if not g.low <= wider.settings[g.parameter] <= g.high]
     gains = ", ".join(f"{name} {axis.names.own_value(name, wider.settings[name]):.3g}" for name in moved)
-    old, new = shown.prediction.metrics.itae, wider.prediction.metrics.itae
+    lower = 1.0 - wider.prediction.metrics.itae / shown.prediction.metrics.itae
     return (
         "ArduPilot's documented ranges limit these gains. The ranges were chosen for cars and copters. Beyond them, "
-        f"the predicted tracking error is {new:.3g} instead of {old:.3g} s^2 with the same margins ({gains}). To "
-        "allow such gains, use --beyond-ranges"
+        f"the predicted tracking error is {lower:.0%} lower with the same margins ({gains}). To allow such gains, use "
+        "--beyond-ranges"
     )
 
 

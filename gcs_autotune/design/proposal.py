@@ -136,6 +136,8 @@ def design(
             replace(predictions[1], metrics=read.other, halves=new),
         )
         windows = read.windows
+        if not changes:
+            predictions = predictions[0], predictions[0]
     limit = limit_by_loop_rate(problem, shown)
     velocity = float(np.max(np.abs(np.gradient(shown.prediction.position, shown.prediction.t))))
     return Proposal(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 from gcs_autotune import chi_square
@@ -17,7 +18,7 @@ from gcs_autotune.diagnose.process_noise import CONSTANT
 from gcs_autotune.diagnose.result import Hint, Lack
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.diagnose.search import Search
-from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
+from gcs_autotune.effects import EFFECTS, EffectInstance, may_be_none, name_of
 from gcs_autotune.identify.signals import Segment
 
 __all__ = [
@@ -92,8 +93,15 @@ def hints_of(search: Search, causes: Sequence[EffectInstance], segments: Sequenc
     causes : the identified causes.
     """
     known = {key_of(e) for e in causes}
-    weak = [w for w in weak_among(search) if key_of(w.one.effect) not in known][:MOST_HINTS]
-    return tuple(_hint(search, w, segments) for w in weak)
+    hints = (_hint(search, w, segments) for w in weak_among(search) if key_of(w.one.effect) not in known)
+    return tuple(islice((hint for hint in hints if not _may_be_none(hint)), MOST_HINTS))
+
+
+def _may_be_none(hint: Hint) -> bool:
+    """Return whether the 95 % intervals of the estimate of *hint* include the case of no effect."""
+    std = {name: value.std for name, value in hint.parameters.items()}
+    values = {name: value.value for name, value in hint.parameters.items()}
+    return may_be_none(EffectInstance(hint.cause, hint.place, values), std)
 
 
 def weak_among(search: Search) -> list[WeakCandidate]:

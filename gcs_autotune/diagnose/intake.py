@@ -327,9 +327,16 @@ def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
     still = {n for n in motions if np.ptp(channels[n].values) == 0.0}
     pairs = [{dof.velocity, dof.position} & set(motions) for dof in DOFS.values()]
     dead = [name for pair in pairs if pair - still for name in pair & still]
-    if dead:
-        doubts.append(_doubt(run, dead, "left out, constant while the craft moves", "check the sensor"))
+    needed = [name for name in dead if name in _needed(run)]
+    if needed:
+        doubts.append(_doubt(run, needed, "left out, constant while the craft moves", "check the sensor"))
     return replace(run, channels={name: channel for name, channel in channels.items() if name not in dead})
+
+
+def _needed(run: Trial) -> set[str]:
+    """Return the motions that a model of *run* may need: all but roll and pitch that no input drives."""
+    dofs = (d for d in DOFS.values() if not d.restored or any(name in run for name in INPUTS[d.name]))
+    return {name for dof in dofs for name in (dof.velocity, dof.position)}
 
 
 def _doubt(run: Trial, names: Sequence[str], why: str, cure: str) -> Doubt:

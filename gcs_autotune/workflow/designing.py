@@ -13,16 +13,24 @@ from gcs_autotune.design import LoopStart, Proposal, Spec, StepMetrics, design, 
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import Fit, Model
-from gcs_autotune.manoeuvres import windows_of
+from gcs_autotune.manoeuvres import StepSettings, windows_of
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
-from gcs_autotune.workflow.experiments import measure, measure_halves, noise_as_read
+from gcs_autotune.workflow.experiments import measure, measure_halves, noise_as_read, noise_in, resolution
 from gcs_autotune.workflow.identification import Identified, delay_of
+from gcs_autotune.workflow.noise_estimate import jitter_in, noise_while_held
 from gcs_autotune.workflow.proof import Proof, design_input_of, reduction_of
 from gcs_autotune.workflow.stop_rule import DesignQuestion
 from gcs_autotune.workflow.supplied_model import STRANGE, SuppliedModel, explained
 
-__all__ = ["StepCriteria", "design_from_file", "design_from_fit", "question_of"]
+__all__ = [
+    "StepCriteria",
+    "criteria_of",
+    "design_from_file",
+    "design_from_fit",
+    "question_of",
+    "spec_as_flown",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,35 +115,59 @@ def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, c
 
 
 def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Trial) -> Spec:
-    s, proof, flown = context.settings, criteria.proof, criteria.proof.settings
+    s, proof = context.settings, criteria.proof
     style = style_of(s.style)
     speed = speed if proof.design_speed is None else proof.design_speed
     by_thrust = context.craft.skid or context.present.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0
-    return Spec(
+    spec = Spec(
         kind=s.model,
         omega_0=s.omega_0,
         settling_time=s.settling_time,
         bandwidth=style.bandwidth,
         gain_margin=style.gain_margin,
         phase_margin=style.phase_margin,
-        step=abs(flown.size),
         speed=speed if context.axis.needs_speed and speed > 0.0 else None,
-        step_duration=flown.duration,
-        windows=windows_of(before),
-        settled_band=float(before.meta.get("band", math.inf)),
-        settled_time=flown.enough,
-        settled_least=flown.least_enough,
-        hold=min(flown.hold, flown.least_hold),
         start=_start_of(before) if context.law.controls_velocity else None,
-        noise_std=noise_as_read(before, criteria.noise),
-        jitter_std=criteria.noise if criteria.jitter is None else criteria.jitter,
-        quantum=criteria.grain,
         noise_bandwidth=0.5 * context.craft.rates.granted["ATTITUDE"].granted,
         measured=proof.measured,
         skid=context.craft.skid,
         throttle=context.throttle if by_thrust else 0.0,
         beyond_ranges=s.beyond_ranges,
     )
+    return spec_as_flown(spec, criteria, before)
+
+
+def spec_as_flown(spec: Spec, criteria: StepCriteria, before: Trial) -> Spec:
+    """Return *spec* for the step that was flown as *before* and is evaluated by *criteria*."""
+    flown = criteria.proof.settings
+    return replace(
+        spec,
+        step=abs(flown.size),
+        step_duration=flown.duration,
+        windows=windows_of(before),
+        settled_band=float(before.meta.get("band", math.inf)),
+        settled_time=flown.enough,
+        settled_least=flown.least_enough,
+        hold=min(flown.hold, flown.least_hold),
+        noise_std=noise_as_read(before, criteria.noise),
+        jitter_std=criteria.noise if criteria.jitter is None else criteria.jitter,
+        quantum=criteria.grain,
+    )
+
+
+def criteria_of(step: Trial, *, moving: bool) -> StepCriteria:
+    """Return the criteria for evaluating a *step* that an earlier run flew.
+
+    moving : whether the loop controls a velocity.
+    """
+    own, signal, grain = step.meta, str(step.meta["signal"]), resolution(step)
+    kept = {name: float(own.get(name, math.inf)) for name in ("enough", "least_hold", "least_enough")}
+    hold = float(own.get("hold", 0.0))
+    settings = StepSettings(signal, float(own["size"]), float(own["duration"]), hold=hold, **kept)
+    jitter = jitter_in(step, grain)
+    noise = noise_in(step, signal) if moving else noise_while_held(step, grain)
+    noise = noise if math.isfinite(noise) else jitter
+    return StepCriteria(Proof(settings, None, {}).after(step), noise, grain, None if moving else min(noise, jitter))
 
 
 START_WINDOW = 1.0

@@ -28,23 +28,27 @@ from gcs_autotune.design import (
     analyse_proposal,
     design,
     in_fractions,
+    over_windows,
     pulse_of,
     style_of,
     turn_rate_step,
 )
-from gcs_autotune.documents import MODEL
+from gcs_autotune.documents import MODEL, load_json
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 from gcs_autotune.identify import ModelFile, fit_axis, load_model, model_file_of
 from gcs_autotune.identify.relay import predict_cycle
 from gcs_autotune.logs import TRIALS_FOLDER, load_runs
 from gcs_autotune.manoeuvres import SHARE_OF_TOP
+from gcs_autotune.manoeuvres import windows_of
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import DesignedGains, DesignedOwn, DesignedRelay
 from gcs_autotune.rounding import HALF_WIDTH
-from gcs_autotune.trial import load_meta
+from gcs_autotune.sname import DOFS
+from gcs_autotune.trial import Trial, load_meta, load_trial
 from gcs_autotune.workflow.authority import readable_runs
+from gcs_autotune.workflow.designing import criteria_of, spec_as_flown
 from gcs_autotune.workflow.nominal_plant import motion_of
 from gcs_autotune.workflow.own_loops import SUPPLIED, range_of
 from gcs_autotune.workflow.proof import cruise_pair, known_of
@@ -58,6 +62,9 @@ RELAY_RATE = 25.0
 """Rate at which a relay is switched [Hz] if none is set: that of `experiment` on a vehicle."""
 THROTTLE = 0.5
 """Throttle of a speed loop [fraction] if none is set: CRUISE_THROTTLE's default."""
+
+GAINS = "gains.json"
+"""Name of the file with the proposal of a tune, in its run directory."""
 
 SETTLINGS = 3.0
 """Duration of a step of our own loop in settling times."""
@@ -260,10 +267,20 @@ def _gains(settings: DeskSettings) -> Designed:
     (given, notes), speed = _supplied(settings, axis), _speed(settings, axis)
     if axis.needs_speed and axis.steers_by_way and speed is None:
         raise UsageError(f"no speed given. Use --speed with the speed at which '{given.file.name}' was identified")
-    spec = _spec(settings, axis, given, speed, present)
+    flown = _flown_step(settings, axis)
+    if flown is not None and settings.step is None:
+        settings = replace(settings, step=abs(float(flown.meta["size"])))
+    spec, windows = _spec(settings, axis, given, speed, present), tuple[float, ...]()
+    if flown is not None and settings.step == abs(float(flown.meta["size"])):
+        spec = spec_as_flown(spec, criteria_of(flown, moving=axis.kind.controls_velocity), flown)
+        windows = _compared_windows(settings) or windows_of(flown)
+        spec = replace(spec, windows=windows)
+        notes = (*notes, _over(windows, given.file.name))
+    elif flown is not None:
+        notes = (*notes, f"The step of the run {given.file.name} had another size. Its figures are not comparable")
     reduction = given.reduction
     question = (reduction.model, reduction.covariance, axis, present, spec, reduction)
-    proposal = design(*question)
+    proposal = over_windows(design(*question), windows)
     before, after = analyse_proposal(proposal, *question)
     changed = {change.parameter: change for change in proposal.changes}
     rows = []
@@ -274,6 +291,33 @@ def _gains(settings: DeskSettings) -> Designed:
         )
         rows.append(changed.get(name, Change(name, old, old, low, high, f"{gain.meaning}: unchanged")))
     return DesignedGains(firmware, given.file.name, speed, tuple(rows), origin, proposal, before, after, notes)
+
+
+def _flown_step(settings: DeskSettings, axis: Axis) -> Trial | None:
+    """Return the first step of the run directory that proved gains of *axis*, or None."""
+    kind = DOFS[axis.dof]
+    signal = kind.velocity if axis.kind.controls_velocity else kind.position
+    for file in sorted((settings.source / TRIALS_FOLDER).glob("*.csv")):
+        meta = load_meta(file)
+        if meta.get("purpose") == "proof" and meta.get("signal") == signal and "size" in meta and "duration" in meta:
+            return load_trial(file)
+    return None
+
+
+def _compared_windows(settings: DeskSettings) -> tuple[float, ...]:
+    """Return the times [s] over which the tune in the run directory compared its steps; empty if it compared none."""
+    file = settings.source / GAINS
+    found = load_json(file, "the gains of a run") if file.is_file() else {}
+    if not isinstance(found, dict) or found.get("axis") != settings.loop:
+        return ()
+    return tuple(float(seconds) for seconds in found.get("windows", ()))
+
+
+def _over(windows: Sequence[float], run: str) -> str:
+    """Return a sentence on the times [s] of the steps in *run*, over which the predictions are evaluated."""
+    whats = zip(windows, ("the step", "the step back"), strict=False)
+    times = " and ".join(f"{seconds:.3g} s after {what}" for seconds, what in whats)
+    return f"The predictions are over the times of run {run}: {times}"
 
 
 def _spec(

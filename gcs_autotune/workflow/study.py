@@ -26,7 +26,7 @@ from gcs_autotune.identify import (
     moved_too,
     validate,
 )
-from gcs_autotune.identify.thrust import fit_surge, with_thrust_curve
+from gcs_autotune.identify.thrust import fit_surge, with_doubt_of_kind, with_thrust_curve
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import MethodOutcome, RunRow, Study
@@ -246,6 +246,8 @@ def _outcome(
             raise
         pieces.skip(checks)
         return MethodOutcome(method, None, time.perf_counter() - begun, refusal=str(error))
+    if settings.effects or settings.begin is not None:
+        found = with_doubt_of_kind(found, runs)
     seconds = time.perf_counter() - begun
     if not settings.check:
         return MethodOutcome(method, found, seconds)

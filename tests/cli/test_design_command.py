@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs_autotune.api import example_run, save_trial
@@ -15,6 +16,7 @@ from gcs_autotune.cli import main
 from gcs_autotune.cli.hold_cmd import LAWS
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.models import SingleDof
+from gcs_autotune.trial import Channel, Mark, Trial
 
 YAW = SingleDof("yaw", "1", 2.0, 1.5, 0.5, 0.01, 0.3)
 HEAVE = SingleDof("heave", "N", 200.0, 150.0, 50.0, 0.0, 0.1)
@@ -183,6 +185,30 @@ def test_a_run_directory_supplies_model_speed_and_present_gains(capsys, tmp_path
     old = {change["parameter"]: change["old"] for change in found["proposal"]["changes"]}
     assert (old["ATC_STR_ANG_P"], old["ATC_STR_RAT_P"]) == (3.0, 0.2)
     assert found["model"] == tmp_path.name
+
+
+def flown_run(folder: Path, windows: tuple[float, float]) -> Path:
+    """Write a run directory whose tune flew a heading step of 20 deg and compared it over *windows* [s]."""
+    (folder / "trials").mkdir()
+    written(folder / "model.json", YAW)
+    (folder / "gains.json").write_text(json.dumps({"axis": "heading", "windows": windows}), encoding="utf-8")
+    t, size = np.arange(0.0, 40.0, 0.1), math.radians(20.0)
+    psi = size * ((t > 5.0) & (t < 25.0)) + np.random.default_rng(1).normal(0.0, 0.002, len(t))
+    about = {"purpose": "proof", "signal": "psi", "size": size, "duration": 20.0, "speed": 1.5, "enough": 5.0}
+    marks = tuple(Mark(at, "target", {"value": value}) for at, value in ((0.0, 0.0), (5.0, size), (25.0, 0.0)))
+    step = Trial("step-before", {"psi": Channel("psi", "rad", t, psi)}, marks, meta={**about, "lasted": [20.0, 15.0]})
+    save_trial(step, folder / "trials" / "02-step-before.csv")
+    return folder
+
+
+def test_a_run_is_judged_over_the_times_over_which_its_tune_compared_the_steps(capsys, tmp_path):
+    run = flown_run(tmp_path, (7.0, 6.0))
+    found = printed(capsys, run, "--for", "heading", "--omega-0", "1")
+    assert found["proposal"]["windows"] == [7.0, 6.0]
+    assert found["proposal"]["predicted"]["after"]["span"] == pytest.approx(6.0)
+    for more, words in (((), "7 s after the step and 6 s after the step back"), (("--step", "40"), "another size")):
+        assert main(["design", str(run), "--for", "heading", "--omega-0", "1", "--no-page", *more]) == 0
+        assert words in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,7 @@ def test_the_cost_of_documented_ranges_is_reported_and_exceeded_on_request(
     inside, beyond = proposals["slow"], proposals["slow beyond"]
     (note,) = (n for n in inside.notes if "--beyond-ranges" in n)
     assert "ATC_STR_RAT_P" in note
+    assert "s^2" not in note, "a figure over other times than those of the table beside it"
     assert not any(c.beyond for c in inside.changes)
     assert any(c.beyond for c in beyond.changes)
     assert not any("--beyond-ranges" in n for n in beyond.notes)

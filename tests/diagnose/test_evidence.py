@@ -13,12 +13,14 @@ import pytest
 
 from benchmarks.blind.case import draw_case
 from gcs_autotune.diagnose import Diagnosis, ErrorReduction, diagnose, process_noise, search_with_noise, strategies
-from gcs_autotune.diagnose.evidence import chance_of, equivalent_gain, weak_among
+from gcs_autotune.diagnose.evidence import chance_of, equivalent_gain, hints_of, weak_among
 from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
+from gcs_autotune.diagnose.result import Value
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EffectInstance, may_be_none, name_of
 from gcs_autotune.identify.kalman import NoisyFit
+from gcs_autotune.identify.signals import Segment
 
 MANY = [
     *("input-bias", "dead-zone", "gain-drift", "quadratic-drag", "asymmetric-thrust", "quadratic-actuator"),
@@ -210,6 +212,16 @@ def hinted(*judged: CandidateScore[NoisyFit], tried: int = 30) -> list[tuple[str
     steps = (SearchStep(judged[0].fit, judged, None),)
     search = SimpleNamespace(steps=steps, names=(), refused=(), tried=tried)
     return [(w.one.effect.slug, w.alike) for w in weak_among(cast(NoiseSearch, search))]
+
+
+@pytest.mark.parametrize(("std", "count"), [(0.006, 0), (0.001, 1)])
+def test_a_number_that_may_be_zero_is_not_a_hint(std: float, count: int) -> None:
+    late = weak("input-delay", "N", "delay", 9.0)
+    numbers = {"delay": Value(0.006, "s", std)}
+    steps = (SearchStep(late.fit, (late,), None),)
+    told = SimpleNamespace(steps=steps, names=(), refused=(), tried=3, words="", values=lambda effect, fit: numbers)
+    segment = SimpleNamespace(stamps=np.array([0.0, 60.0]), start=0.0, run="steps")
+    assert len(hints_of(cast(NoiseSearch, told), (), [cast(Segment, segment)])) == count
 
 
 def test_a_gain_expected_by_chance_among_the_candidates_is_not_a_hint() -> None:

@@ -129,9 +129,13 @@ def test_constant_columns_of_a_run_are_one_doubt(good: Trial) -> None:
     t, level = good["psi"].t, np.zeros(len(good["psi"]))
     extra = {name: Channel(name, unit, t, level) for name, unit in (("p", "rad/s"), ("q", "rad/s"))}
     extra |= {name: Channel(name, "rad", t, 0.1 * np.sin(t)) for name in ("phi", "theta")}
-    (run,), doubts = taken_in([replace(good, channels={**good.channels, **extra})])
+    driven = {name: Channel(name, "N m", t, np.sin(t)) for name in ("K", "M")}
+    (run,), doubts = taken_in([replace(good, channels={**good.channels, **extra, **driven})])
     assert [d.cause for d in doubts] == ["run 'run': 2 columns left out, constant while the craft moves (p, q)"]
     assert {"p", "q"}.isdisjoint(run.channels)
+    (planar,), doubts = taken_in([replace(good, channels={**good.channels, **extra})])
+    assert not doubts, "nothing drives roll or pitch, so no model of the run needs them"
+    assert {"p", "q"}.isdisjoint(planar.channels)
 
 
 def test_motion_unrelated_to_the_input_is_rejected(good: Trial) -> None:

@@ -8,11 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify import AxisFit, fit_axis, model_file_of
 from gcs_autotune.identify.thrust import with_thrust_curve
 from gcs_autotune.report import fit_document
 from gcs_autotune.report.toolkit.terminal import render_text
+from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.workflow import StudySettings, study
 
 INERTIA, LINEAR, QUADRATIC = 0.03, 0.08, 0.05
 """A hull like that of a small ROV, per full output."""
@@ -65,6 +67,22 @@ def test_steps_of_two_sizes_show_that_the_hull_has_no_linear_damping(seed: int) 
     assert fit.model.alpha / fit.model.beta_quadratic == pytest.approx(INERTIA / QUADRATIC, rel=0.02)
     assert "dead-zone-or-curve" in [doubt.slug for doubt in fit.doubts]
     assert "time constant of" not in text_of(fit)
+
+
+def test_a_fit_that_starts_from_a_model_file_has_the_doubt_of_the_flight_too() -> None:
+    run = flown(DEAD, 0.0, 1)
+    flight = with_thrust_curve(plain(DEAD, 0.0, 1), [run])
+    settings = StudySettings(begin=model_file_of(flight).model, check=False)
+    again = study([run], [], settings, "").fit
+    assert "dead-zone-or-curve" in [doubt.slug for doubt in again.doubts]
+    for own, other in (("alpha_r", "N_rdot"), ("beta_rr", "N_rr")):
+        assert again.parameters[other].std == pytest.approx(flight.parameters[own].std, rel=0.02)
+
+
+def test_standard_errors_cover_the_actuator_that_the_runs_do_not_exclude() -> None:
+    fit = with_thrust_curve(plain(DEAD, 0.0, 1), [flown(DEAD, 0.0, 1)])
+    assert fit.model.alpha > 1.2 * INERTIA
+    assert abs(fit.model.alpha - INERTIA) < HALF_WIDTH * fit.parameters["alpha_r"].std
 
 
 def test_steps_of_many_sizes_show_the_dead_zone() -> None:

@@ -73,6 +73,7 @@ def test_page_and_terminal_show_value_check_and_refusal(study: Study, page: str)
     for text in (page, render_text(study_document(study))):
         assert "alpha_r" in text
         assert "no relay here" in text
+        assert "The residual is the misfit to the data used for the fit" in " ".join(text.split())
         assert "held-out" in text
 
 

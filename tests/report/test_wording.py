@@ -20,6 +20,7 @@ from gcs_autotune.identify import AxisFit, Parameter, Trace, fit, is_of_one_axis
 from gcs_autotune.identify.doubts import FittedDelay, doubts_about
 from gcs_autotune.identify.signals.whiteness import remainder_of
 from gcs_autotune.report import Document, MethodOutcome, RunRow, Study, format_factor, study_document, to_html
+from gcs_autotune.report.diagnosis.wording import left_sentence
 from gcs_autotune.report.diagnosis.wording import verdict_of as diagnosis_verdict_of
 from gcs_autotune.report.plots import draw_trace
 from gcs_autotune.report.study.study import verdict_of
@@ -50,6 +51,15 @@ def test_a_white_remainder_is_noise() -> None:
     assert left.rms == pytest.approx(0.01, rel=0.05)
     assert left.unexplained == 0.0
     assert "is mostly white, like measurement noise" in remainder_sentence(left, "rad")
+
+
+def test_a_slightly_correlated_remainder_is_not_only_noise() -> None:
+    """`diagnose` tests it for whiteness too, so both must say the same."""
+    white = noise(0.01, 8000)
+    left = remainder_of([white[1:] + 0.1 * white[:-1]])
+    assert left.unexplained == 0.0
+    assert "mostly white, but not only noise" in remainder_sentence(left, "rad")
+    assert "below the limit of 0.01: not only noise" in left_sentence(Signature((), left.p))
 
 
 def test_a_correlated_remainder_is_unexplained_beyond_the_sensor_noise() -> None:

@@ -73,7 +73,10 @@ def test_a_thruster_weak_for_small_commands_is_detected_and_reported():
     assert found is not None
     assert found.parameters["quadratic-actuator@N.share"].value == pytest.approx(0.75, abs=0.15)
     assert 100.0 - found.fit_percent < 0.4 * (100.0 - plain.fit_percent)
-    assert "weak for small commands" in describe_thrust_curve(found, plain)
+    described = describe_thrust_curve(found, plain)
+    assert "weak for small commands" in described
+    share = found.parameters["quadratic-actuator@N.share"].value
+    assert f"({share:.0%} at 60%, the largest output flown)" in described, "the figure of identify's table"
 
 
 def test_a_linear_thruster_gets_no_curve():
@@ -157,7 +160,7 @@ def test_a_dead_zone_found_from_three_sizes_may_saturate_as_well(monkeypatch):
     assert found is fits["saturation", "dead-zone"]
     description = describe_thrust_curve(found, a_fit(89.7))
     assert "does nothing below 16.7% of full" in description
-    assert "The fit limits the force at 77% of full output" in description
+    assert "Above 77% of the autopilot's full output, the force of the model stays constant" in description
 
 
 @pytest.mark.slow

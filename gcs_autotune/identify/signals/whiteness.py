@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +45,17 @@ class Remainder:
     - ``rms``: root mean square of the whole residual.
     - ``noise``: root mean square of the component that changes from sample to sample, as sensor noise does. The
       remaining component is correlated. It is motion that the model does not explain.
+    - ``p``: p-value of the whiteness test, NaN if unknown.
     """
 
     rms: float
     noise: float
+    p: float = field(default=math.nan, compare=False)
+
+    @property
+    def is_only_noise(self) -> bool:
+        """Whether the residual shows no correlation, not even a small one."""
+        return self.unexplained == 0.0 and not self.p < SIGNIFICANCE
 
     @property
     def unexplained(self) -> float:
@@ -73,7 +80,10 @@ def remainder_of(errors: Sequence[Array], rounding: float = 0.0) -> Remainder:
     rms = math.sqrt(float(np.mean(together**2)))
     second = np.concatenate([np.diff(e[np.isfinite(e)], n=2) for e in errors])
     noise = math.sqrt(float(np.mean(second**2)) / 6.0) if len(second) else rms
-    return Remainder(rms, min(rms, max(noise, rounding)))
+    known = [e[np.isfinite(e)] for e in errors]
+    tested = [] if noise < rounding else [whiteness(e) for e in known if len(e) >= 4 * LAGS]
+    p = min(1.0, len(tested) * min(tested)) if tested else math.nan
+    return Remainder(rms, min(rms, max(noise, rounding)), p)
 
 
 def autocorrelation(errors: Array, lags: int) -> Array:

@@ -26,6 +26,8 @@ from gcs_autotune.identify.thrust.thrust_curve import (
     either_kind,
     fit_thrust_curve,
     fit_with_actuator,
+    limit_sentence,
+    with_doubt_of_kind,
     with_thrust_curve,
 )
 
@@ -43,9 +45,11 @@ __all__ = [
     "fit_thrust_curve",
     "fit_with_actuator",
     "level_forces",
+    "limit_sentence",
     "set_on_the_way_back",
     "square_of",
     "with_actuator",
+    "with_doubt_of_kind",
     "with_doubt_of_thrust",
     "with_thrust_curve",
 ]

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,9 @@ from gcs_autotune.identify.api import fit
 from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import validate
-from gcs_autotune.identify.result import AxisFit, Fit, Model, Parameter
+from gcs_autotune.identify.result import AxisFit, Fit, Model, Parameter, is_of_one_axis
+from gcs_autotune.rounding import HALF_WIDTH, format_number
+from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -39,11 +42,14 @@ __all__ = [
     "either_kind",
     "fit_thrust_curve",
     "fit_with_actuator",
+    "limit_sentence",
     "pays",
+    "with_doubt_of_kind",
     "with_thrust_curve",
 ]
 
 Array = NDArray[np.float64]
+ModelT = TypeVar("ModelT", bound=Model)
 
 QUADRATIC = "quadratic-actuator"
 DEAD_ZONE = "dead-zone"
@@ -149,16 +155,75 @@ def with_thrust_curve(plain: AxisFit, runs: Sequence[Trial]) -> AxisFit:
     bent = None if curve is None else with_actuator(curve, plain)
     if bent is None or _correlated(bent) > _NEARLY_ALL * _correlated(plain):
         return plain
-    if either_kind(runs, plain) is None:
-        return bent
-    name = plain.model.axis.parameter_names()[0]
+    return with_doubt_of_kind(bent, runs)
+
+
+def with_doubt_of_kind(fit: Fit[ModelT], runs: Sequence[Trial]) -> Fit[ModelT]:
+    """Return *fit* with a doubt if its *runs* do not distinguish its thrust curve from a dead zone, or the reverse.
+
+    The standard errors of its parameters then include the difference from the model of the other kind. Each kind is
+    taken as equally probable. The covariance remains that of the kind in the model.
+    """
+    other = _of_other_kind(fit, runs)
+    if other is None:
+        return fit
+    own_names, names = DOFS[fit.dof].parameter_names(), DOFS[fit.dof].derivative_names()
+    parameters, changes = dict(fit.parameters), []
+    for name, derivative in zip(own_names if is_of_one_axis(fit) else names, names, strict=False):
+        if name not in parameters:
+            continue
+        own, value = parameters[name], other.parameters[derivative].value if derivative in other.parameters else 0.0
+        value = -value if is_of_one_axis(fit) and derivative != names[3] else value
+        if abs(value - own.value) <= HALF_WIDTH * own.std:
+            continue
+        std = math.hypot(own.std, (value - own.value) / math.sqrt(2.0))
+        parameters[name] = replace(own, std=std, bound=math.nan)
+        changes.append(f"{name} {format_number(value, 3)} instead of {format_number(own.value, 3)}")
+    one, another = ("thrust curve", "dead zone") if QUADRATIC in _kinds(fit) else ("dead zone", "thrust curve")
+    better = other.unexplained < _ALIKE * fit.unexplained
     doubt = Doubt(
         "dead-zone-or-curve",
-        f"a dead zone of the actuator fits the runs as well as the thrust curve of this model. {name} and the drag at "
-        "full output depend on which of the two it is",
+        f"a {another} of the actuator fits the runs {'better than' if better else 'as well as'} the {one} of this "
+        f"model. It gives {', '.join(changes) or 'the same craft'}. The errors of these parameters include the "
+        f"difference. The error of the {one} itself does not",
         "fly a manoeuvre with more sizes of output, such as staircase",
     )
-    return replace(bent, doubts=(*bent.doubts, doubt))
+    return replace(fit, parameters=parameters, doubts=(*fit.doubts, doubt))
+
+
+def _of_other_kind(own: Fit[Model], runs: Sequence[Trial]) -> Fit[Model] | None:
+    """Return a model of the *runs* with a dead zone instead of a thrust curve, or the reverse, if it fits as well as
+    *own*; else None.
+    """
+    slugs, kinds = _slugs(own), _kinds(own)
+    if own.dof not in DOFS or len(kinds) != 1 or not _is_sure(own, kinds[0]):
+        return None
+    kind = DEAD_ZONE if kinds[0] == QUADRATIC else QUADRATIC
+    effects = [f"{kind if slug == kinds[0] else slug}@{place}" for slug, place in slugs]
+    try:
+        other = fit(runs, "affine", dof=own.dof, effects=effects)
+    except AutotuneError:
+        return None
+    if kind == QUADRATIC and not _SHARES[0] < effect_number(other, kind).value < _SHARES[1]:
+        return None
+    return other if _is_sure(other, kind) and _ALIKE * other.unexplained <= own.unexplained else None
+
+
+def _slugs(fit: Fit[Model]) -> list[tuple[str, str]]:
+    """Return slug and place of the effects of *fit*."""
+    effects = fit.effects or (fit.model.effects if isinstance(fit.model, ExtendedModel) else ())
+    return [(own.slug, own.place) for own in effects]
+
+
+def _kinds(fit: Fit[Model]) -> list[str]:
+    """Return those effects of *fit* that two sizes of output cannot distinguish."""
+    return [slug for slug, _ in _slugs(fit) if slug in (DEAD_ZONE, QUADRATIC)]
+
+
+def _is_sure(fit: Fit[Model], slug: str) -> bool:
+    """Return whether the effect *slug* of *fit* differs from none."""
+    own = effect_number(fit, slug)
+    return own.value > _STDS * own.std
 
 
 def _correlated(fit: AxisFit) -> float:
@@ -332,13 +397,17 @@ def pays(fit: Fit[Model], without: Fit[Model], slug: str) -> bool:
 
     without : model of the same runs without this effect.
     """
-    own = effect_number(fit, slug)
-    return fit.unexplained < _UNEXPLAINED * without.unexplained and own.value > _STDS * own.std
+    return fit.unexplained < _UNEXPLAINED * without.unexplained and _is_sure(fit, slug)
 
 
 def effect_number(fit: Fit[Model], slug: str) -> Parameter:
     """Return the only parameter of the effect *slug* in *fit*."""
     return next(p for name, p in fit.parameters.items() if name.startswith(slug))
+
+
+def limit_sentence(limit: str) -> str:
+    """Return a sentence on an output *limit*, as text, above which the force of a model is constant."""
+    return f"Above {limit} of the autopilot's full output, the force of the model stays constant"
 
 
 def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
@@ -352,10 +421,9 @@ def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = 
     if QUADRATIC in has:
         share, (at, part) = effect_number(fit, QUADRATIC), _bent_at_half(fit)
         sure = share.value > _STDS * share.std
-        square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command"
-    levels = (
-        f". The fit limits the force at {effect_number(fit, LEVEL).value:.0%} of full output" if LEVEL in has else ""
-    )
+        flown = f"{share.value:.0%} at {_reference(fit):.0%}, the largest output flown"
+        square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command ({flown})"
+    levels = f". {limit_sentence(f'{effect_number(fit, LEVEL).value:.0%}')}" if LEVEL in has else ""
     if DEAD_ZONE in has:
         what = f"an actuator that does nothing below {effect_number(fit, DEAD_ZONE).value:.1%} of full output"
         if _lost(fit) == 0.0:

@@ -196,6 +196,12 @@ def _causes(examined: _Examined) -> Iterator[Section]:
         yield Section(f"cause-{i}", cause_title(examined.diagnosis, cause), parts, facts=IN_RESULT)
 
 
+_UNLIKE_IDENTIFY = (
+    "Before: the simulation without these causes. `identify` fits a constant force and holds out another part, so its "
+    "held-out error differs."
+)
+
+
 def _improvement(examined: _Examined) -> Iterator[Section]:
     diagnosis = examined.diagnosis
     gains = diagnosis.gains if diagnosis.causes else ()
@@ -205,7 +211,13 @@ def _improvement(examined: _Examined) -> Iterator[Section]:
     first = first_gain(diagnosis)
     how = "The table shows held-out data. The figures show the runs used for the fit."
     held_out = f"Held out: {first.held_out}. {how}" if first is not None and first.held_out else ""
-    parts: tuple[Part, ...] = (gains_table(gains), Note(held_out, kind="quiet"), *_gains_figure(diagnosis), *figures)
+    parts: tuple[Part, ...] = (
+        gains_table(gains),
+        Note(_UNLIKE_IDENTIFY if gains else ""),
+        Note(held_out, kind="quiet"),
+        *_gains_figure(diagnosis),
+        *figures,
+    )
     yield Section("after", "Improvement on held-out data", parts, facts=IN_RESULT)
 
 

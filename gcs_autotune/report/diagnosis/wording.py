@@ -441,7 +441,7 @@ def left_sentence(left: Signature) -> str:
         return ""
     p = left.whiteness_p
     chance = "p < 0.0001" if p < 1e-4 else f"p = {format_number(p, 2)}"
-    verdict = "below the limit of {}: not noise" if p < NOISE_P else "above the limit of {}: consistent with noise"
+    verdict = "below the limit of {}: not only noise" if p < NOISE_P else "above the limit of {}: consistent with noise"
     return f"Whiteness test of the residual: {chance}, {verdict.format(NOISE_P)}."
 
 
@@ -461,7 +461,7 @@ def rests_on(diagnosis: Diagnosis) -> tuple[str, ...]:
         f"{signal_words(n)} {format_error(s, SIGNALS[n][0], 2)}" for n, s in diagnosis.noise.items() if n in SIGNALS
     ]
     if levels:
-        said.append(f"Residual of each signal (rms): {', '.join(levels)}.")
+        said.append(f"Residual of each signal in the fitted runs (rms): {', '.join(levels)}.")
     return tuple(said)
 
 

@@ -61,6 +61,12 @@ _HOW_TO_READ_STD = (
 )
 
 
+_HOW_TO_READ_ERRORS = (
+    "Rms error: of the prediction of held-out data. The residual is the misfit to the data used for the fit. "
+    "`diagnose` holds out other parts and starts without a constant force, so its errors differ."
+)
+
+
 def study_document(study: Study) -> Document:
     """Return the report of an identification. In JSON it is the selected fit with its validation."""
     fit, unseen = study.fit, study.answer.unseen
@@ -133,6 +139,7 @@ def _unseen(study: Study) -> Iterator[Section]:
         (
             Note(study.how_unseen),
             unseen_table(answer.unseen, study.fit.dof),
+            Note("" if answer.unseen is None else _HOW_TO_READ_ERRORS),
             *(Note(remark) for remark in unseen_remarks(answer)),
             *(_trace(study, t, f"unseen-{i}", f"Held-out prediction of '{t.run}'.") for i, t in enumerate(traces, 1)),
         ),

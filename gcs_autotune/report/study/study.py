@@ -10,7 +10,13 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.experiments import DofComparison
 from gcs_autotune.identify import Fit, Model, Validation, is_of_one_axis
 from gcs_autotune.models import FORMS, CoupledModel
-from gcs_autotune.report.toolkit.axis_fit import explained_sentence, model_sentences, model_words, with_effects
+from gcs_autotune.report.toolkit.axis_fit import (
+    explained_sentence,
+    model_sentences,
+    model_words,
+    noise_words,
+    with_effects,
+)
 from gcs_autotune.report.toolkit.document import Verdict
 from gcs_autotune.report.toolkit.wording import (
     format_error,
@@ -152,7 +158,7 @@ def _residual_sentences(fit: Fit[Model]) -> tuple[str, ...]:
     rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in residuals.items())
     coloured = {n: r for n, r in residuals.items() if r.unexplained > 0.0}
     if not coloured:
-        return (f"Residual (rms): {rows}. It is mostly white, like measurement noise.",)
+        return (f"Residual (rms): {rows}. It is {noise_words(*residuals.values())}.",)
     rest = ", ".join(f"{n} {format_error(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
     return (f"Residual (rms): {rows}. Correlated, unexplained part: {rest}.",)
 

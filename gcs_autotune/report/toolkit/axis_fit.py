@@ -11,6 +11,7 @@ import numpy as np
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, effect_words
 from gcs_autotune.identify import DAMPING, AxisFit, IsoEstimate, LimitCycle, Parameter, Remainder, StructureFit, Trace
 from gcs_autotune.identify.relay import SCATTER
+from gcs_autotune.identify.thrust import limit_sentence
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.document import Note, Part, Table
 from gcs_autotune.report.toolkit.wording import (
@@ -42,6 +43,7 @@ __all__ = [
     "model_sentences",
     "model_table",
     "model_words",
+    "noise_words",
     "remainder_sentence",
     "short_name",
     "structure_words",
@@ -279,13 +281,20 @@ def explained_sentence(percent: float, motion: str = "the motion used for the fi
     return f"Simulated from the inputs alone, the model {explains(percent)} {motion}{also}."
 
 
+def noise_words(*left: Remainder) -> str:
+    """Return words for residuals that are mostly noise. They state it if the whiteness test finds a correlation."""
+    if all(each.is_only_noise for each in left):
+        return "mostly white, like measurement noise"
+    return "mostly white, but not only noise: it has a small correlated part"
+
+
 def remainder_sentence(left: Remainder, unit: str) -> str:
     """Return a sentence on the RMS residual: its white noise, and its correlated, unexplained remainder."""
     rms = format_error(left.rms, unit, 2)
     if not math.isfinite(left.rms):
         return ""
     if left.unexplained <= 0.0:
-        return f"The residual ({rms} rms) is mostly white, like measurement noise."
+        return f"The residual ({rms} rms) is {noise_words(left)}."
     noise, rest = format_error(left.noise, unit, 2), format_error(left.unexplained, unit, 2)
     return f"The residual is {rms} rms: {noise} white (noise), {rest} correlated and unexplained."
 
@@ -313,10 +322,7 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
     if own.slug == "dead-zone":
         return f"The model has a dead zone: no force below {number('width')} of full output."
     if own.slug == "saturation":
-        return (
-            f"The fit limits the force at {number('limit')} of full output. Thrust that flattens gradually gives such "
-            "a limit too."
-        )
+        return f"{limit_sentence(number('limit'))}. Thrust that flattens gradually gives such a limit too."
     values = ", ".join(f"{name} {number(name)}" for name in own.values)
     return f"Actuator: {effect_words(own.slug)}, {values}."
 
