@@ -39,8 +39,7 @@ from gcs_autotune.firmware import FIRMWARE, Axis, read_named
 from gcs_autotune.identify import ModelFile, fit_axis, load_model, model_file_of
 from gcs_autotune.identify.relay import predict_cycle
 from gcs_autotune.logs import TRIALS_FOLDER, load_runs
-from gcs_autotune.manoeuvres import SHARE_OF_TOP
-from gcs_autotune.manoeuvres import windows_of
+from gcs_autotune.manoeuvres import SHARE_OF_TOP, windows_of
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import DesignedGains, DesignedOwn, DesignedRelay
