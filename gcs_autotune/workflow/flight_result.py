@@ -135,7 +135,7 @@ def read_flight(
     tracks = [(settings.name, trial) for settings, trial in flown]
     predicted = runs[0].preview.trial if len(runs) == 1 else None
     asked = plan.title if plan.until is None else f"A trial for {plan.until.title}"
-    title = f"{asked}: {common.connection.uri}"
+    title = f"{asked}: {common.connection.uri.partition('?')[0]}"
     told = FlightStory(
         title, when, tracks, predicted, sheets, models, remarks, story_of(steps), str(common.directory or "")
     )

@@ -351,7 +351,7 @@ def recheck(
     directory = common.directory
     doubts = () if check.sheet is None or check.step is not None else tuple(check.sheet.doubts)
     found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
-    title = f"Recheck of {axis.name}: {common.connection.uri}"
+    title = f"Recheck of {axis.name}: {common.connection.uri.partition('?')[0]}"
     document = recheck_document(found, title, when, shown)
     (directory / "recheck.json").write_text(json_text(to_json(document)), encoding="utf-8")
     numbers = {name: getattr(found.now, name) for name in STEP_NUMBERS}

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs_autotune.axes import AXES
@@ -17,8 +19,10 @@ from gcs_autotune.identify.open_loop import Reading
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report import recheck_document
+from gcs_autotune.report.toolkit.document import Figure as PageFigure
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.seatrials import Figure, Sheet
+from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, recheck
 from gcs_autotune.workflow.recheck import LastTune, LoopNumbers, Recheck, last_tune, verdict_of
 
@@ -112,6 +116,17 @@ def test_the_damping_that_relays_show_stands_beside_the_figures_of_a_step() -> N
     assert "ITAE per unit step" in render_text(recheck_document(found))
     late = judged(GOOD, TUNED, step=stepped(0.05, 2.0, math.nan), step_then=stepped(0.04, 2.0))
     assert "not in 12 s" in render_text(recheck_document(late))
+
+
+def test_the_plot_of_a_speed_shows_the_speed_itself() -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    speed = np.where(t < 10.0, 1.0, 1.5)
+    marks = (Mark(5.0, "target", {"value": 1.0}), Mark(10.0, "target", {"value": 1.5}))
+    run = Trial("step", {"u": Channel("u", "m/s", t, speed)}, marks=marks)
+    page = recheck_document(replace(judged(GOOD, TUNED), axis="speed"), "", "", run)
+    (figure,) = (part for section in page.sections for part in section.parts if isinstance(part, PageFigure))
+    flown = figure.draw().axes[0].lines[0].get_ydata()
+    assert (min(flown), max(flown)) == (1.0, 1.5)
 
 
 def noted(folder: Path, name: str, when: str, board: str, **summary: Any) -> None:

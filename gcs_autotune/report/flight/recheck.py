@@ -163,7 +163,7 @@ def _draw_response(axis: str, run: Trial, commanded: Sequence[tuple[float, float
     signal = axis_kind(axis).stepped
     unit, factor = to_people(run[signal].unit)
     t, wanted = (np.array(column, dtype=np.float64) for column in zip(*commanded, strict=True))
-    middle = 0.5 * float(wanted.max() + wanted.min()) if not SIGNALS[signal].down else 0.0
+    middle = 0.5 * float(wanted.max() + wanted.min()) if SIGNALS[signal].wraps else 0.0
     figure, (axes,) = new_axes((2.8,))
     curve = thin(finite(run[signal].t - run.start, factor * (run[signal].values - middle)))
     axes.plot(curve.t, curve.y, color=AFTER, lw=1.2, label="flown")
