@@ -22,6 +22,7 @@ from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, sentence, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.connection import axis_of
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
 from gcs_autotune.workflow.fly import fly_plan
 from gcs_autotune.workflow.operator import Operator
@@ -32,6 +33,8 @@ __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 
 AFTER = "parameters_after.json"
 """Name of the file with the vehicle's parameters at the end of a tune."""
+BEFORE = "parameters_before.json"
+"""Name of the file with the parameters that a run found."""
 SMALLER, LARGER = 0.5, 2.0
 """Size of the second flight relative to the first: the smaller, and the larger if a dead band or noise masked the
 response.
@@ -97,6 +100,7 @@ class Recheck:
     """The rule for a second flight: evaluate the loop from the first, and fly again with other sizes if necessary.
 
     ``tune``: the last tune of the vehicle.
+    ``present``: the gains of the loop on the vehicle.
     ``changed``: names of the gains changed since the tune.
     ``factor``: size of the second flight relative to the first; 0: none.
     ``shown``: the flight from which the loop is evaluated.
@@ -109,6 +113,7 @@ class Recheck:
     def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
         self._axis, self._runs, self._observer = axis, runs, observer
         self.tune: LastTune | None = None
+        self.present: Mapping[str, float] = {}
         self.changed: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
         self.factor = 0.0
@@ -124,11 +129,12 @@ class Recheck:
             return not difference(about["vehicle"], about["fingerprint"], here, craft.parameters)
 
         self.tune = last_tune(self._runs, self._axis.name, is_same)
+        own = [gain.parameter for gain in axis_of(craft.firmware, self._axis.name).gains]
+        self.present = craft.parameters.read_existing(own if self.tune is None else list(self.tune.gains))
         if self.tune is None:
             self._observer.say(f"no earlier {self._axis.name} tune of this vehicle in {self._runs}/ to compare with")
             return
-        present = craft.parameters.read_existing(list(self.tune.gains))
-        self.changed = self.tune.changed(present)
+        self.changed = self.tune.changed(self.present)
         others = f". Changed since: {', '.join(self.changed)}" if self.changed else ". Its gains are unchanged"
         self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
@@ -271,8 +277,10 @@ def recheck(
         "ending": found.kind,
         "reason": found.text,
         "axis": axis.name,
+        "gains": {name: [value, value] for name, value in check.present.items()},
         "metrics": {"before": numbers, "after": None},
     }
+    (directory / BEFORE).write_text(json_text(dict(check.present)), encoding="utf-8")
     (directory / SUMMARY).write_text(json_text(summary), encoding="utf-8")
     save_page(directory, document)
     return found

@@ -122,7 +122,10 @@ def test_a_loop_in_a_limit_cycle_is_reported_in_red_with_its_amplitude(tmp_path:
     assert math.degrees(found.now.oscillation) > 20.0
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert '<div class="verdict bad">' in page and page.count("<figure") == 1
-    assert json.loads((harness.directory / "summary.json").read_text())["ending"] == "oscillates"
+    summary = json.loads((harness.directory / "summary.json").read_text())
+    assert summary["ending"] == "oscillates"
+    found = json.loads((harness.directory / "parameters_before.json").read_text())
+    assert found["ATC_STR_RAT_P"] == pytest.approx(summary["gains"]["ATC_STR_RAT_P"][0])
     assert any(
         "is reduced to --hysteresis" in text and "steering would be at its limit" in text for text in harness.said
     )
