@@ -65,7 +65,9 @@ def test_the_stages_of_a_tune_are_announced_with_their_times():
     assert itinerary.legs[1].seconds == pytest.approx(30.0)
     assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
     reported = how_long(itinerary).text
-    assert reported.startswith("take about 7 min 20 s of the vehicle's time: sign check 40 s, step with present gains 30 s")
+    assert reported.startswith(
+        "take about 7 min 20 s of the vehicle's time: sign check 40 s, step with present gains 30 s"
+    )
     assert "turning around 3 times 32 s" in reported
 
 
