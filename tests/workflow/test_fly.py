@@ -144,9 +144,7 @@ def test_everything_is_announced_and_the_vehicle_is_restored(charlie: tuple[Sitl
     assert result.remarks == []
 
 
-def test_authority_is_suggested_only_if_it_has_a_figure(
-    charlie: tuple[SitlHarness, Any], tmp_path: Path
-) -> None:
+def test_authority_is_suggested_only_if_it_has_a_figure(charlie: tuple[SitlHarness, Any], tmp_path: Path) -> None:
     """The turns of a boat with two thrusters need a model of its speed, too."""
     blueboat = SitlHarness(tmp_path, "blueboat")
     flown(blueboat, SHARE)
