@@ -137,13 +137,16 @@ def test_a_difference_that_is_significant_alone_is_stated_although_the_craft_is_
 
 def test_a_recheck_that_found_an_oscillation_is_in_the_verdict_with_its_gains(tmp_path, capsys):
     may = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
-    checked = {"title": "recheck heading", "ending": "oscillates", "kept": None}
+    checked = {"title": "recheck heading", "ending": "oscillates", "kept": None, "metrics": {"before": {"rise": None}}}
     june = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2), **checked)
     (june / "parameters_after.json").rename(june / "parameters_before.json")
     assert main(["compare", str(may), str(june)]) == 0
     text = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert "The heading loop of run 2 oscillates. No change of the craft was found" in text
     assert "ATC_STR_RAT_P 0.3 0.7" in text
+    (june / "parameters_before.json").unlink()
+    assert main(["compare", str(may), str(june)]) == 0
+    assert "ATC_STR_RAT_P 0.3 unknown" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_motion_that_was_not_excited_is_not_compared(tmp_path, capsys):

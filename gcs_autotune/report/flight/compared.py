@@ -268,7 +268,7 @@ def _loop(found: Comparison, axis: str) -> Iterator[Part]:
     runs = [run for run in found.runs if run.axis == axis and (run.metrics or run.gains)]
     heads, align = tuple(f"run {_number(found, run)}" for run in runs), "l" + "r" * len(runs)
     names = dict.fromkeys(name for run in runs for name in run.gains)
-    gains = tuple((n, *(format_number(run.gains[n]) if n in run.gains else "" for run in runs)) for n in names)
+    gains = tuple((n, *(format_number(run.gains[n]) if n in run.gains else NO_FIGURE for run in runs)) for n in names)
     yield Table(("gain after the run", *heads), align, gains)
     itae = _ITAE if any("itae" in run.metrics for run in runs) else ""
     shown = [row for row in _METRICS if any(row[0] in run.metrics for run in runs)]
