@@ -7,6 +7,7 @@ The result is compared with that of the last tune of the same vehicle.
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +20,7 @@ from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
 from gcs_autotune.observer import Observer
 from gcs_autotune.plain_json import json_text
-from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, sentence, to_json
+from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, sentence, simulated_with, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.connection import axis_of
@@ -137,6 +138,15 @@ class Recheck:
         self.changed = self.tune.changed(self.present)
         others = f". Changed since: {', '.join(self.changed)}" if self.changed else ". Its gains are unchanged"
         self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
+
+    def again_with_its_gains(self, link: str) -> str:
+        """Return the command that rechecks the tuned gains on a simulated vehicle, which starts with its original ones;
+        empty on a real vehicle, or if no gain differs.
+        """
+        if not self.changed or self.tune is None or not link.startswith("sitl:"):
+            return ""
+        tuned = simulated_with(link, {name: self.tune.gains[name] for name in self.changed})
+        return f"gcs-autotune recheck {self._axis.name} --connect {shlex.quote(tuned)}"
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
         """Return the second run, or None if the first one was sufficient.
@@ -266,7 +276,10 @@ def recheck(
     found = verdict_of(axis.name, check)
     directory = common.directory
     doubts = () if check.sheet is None else tuple(check.sheet.doubts)
-    found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
+    again = check.again_with_its_gains(common.connection.uri)
+    found = replace(
+        found, again=again, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r)
+    )
     title = f"Recheck of {axis.name}: {common.connection.uri}"
     document = recheck_document(found, title, when, shown)
     (directory / "recheck.json").write_text(json_text(to_json(document)), encoding="utf-8")

@@ -108,6 +108,16 @@ def test_the_last_tune_is_the_newest_kept_one_of_this_vehicle(
     assert last_tune(tmp_path / "none", "heading", lambda about: True) is None
 
 
+def test_a_simulated_vehicle_is_rechecked_with_the_command_that_sets_the_tuned_gains(tmp_path: Path) -> None:
+    check = Recheck(AXES["heading"], tmp_path, Ear([]))
+    check.tune = LastTune(tmp_path, "", LoopNumbers(), {"ATC_STR_RAT_P": 0.7, "ATC_STR_RAT_I": 0.1})
+    assert check.again_with_its_gains("sitl:charlie") == ""
+    check.changed = ("ATC_STR_RAT_P",)
+    assert check.again_with_its_gains("/dev/ttyUSB0") == ""
+    told = check.again_with_its_gains("sitl:charlie?seed=3")
+    assert told == ("gcs-autotune recheck heading --connect 'sitl:charlie?seed=3&param=ATC_STR_RAT_P=0.7'")
+
+
 def checked(harness: SitlHarness, runs: Path, options: dict[str, float] | None = None, **common: Any) -> Any:
     settings = FlySettings("set-point-relay", harness.common(**common), options or {}, force="N")
     return recheck(FlightPlan.of(settings), AXES["heading"], Unattended(), Ear(harness.said), WHEN, runs)
