@@ -318,8 +318,8 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
         doubts.append(
             Doubt(
                 "slow-sampling",
-                f"the heading is sampled every {dt:.2g} s, at the fewest {shortest / dt:.0f} times from one helm order to "
-                "the next",
+                f"the heading is sampled every {dt:.2g} s, at the fewest {shortest / dt:.0f} times from one helm order "
+                "to the next",
                 "record the heading at a higher rate",
             )
         )
