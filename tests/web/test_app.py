@@ -158,6 +158,11 @@ def test_the_server_stops_the_run_and_waits_for_it_on_exit(tmp_path: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
+def test_the_footer_states_that_proved_gains_stay() -> None:
+    footer = " ".join((STATIC / "index.html").read_text(encoding="utf-8").split())
+    assert "parameters restored, except gains already proved better" in footer
+
+
 def test_a_disk_that_fills_during_a_tune_is_reported_and_everything_is_restored(tmp_path: Path) -> None:
     program = CommandLine((sys.executable, str(Path(__file__).with_name("full_disk.py"))))
     with (
