@@ -105,14 +105,12 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> Inte
             ROOM_AND_TIME,
             f"{most if moves else at_spot}, up to {longest}",
         )
-    near = f"about {min(usual.needs, metres):.0f} m from the start{deep}, and about" if moves else f"{far}, and about"
-    most = f"up to {metres:.0f} m{ends} and " if moves else ""
     by = f" (predicted from {source})" if source else ""
     often = exactly(LATE * usual.seconds)
-    most = f". A poorly damped loop needs {most}up to {longest}"
-    brief = f"usually {min(usual.needs, metres):.0f} m{deep_briefly} and {often}, at most {metres:.0f} m and {longest}"
+    most = f", of a poorly damped loop up to {longest}"
+    brief = f"up to {metres:.0f} m from the start{deep_briefly}; usually {often}, at most {longest}"
     return Intention(
-        f"usually need {near} {often}{by}{most}",
+        f"need {far}{deep}, and usually about {often}{most}{by}",
         ROOM_AND_TIME,
         brief if moves else f"{at_spot}; usually {often}, at most {longest}",
     )
