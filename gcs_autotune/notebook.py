@@ -144,7 +144,8 @@ def parameter_tables(parameters: Mapping[str, Any], covariance: NDArray[np.float
     """
     rows = []
     for name, p in parameters.items():
-        share = f"{100.0 * p.std / abs(p.value):.1f} %" if p.std > 0.0 and p.value else ""
+        percent = 100.0 * p.std / abs(p.value) if p.std > 0.0 and p.value else 0.0
+        share = "" if not percent else f"{percent:.1f} %" if percent >= 0.05 else "< 0.1 %"
         rows.append((name, format_value(p.value, p.std), share, p.unit, _STATUS.get(p.status, p.status)))
     names, std = list(parameters), np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(std > 0.0, std, np.inf)

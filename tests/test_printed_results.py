@@ -6,14 +6,16 @@ import dataclasses
 import importlib
 import inspect
 import re
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from gcs_autotune.api import design, example_run, fit
 from gcs_autotune.identify import model_file_of
 from gcs_autotune.identify.frequency.nomoto import NomotoFit
 from gcs_autotune.models import Nomoto1
-from gcs_autotune.notebook import WIDTH, Displayed, display_of_fields
+from gcs_autotune.notebook import WIDTH, Displayed, display_of_fields, parameter_tables
 
 ROOMS = (
     *("api", "identify", "diagnose", "design", "control", "experiments", "models", "effects", "navigation"),
@@ -50,9 +52,13 @@ def test_a_model_file_prints_its_numbers_with_their_errors() -> None:
     assert re.search(r"N_r +-0\.50\d+ ± 0\.000\d +0\.1 % +s/rad +fitted", reported)
 
 
-def test_a_nomoto_fit_prints_gain_and_time_constant_with_their_errors() -> None:
-    import numpy as np
+def test_a_small_relative_error_is_not_shown_as_zero() -> None:
+    values = {n: SimpleNamespace(value=1.0, std=s, unit="s", status="fitted") for n, s in (("a", 1e-4), ("b", 6e-4))}
+    table = parameter_tables(values, np.diag([1e-8, 3.6e-7]))[0]
+    assert [row[2] for row in table.rows] == ["< 0.1 %", "0.1 %"]
 
+
+def test_a_nomoto_fit_prints_gain_and_time_constant_with_their_errors() -> None:
     found = NomotoFit(Nomoto1(0.2, 4.0), {"K": 0.01, "T": 0.3, "delay": 0.0}, np.ones(3), np.eye(3), 0.02, 1.0)
     reported = str(found)
     assert reported.startswith("Nomoto model of first order; 2.0% of the motion is not explained")

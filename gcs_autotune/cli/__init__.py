@@ -157,7 +157,11 @@ class _Parser(argparse.ArgumentParser):
         """Parse, and reject what is left over here: argparse would report it from the parser of the whole program."""
         known, left = super().parse_known_args(args, namespace)
         if left:
-            self.error(f"unrecognized arguments: {' '.join(left)}")
+            typed = next((word[2:].partition("=")[0] for word in left if word.startswith("--")), "")
+            options = [option[2:] for option in self._option_string_actions if option.startswith("--")]
+            nearest = " or ".join(f"--{name}" for name in nearest_of(typed, options)[0])
+            hint = f". Did you mean {nearest}?" if nearest else ""
+            self.error(f"unrecognized arguments: {' '.join(left)}{hint}")
         return known, left
 
 

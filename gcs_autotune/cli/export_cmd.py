@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcs_autotune.cli.command import Command, check_files, waiting
 from gcs_autotune.cli.reading import full_scale
-from gcs_autotune.cli.writing import fresh, on_replacing
+from gcs_autotune.cli.writing import folded, fresh, on_replacing
 from gcs_autotune.documents import MODEL, model_file
 from gcs_autotune.errors import BadFile
 from gcs_autotune.untrusted_text import visible
@@ -54,7 +54,7 @@ def _run(args: argparse.Namespace) -> int:
         raise BadFile(f"{path} cannot be written: {error.strerror}. Choose another --out") from error
     others = sorted(source.parent.glob("model-*.json")) if source.name == MODEL else []
     for what in (*written.left, *(f"{other}. Export this model of the same run separately" for other in others)):
-        sys.stderr.write(f"Not exported: {visible(what)}\n")
+        sys.stderr.write(folded(f"Not exported: {visible(what)}", sys.stderr, "  "))
     sys.stdout.write(f"Model for {args.to}: {visible(str(path))}{replaced}\n")
     return 0
 

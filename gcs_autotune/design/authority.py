@@ -299,7 +299,9 @@ class CraftModels:
 
 @dataclass(frozen=True, slots=True)
 class AuthorityFigure:
-    """One figure with its standard error, in SI. ``note``: what it assumes."""
+    """One figure with its standard error, in SI. ``note``: what it assumes. ``extrapolated``: whether it needs more
+    output than was flown. The standard error then does not contain the error of the extrapolation.
+    """
 
     slug: str
     title: str
@@ -307,15 +309,18 @@ class AuthorityFigure:
     std: float
     unit: str
     note: str = ""
+    extrapolated: bool = False
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval."""
+        """The 95 % interval; NaN if the figure is extrapolated."""
+        if self.extrapolated:
+            return math.nan, math.nan
         return self.value - HALF_WIDTH * self.std, self.value + HALF_WIDTH * self.std
 
     @property
     def sure(self) -> float:
-        """The end of the 95 % interval that is nearer to zero."""
+        """The end nearer to zero of the 95 % interval that follows from the standard error alone."""
         return math.copysign(max(abs(self.value) - HALF_WIDTH * self.std, 0.0), self.value)
 
 
@@ -370,9 +375,13 @@ def authority_of(craft: CraftModels) -> Authority:
             variance[slug] += float(more)
     known = {s: (v, math.sqrt(max(variance[s], 0.0))) for s, v in values.items() if math.isfinite(v)}
     rows = [row for row in _titles(alone) if row[0] in known]
-    figures = {slug: AuthorityFigure(slug, title, *known[slug], unit, note) for slug, title, unit, note in rows}
+    figures = {}
+    for slug, title, unit, note in rows:
+        beyond = _extrapolation(alone, slug)
+        note = ". ".join(text for text in (beyond, note) if text)
+        figures[slug] = AuthorityFigure(slug, title, *known[slug], unit, note, bool(beyond))
     return Authority(
-        craft, figures, tuple(_circles(known)), tuple(_missing(craft, figures)), tuple(_assumed(craft, known))
+        craft, figures, tuple(_circles(alone, known)), tuple(_missing(craft, figures)), tuple(_assumed(craft, known))
     )
 
 
@@ -656,7 +665,7 @@ def _titles(craft: CraftModels) -> Iterator[tuple[str, str, str, str]]:
     """Yield slug, title, unit and note of every figure, in the order of the page."""
     at = "" if craft.surge is None else f" at {100.0 * craft.working:.3g} % throttle"
     yield "cruise-speed", f"speed{at}", "m/s", ""
-    yield "top-ahead", "top speed ahead", "m/s", _beyond(craft, "X")
+    yield "top-ahead", "top speed ahead", "m/s", ""
     yield "top-astern", "top speed astern", "m/s", ""
     yield "astern-ratio", "top speed, astern / ahead", "1", ""
     yield "current", f"current, at {100.0 * RESERVE:.0f} % throttle", "m/s", ""
@@ -667,11 +676,10 @@ def _titles(craft: CraftModels) -> Iterator[tuple[str, str, str, str]]:
         for where, speed in (("", ""), ("-top", " from top speed")):
             yield f"stop-{how}{where}", f"stopping distance{speed}, {words}", "m", ""
             yield f"stop-time-{how}{where}", f"stopping time{speed}, {words}", "s", ""
-    turning = _beyond(craft, "N")
     for side, _ in SIDES:
-        yield f"turn-rate-{side}", f"turn rate to {side}{at}", "rad/s", turning
+        yield f"turn-rate-{side}", f"turn rate to {side}{at}", "rad/s", ""
     for side, _ in SIDES:
-        yield f"turn-acceleration-{side}", f"turn acceleration to {side}, greatest", "rad/s^2", turning
+        yield f"turn-acceleration-{side}", f"turn acceleration to {side}, greatest", "rad/s^2", ""
     for side, _ in SIDES:
         yield f"turn-acceleration-mean-{side}", f"turn acceleration to {side}, mean", "rad/s^2", ""
     yield "turn-ratio", "turn rate, starboard / port", "1", ""
@@ -699,36 +707,69 @@ def _unit(craft: CraftModels, force: str) -> str:
     return ("N m" if force == "N" else "N") if inputs and not model.model.base.form.normalised else "1"
 
 
-def _beyond(craft: CraftModels, force: str) -> str:
-    """Return a note if the largest output of a figure is beyond those flown; empty if it is not, or unknown."""
-    flown, reach = _reach(craft, force)
-    return f"extrapolated: largest output flown {100.0 * flown:.0f} %" if BEYOND * flown < reach else ""
+def _beyond(craft: CraftModels, force: str, reach: float | None = None) -> str:
+    """Return a note if the output *reach* [fraction], by default the full one, is beyond those flown; empty if it is
+    not, or unknown."""
+    flown, most = _reach(craft, force)
+    most = most if reach is None else reach
+    return f"extrapolated: largest output flown {100.0 * flown:.0f} %" if BEYOND * flown < most else ""
+
+
+TURNING = ("turn-", "moment-", "steerage")
+"""Beginnings of the slugs of the figures at full steering."""
+
+
+def _extrapolation(craft: CraftModels, slug: str, throttle: float = math.nan) -> str:
+    """Return a note if the figure *slug* needs more output than was flown; empty if it does not, or unknown.
+
+    throttle : of a circle [fraction]; NaN if unknown.
+    """
+    if slug.startswith("side-force-"):
+        return _beyond(craft, "Y")
+    if slug.startswith("circle-"):
+        ahead = _beyond(craft, "X", craft.outputs(throttle, 0.0)[0]) if math.isfinite(throttle) else ""
+        return _beyond(craft, "N") or ahead
+    if slug.startswith(TURNING):
+        return _beyond(craft, "N")
+    if slug == "current":
+        return _beyond(craft, "X", craft.outputs(RESERVE, 0.0)[0])
+    if slug in COASTING:
+        return _beyond(craft, "X", craft.outputs(craft.working, 0.0)[0])
+    return _beyond(craft, "X", 1.0)
+
+
+COASTING = ("cruise-speed", "deceleration-coasting", "stop-coasting", "stop-time-coasting")
+"""Figures that need no more than the working throttle."""
 
 
 def _reach(craft: CraftModels, force: str) -> tuple[float, float]:
     """Return the largest output flown [fraction], NaN if unknown, and that of the figures."""
     if force == "X":
         return (math.nan if craft.surge is None else craft.surge.largest("X")), 1.0
+    if force == "Y":
+        models = (*craft.yaw, *([craft.surge] if craft.surge else []))
+        return next((model.largest("Y") for model in models if model.drives("Y")), math.nan), 1.0
     if not craft.yaw:
         return math.nan, 1.0
     speed = _approach(craft, math.nan if craft.surge is None else craft.working)
     return _nearest(craft, speed).largest("N"), abs(craft.outputs(craft.working, 1.0)[1])
 
 
-def _circles(known: Mapping[str, tuple[float, float]]) -> Iterator[Circle]:
+def _circles(craft: CraftModels, known: Mapping[str, tuple[float, float]]) -> Iterator[Circle]:
     labels = dict.fromkeys(slug.split("-")[1] for slug in known if slug.startswith("circle-"))
     for label in labels:
+        throttle = math.nan if label == "flown" else float(label) / 100.0
+        beyond = _extrapolation(craft, f"circle-{label}", throttle)
 
-        def of(what: str, side: str, unit: str, label: str = label) -> AuthorityFigure | None:
+        def of(what: str, side: str, unit: str, label: str = label, beyond: str = beyond) -> AuthorityFigure | None:
             slug = f"circle-{label}-{what}-{side}"
-            return AuthorityFigure(slug, what, *known[slug], unit) if slug in known else None
+            return AuthorityFigure(slug, what, *known[slug], unit, beyond, bool(beyond)) if slug in known else None
 
         speed, rates, diameters = (
             {side: found for side, _ in SIDES if (found := of(what, side, unit)) is not None}
             for what, unit in (("speed", "m/s"), ("rate", "rad/s"), ("diameter", "m"))
         )
         if speed and len(diameters) == len(SIDES):
-            throttle = math.nan if label == "flown" else float(label) / 100.0
             yield Circle(throttle, next(iter(speed.values())), rates, diameters)
 
 
@@ -815,7 +856,7 @@ def _assumed(craft: CraftModels, known: Collection[str]) -> Iterator[str]:
         if curved and _beyond(craft, force):
             yield (
                 f"Beyond {100.0 * _reach(craft, force)[0]:.0f} % of {force} output, the figures continue the thrust "
-                "curve of the model. A curve that fits the runs as well may give other ones, outside their intervals."
+                "curve of the model. A curve that fits the runs as well may give other ones."
             )
     for model in dict.fromkeys([*craft.yaw, *([craft.surge] if craft.surge else [])]):
         if not model.flown:

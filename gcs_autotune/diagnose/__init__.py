@@ -32,7 +32,7 @@ Prepared runs and fits with effects come from :mod:`gcs_autotune.identify.extend
 from __future__ import annotations
 
 from gcs_autotune.diagnose.api import WORK, diagnose
-from gcs_autotune.diagnose.craft_changes import CHANGES, CraftChange, CraftComparison, compare_craft
+from gcs_autotune.diagnose.craft_changes import CHANGES, RUN_SPREAD, CraftChange, CraftComparison, compare_craft
 from gcs_autotune.diagnose.heldout import METRIC
 from gcs_autotune.diagnose.parameter_table import (
     ParameterTable,
@@ -61,6 +61,7 @@ from gcs_autotune.diagnose.result import (
 __all__ = [
     "CHANGES",
     "METRIC",
+    "RUN_SPREAD",
     "WORK",
     "Cause",
     "CraftChange",

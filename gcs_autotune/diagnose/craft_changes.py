@@ -23,7 +23,7 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.notebook import Displayed
 from gcs_autotune.rounding import format_number
 
-__all__ = ["CHANGES", "CraftChange", "CraftComparison", "compare_craft"]
+__all__ = ["CHANGES", "RUN_SPREAD", "CraftChange", "CraftComparison", "compare_craft"]
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ FALSE_ALARM = 0.01
 """Probability, per comparison, of reporting an unchanged craft as changed."""
 LEAST_KNOWN = 0.5
 """Standard error of the logarithm of a number above which the number counts as unknown."""
-MODERATE = 0.02
+RUN_SPREAD = 0.02
 """Standard deviation of the usual difference between two runs of an unchanged craft (water, load, battery).
 
 It applies to logarithms of inertia and drag, and to trim relative to the force. Standard errors include noise only.
@@ -93,7 +93,8 @@ class CraftComparison(Displayed):
     def summary(self) -> str:
         """Return a summary of the comparison in one sentence."""
         if not self.changed:
-            return "no change found"
+            alone = f", although {' and '.join(self.outside)} alone would be outside the 99 % interval"
+            return f"no change found{alone if self.outside else ''}"
         if not self.causes:
             return f"different ({', '.join(self.outside) or 'all together'}). No single cause explains the difference"
         return " and ".join(_change_words(change, size) for change, size in self.causes)
@@ -140,7 +141,7 @@ def compare_craft(reference: AxisFit, now: AxisFit) -> CraftComparison:
     speed = min(_speed(reference), _speed(now))
     scale = reference.model.equivalent_drag(speed) * speed or 1.0
     (y_0, C_0), (y_1, C_1) = (_numbers(f, speed, scale) for f in (reference, now))
-    y, C = y_1 - y_0, C_0 + C_1 + MODERATE**2 * np.eye(3)
+    y, C = y_1 - y_0, C_0 + C_1 + RUN_SPREAD**2 * np.eye(3)
     known = np.array([math.isfinite(v) and math.isfinite(c) for v, c in zip(y, np.diag(C), strict=True)])
     known &= np.sqrt(np.where(known, np.diag(C), 0.0)) < LEAST_KNOWN
     index = np.flatnonzero(known)

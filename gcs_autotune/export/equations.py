@@ -18,7 +18,6 @@ from gcs_autotune.identify import ModelFile
 from gcs_autotune.models import (
     DEPTH,
     ETA,
-    FORCES,
     INPUT,
     INPUT_SIZE,
     NU_SIZE,
@@ -42,6 +41,12 @@ AT_THE_INPUT = {"input-delay": "delay", "actuator-lag": "time_constant"}
 """Slug of an effect that is exported as a delay or lag of its input -> parameter with the time."""
 
 
+FORCE_WORDS = tuple(f"the force in {dof}" for dof in ("surge", "sway", "heave")) + tuple(
+    f"the moment in {dof}" for dof in ("roll", "pitch", "yaw")
+)
+"""Words for the forces in rows 0 (X) to 5 (N). A letter would read as a unit."""
+
+
 @dataclass(frozen=True, slots=True)
 class ForceTerm:
     """A force ``coefficient * factors`` in row 0 (X) to 5 (N), with factors such as ``u``, ``abs(r)``, ``sin(phi)``
@@ -56,11 +61,6 @@ class ForceTerm:
     def text(self) -> str:
         """The product as an expression that is valid in Python and in MATLAB."""
         return " * ".join((f"({self.coefficient!r})", *self.factors))
-
-    @property
-    def words(self) -> str:
-        """The force as text for people."""
-        return f"the force {FORCES[self.row]} = {' * '.join((f'{self.coefficient:.6g}', *self.factors))}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +92,13 @@ class MotionEquations:
     lag: Mapping[str, float]
     parameters: tuple[tuple[str, float, str, float], ...]
     left: tuple[str, ...]
+
+    def words_of(self, term: ForceTerm) -> str:
+        """Return the force *term* as text for people. A constant one has its unit."""
+        unit = ""
+        if not term.factors:
+            unit = " of full output" if set(self.inputs.values()) == {"1"} else " N m" if term.row >= 3 else " N"
+        return f"{FORCE_WORDS[term.row]}: {' * '.join((f'{term.coefficient:.6g}', *term.factors))}{unit}"
 
     @property
     def identifier(self) -> str:
@@ -155,7 +162,7 @@ def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> MotionEqua
         size = float(coefficient) * (theta[par] if par >= 0 else 1.0) * (theta[scale] if scale >= 0 else 1.0)
         names = tuple(_factor(int(code), inputs) for code in factors if code >= 0)
         if "" in names:
-            left.append(f"a force {'XYZKMN'[row]} of {size:.6g} that grows towards the bottom")
+            left.append(f"{FORCE_WORDS[row]}, that grows towards the bottom: {size:.6g}")
         elif size:
             terms.append(ForceTerm(int(row), float(size), names))
     delay = dict.fromkeys(inputs, values.get("delay", 0.0))

@@ -38,7 +38,7 @@ def to_gazebo(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
         if name:
             _add(found, name, value)
         else:
-            left.append(term.words)
+            left.append(equations.words_of(term))
     if np.any(np.diag(equations.inertia)) and not np.any(equations.rigid):
         left.append(
             "mass and inertia of the body itself. The model contains only their sum with the added mass, which is in "

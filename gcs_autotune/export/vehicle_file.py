@@ -44,14 +44,14 @@ def to_vehicle_file(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
         if table == "yaw" or (table == "heave" and dives):
             values["bias"] = constant
         elif constant:
-            left.append(f"the constant force {FORCES[row]} = {constant:.6g}")
+            left.append(equations.words_of(ForceTerm(row, constant, ())))
         if dives and table in ("yaw", "surge", "heave"):
             values["authority"] = _authority(equations, row, own)
         blocks.append(_table(table, values))
     blocks += _thrusters(equations, own, dives=dives)
     if 1 in equations.rows:
         blocks.append(_coupling(equations, own, left))
-    left += [t.words for k, t in enumerate(equations.terms) if k not in own]
+    left += [equations.words_of(t) for k, t in enumerate(equations.terms) if k not in own]
     for slug, name, late in (
         ("input-delay", "delay", equations.delay),
         ("actuator-lag", "time_constant", equations.lag),

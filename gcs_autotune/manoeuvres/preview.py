@@ -127,7 +127,7 @@ class Preview:
         """Return one sentence with time, space and turning of the manoeuvre."""
         way = f", {self.room:.0f} m of free water" if self.room >= 1.0 else ""
         turned, fastest = math.degrees(self.turned), math.degrees(float(np.max(np.abs(self.trial["r"].values))))
-        at = f" at up to {fastest:.0f} deg/s" if fastest >= 1.0 else ""
+        at = f" at up to roughly {fastest:.0f} deg/s" if fastest >= 1.0 else ""
         deep = f", {self.deep:.1f} m of depth" if self.deep >= 0.1 else ""
         cycle = self._cycle_words()
         return (

@@ -85,7 +85,7 @@ from gcs_autotune.report.toolkit.wording import (
     how_to_resume,
     sentence,
 )
-from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
+from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document, simulated_with
 from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.run_directory import save_page, write_story
 from gcs_autotune.report.tune.story import TuneStory
@@ -171,6 +171,7 @@ __all__ = [
     "script_digest",
     "sentence",
     "sheets_document",
+    "simulated_with",
     "study_document",
     "styles_compared",
     "thruster_document",

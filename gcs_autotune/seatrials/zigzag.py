@@ -318,7 +318,8 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
         doubts.append(
             Doubt(
                 "slow-sampling",
-                f"the heading is sampled every {dt:.2g} s, only {shortest / dt:.0f} times between two helm orders",
+                f"the heading is sampled every {dt:.2g} s, at the fewest {shortest / dt:.0f} times from one helm order "
+                "to the next",
                 "record the heading at a higher rate",
             )
         )
@@ -429,7 +430,10 @@ def _ordered_helm(run: Trial, z: ZigZagFigures, unit: str) -> float:
 
 def _helm_words(run: Trial, z: ZigZagFigures, unit: str) -> str:
     """Return the name of the measured helm; a mixer that saturates sends less than was ordered."""
-    return "helm" if abs(z.helm - _ordered_helm(run, z, unit)) <= HELM_MISSED * z.helm else "helm at the output"
+    ordered = _ordered_helm(run, z, unit)
+    if abs(z.helm - ordered) <= HELM_MISSED * z.helm:
+        return "helm"
+    return f"helm at the output (ordered: {helm_text(ordered, unit)})"
 
 
 def _sign(unit: str) -> str:

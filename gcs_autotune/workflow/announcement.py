@@ -105,14 +105,12 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> Inte
             ROOM_AND_TIME,
             f"{most if moves else at_spot}, up to {longest}",
         )
-    near = f"about {min(usual.needs, metres):.0f} m from the start{deep}, and about" if moves else f"{far}, and about"
-    most = f"up to {metres:.0f} m{ends} and " if moves else ""
     by = f" (predicted from {source})" if source else ""
     often = exactly(LATE * usual.seconds)
-    most = f". A poorly damped loop needs {most}up to {longest}"
-    brief = f"usually {min(usual.needs, metres):.0f} m{deep_briefly} and {often}, at most {metres:.0f} m and {longest}"
+    most = f", of a poorly damped loop up to {longest}"
+    brief = f"up to {metres:.0f} m from the start{deep_briefly}; usually {often}, at most {longest}"
     return Intention(
-        f"usually need {near} {often}{by}{most}",
+        f"need {far}{deep}, and usually about {often}{most}{by}",
         ROOM_AND_TIME,
         brief if moves else f"{at_spot}; usually {often}, at most {longest}",
     )
@@ -125,18 +123,23 @@ def exactly(seconds: float) -> str:
     return " ".join(([f"{minutes} min"] if minutes else []) + ([f"{rest} s"] if rest or not minutes else []))
 
 
-def how_long(itinerary: Itinerary, most: float = 0.0) -> Intention:
-    """Return a sentence on the duration of each stage in vehicle time.
+def how_long(itinerary: Itinerary, patient: Itinerary | None = None) -> Intention:
+    """Return a sentence on the duration of each stage in vehicle time. The times add up to the announced total.
 
-    *most* [s] is the total if no stage ends early.
+    *patient* is the run if no stage ends early.
     """
-    beside = overhead(len(itinerary.legs))
-    usual = _minutes(itinerary.seconds + beside)
-    longest = _minutes(max(most, itinerary.seconds) + beside)
-    up_to = "" if longest == usual else f", up to {longest} if it does not settle"
+    beside, legs = overhead(len(itinerary.legs)), itinerary.legs if patient is None else patient.legs
+    total = itinerary.seconds + beside
+    most = total if patient is None else max(patient.seconds + overhead(len(legs)), total)
+    usual, longest = exactly(total), exactly(most)
+    up_to = "" if longest == usual else f", up to {longest}"
     brief = f"about {usual} of the vehicle's time{up_to}"
-    rest = f": {itinerary.told()}. These are estimates for similar craft, updated after the first stage of each kind"
-    return Intention(f"take {brief}{rest}", "Time", brief)
+    stages = f"{itinerary.told()}, arming and mode changes {beside:.0f} s"
+    planned = {leg.stage for leg in itinerary.legs}
+    further = [f"{leg.stage} {leg.total:.0f} s" for leg in legs if leg.stage not in planned]
+    more = f". If these do not suffice, it also flies {', '.join(further)}" if further else ""
+    rest = f": {stages}{more}. These are estimates for similar craft, updated after the first stage of each kind"
+    return Intention(f"take {brief}{' if it does not settle' * bool(up_to)}{rest}", "Time", brief)
 
 
 def battery(now: Observation, envelope: Envelope, seconds: float, most: float = 0.0) -> Intention:
@@ -228,8 +231,3 @@ def in_short(reason: str) -> str:
     """Return the first clause of *reason* for one line of a terminal, or where to read a longer one."""
     first = re.split(r"[.;:] ", reason, maxsplit=1)[0]
     return first if len(first) <= REASON else "see --verbose"
-
-
-def _minutes(seconds: float) -> str:
-    tens = 10 * math.ceil(seconds / 10.0)
-    return f"{tens} s" if tens < 2 * 60 else f"{math.ceil(seconds / 60.0)} min"

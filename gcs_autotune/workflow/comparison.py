@@ -24,7 +24,7 @@ from gcs_autotune.report import ComparedRun, Comparison, reference_of
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial, load_trial
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.workflow.recheck import AFTER
+from gcs_autotune.workflow.recheck import AFTER, BEFORE
 from gcs_autotune.workflow.record import SUMMARY
 from gcs_autotune_files import Refused, read
 
@@ -35,9 +35,6 @@ COMPARED = ("yaw", "surge", "heave")
 
 MOST_RUNS = 12
 """Most runs of one comparison: more columns cannot be read. Project choice."""
-
-BEFORE = "parameters_before.json"
-"""File of a tune with the parameters that it found."""
 
 
 def compare(

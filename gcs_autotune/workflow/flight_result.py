@@ -27,6 +27,7 @@ from gcs_autotune.seatrials import MANOEUVRES as SHIP_MANOEUVRES
 from gcs_autotune.seatrials import Sheet, ship_figures
 from gcs_autotune.thrusters import write_pulls
 from gcs_autotune.trial import Trial
+from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.self_planned import TrialStep
@@ -137,11 +138,28 @@ def read_flight(
     asked = plan.title if plan.until is None else f"A trial for {plan.until.title}"
     title = f"{asked}: {common.connection.uri.partition('?')[0]}"
     told = FlightStory(
-        title, when, tracks, predicted, sheets, models, remarks, story_of(steps), str(common.directory or "")
+        title,
+        when,
+        tracks,
+        predicted,
+        sheets,
+        models,
+        remarks,
+        story_of(steps),
+        str(common.directory or ""),
+        bool(models) and _has_authority(record.path),
     )
     document = flight_document(told)
     page = save_page(record.path, document)
     return FlightResult(runs, page, document, sheets, models, remarks, steps)
+
+
+def _has_authority(directory: Path) -> bool:
+    """Return whether the models in *directory* determine any figure of `authority`."""
+    try:
+        return bool(authority([directory]).figures)
+    except AutotuneError:
+        return False
 
 
 def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialSummary]:

@@ -8,6 +8,7 @@ give no clear verdict.
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -23,10 +24,11 @@ from gcs_autotune.link import MavlinkCraft, difference, same_float32
 from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.observer import Observer
 from gcs_autotune.plain_json import json_text
-from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, sentence, to_json
+from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, save_page, sentence, simulated_with, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial, load_meta, load_trial
+from gcs_autotune.workflow.connection import axis_of
 from gcs_autotune.workflow.experiments import measure, noise_in, resolution
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
 from gcs_autotune.workflow.fly import fly_plan
@@ -38,6 +40,8 @@ __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 
 AFTER = "parameters_after.json"
 """Name of the file with the vehicle's parameters at the end of a tune."""
+BEFORE = "parameters_before.json"
+"""Name of the file with the parameters that a run found."""
 BAD, UNCLEAR = ("oscillates", "poorly damped"), ("undecided", "not identifiable")
 """Verdicts on the relays after which no step is flown, and those after which one is flown even without an earlier tune.
 """
@@ -109,6 +113,7 @@ class Recheck:
     well damped as after it.
 
     ``tune``: the last tune of the vehicle.
+    ``present``: the gains of the loop on the vehicle.
     ``changed``: names of the gains changed since the tune.
     ``shown``: the flight from which the loop is evaluated.
     ``sheet``: figures computed from the relays.
@@ -121,6 +126,7 @@ class Recheck:
     def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
         self._axis, self._runs, self._observer = axis, runs, observer
         self.tune: LastTune | None = None
+        self.present: Mapping[str, float] = {}
         self.changed: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
         self.stepped = False
@@ -138,11 +144,12 @@ class Recheck:
             return not difference(about["vehicle"], about["fingerprint"], here, craft.parameters)
 
         self.tune = last_tune(self._runs, self._axis.name, is_same)
+        own = [gain.parameter for gain in axis_of(craft.firmware, self._axis.name).gains]
+        self.present = craft.parameters.read_existing(own if self.tune is None else list(self.tune.gains))
         if self.tune is None:
             self._observer.say(f"no earlier {self._axis.name} tune of this vehicle in {self._runs}/ to compare with")
             return
-        present = craft.parameters.read_existing(list(self.tune.gains))
-        self.changed = self.tune.changed(present)
+        self.changed = self.tune.changed(self.present)
         others = f". Changed since: {', '.join(self.changed)}" if self.changed else ". Its gains are unchanged"
         self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
@@ -163,6 +170,15 @@ class Recheck:
             return step, words, f"a step{shown} and back, as in the tune"
         words = f"fly a step{shown} and back, if these relays give no clear verdict"
         return step, words, f"a step{shown} and back if the relays decide nothing"
+
+    def again_with_its_gains(self, link: str) -> str:
+        """Return the command that rechecks the tuned gains on a simulated vehicle, which starts with its original ones;
+        empty on a real vehicle, or if no gain differs.
+        """
+        if not self.changed or self.tune is None or not link.startswith("sitl:"):
+            return ""
+        tuned = simulated_with(link, {name: self.tune.gains[name] for name in self.changed})
+        return f"gcs-autotune recheck {self._axis.name} --connect {shlex.quote(tuned)}"
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
         """Return the step, or None if the relays were sufficient or the step was flown.
@@ -350,7 +366,10 @@ def recheck(
     found = verdict_of(axis.name, check)
     directory = common.directory
     doubts = () if check.sheet is None or check.step is not None else tuple(check.sheet.doubts)
-    found = replace(found, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r))
+    again = check.again_with_its_gains(common.connection.uri)
+    found = replace(
+        found, again=again, doubts=doubts, remarks=tuple(r for r in result.remarks if "no figures" not in r)
+    )
     title = f"Recheck of {axis.name}: {common.connection.uri.partition('?')[0]}"
     document = recheck_document(found, title, when, shown)
     (directory / "recheck.json").write_text(json_text(to_json(document)), encoding="utf-8")
@@ -361,8 +380,10 @@ def recheck(
         "ending": found.kind,
         "reason": found.text,
         "axis": axis.name,
+        "gains": {name: [value, value] for name, value in check.present.items()},
         "metrics": {"before": numbers, "after": None},
     }
+    (directory / BEFORE).write_text(json_text(dict(check.present)), encoding="utf-8")
     (directory / SUMMARY).write_text(json_text(summary), encoding="utf-8")
     save_page(directory, document)
     return found

@@ -128,7 +128,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
         movements=movements,
         needs=(
             room(axis.dof, context.speed, settings, now, whole),
-            how_long(itinerary, patient.seconds),
+            how_long(itinerary, patient),
             battery(now, settings.envelope, itinerary.seconds),
             *([styled(settings.style, designs=designs)] if designs or style_of(settings.style).slower > 1.0 else []),
         ),

@@ -418,9 +418,11 @@ class _Job:
         return replace(self._settings, axis=row.axis, resume=None, agreed=True)
 
     def _next(self, name: str) -> Path:
-        """Return a new directory of the job, numbered in order."""
-        count = sum(1 for path in self._path.glob("[0-9][0-9]-*")) if self._path.exists() else 0
-        return self._path / f"{count + 1:02d}-{name}"
+        """Return a new directory of the job, numbered in order. The first announcement has number 0, so that the first
+        step has number 1.
+        """
+        taken = [int(path.name[:2]) for path in self._path.glob("[0-9][0-9]-*")] if self._path.exists() else []
+        return self._path / f"{max(taken, default=-1) + 1:02d}-{name}"
 
     def _interrupted(self, name: str) -> Path | None:
         """Return the last run of the step *name* that was interrupted and can be gone on from."""

@@ -56,6 +56,23 @@ def test_json_has_every_figure_with_its_interval(words: list[str], capsys: pytes
     assert {row["name"] for row in document["limits"]} >= {"ATC_STR_RAT_MAX", "WP_SPEED", "TURN_RADIUS"}
 
 
+def test_an_extrapolated_figure_shows_the_word_in_place_of_an_interval(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t, folder = np.arange(20.0), tmp_path / "slow"
+    (folder / "trials").mkdir(parents=True)
+    save_trial(Trial("slow", {"X": Channel("X", "1", t, t / 40.0)}), folder / "trials" / "01-slow.csv")
+    Path(words[1]).rename(folder / "model.json")
+    slow = ["authority", str(folder), *words[2:]]
+    assert main(slow) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert any("top speed ahead" in row and "extrapolated" in row for row in rows)
+    assert not any("speed at 50 % throttle" in row and "extrapolated" in row for row in rows)
+    assert main([*slow, "--json"]) == 0
+    figure = json.loads(capsys.readouterr().out)["figures"]["top-ahead"]
+    assert (figure["extrapolated"], figure["low"], figure["high"]) == (True, None, None)
+
+
 def test_models_that_do_not_belong_together_are_rejected(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

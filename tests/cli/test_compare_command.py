@@ -13,7 +13,9 @@ from scipy.integrate import solve_ivp
 
 from gcs_autotune import api
 from gcs_autotune.cli import main
+from gcs_autotune.diagnose import CraftComparison
 from gcs_autotune.identify import save_model
+from gcs_autotune.report import ComparedRun, Comparison
 from gcs_autotune.trial import Trial, save_trial
 
 TUNED = {
@@ -119,6 +121,32 @@ def test_an_unchanged_craft_is_unchanged_in_json(tmp_path, capsys):
     assert document["changed"] is False
     assert [run["gains"]["ATC_STR_RAT_P"] for run in document["runs"]] == [0.3, 0.7]
     assert document["runs"][0]["metrics"]["settling"] is None
+
+
+def test_a_difference_that_is_significant_alone_is_stated_although_the_craft_is_unchanged():
+    inertia, drag, trim = (1.0, 0.02), (1.0, 0.02), (0.1, 0.03)
+    ratios = {"inertia": inertia, "drag": drag, "trim": trim}
+    row = CraftComparison("yaw", ("a",), ratios, changed=False, causes=(), outside=("trim",))
+    runs = tuple(ComparedRun(name, fits={}) for name in ("may", "june"))
+    told = Comparison(runs, {"june": (row,)}).told
+    assert "The difference in trim alone would be significant." in told
+    assert "the usual 2 % from run to run" in told
+    assert "trim alone" in row.summary
+    assert "alone" not in Comparison(runs, {"june": (replace(row, outside=()),)}).told
+
+
+def test_a_recheck_that_found_an_oscillation_is_in_the_verdict_with_its_gains(tmp_path, capsys):
+    may = directory(tmp_path, "may", "2026-05-01T10:00:00", relay_run(1))
+    checked = {"title": "recheck heading", "ending": "oscillates", "kept": None, "metrics": {"before": {"rise": None}}}
+    june = directory(tmp_path, "june", "2026-06-01T10:00:00", relay_run(2), **checked)
+    (june / "parameters_after.json").rename(june / "parameters_before.json")
+    assert main(["compare", str(may), str(june)]) == 0
+    text = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "The heading loop of run 2 oscillates. No change of the craft was found" in text
+    assert "ATC_STR_RAT_P 0.3 0.7" in text
+    (june / "parameters_before.json").unlink()
+    assert main(["compare", str(may), str(june)]) == 0
+    assert "ATC_STR_RAT_P 0.3 unknown" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_motion_that_was_not_excited_is_not_compared(tmp_path, capsys):

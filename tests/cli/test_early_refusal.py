@@ -93,6 +93,9 @@ def test_every_method_of_the_command_line_is_at_its_place_in_the_table():
         ("identify a.csv --method instrumental", "Did you mean instrumental-variables?"),
         ("tune headin", "Did you mean heading?"),
         ("tun heading", "Did you mean tune"),
+        ("tune heading --max-distanse 5", "Did you mean --max-distance"),
+        ("tune heading --max-distanse=5", "Did you mean --max-distance"),
+        ("figures a.csv --lenght 5", "Did you mean --length"),
     ],
 )
 def test_an_unknown_name_is_rejected_with_the_nearest_spelling(typed, meant, capsys):

@@ -93,6 +93,22 @@ def test_standard_errors_come_from_the_covariance_of_the_models() -> None:
     assert high - low == pytest.approx(2.0 * 1.96 * figures["top-ahead"].std)
 
 
+def test_a_figure_beyond_the_flown_output_has_no_interval() -> None:
+    slow = replace(surge(), flown={"X": (-0.5, 0.5)})
+    beyond = {"top-ahead", "top-astern", "current", "acceleration", "stop-coasting-top", "stop-astern"}
+    craft = found(RUDDER, yaw(steered=0.5), along=slow)
+    turns = {"turn-rate-port", "turn-acceleration-mean-port", "turn-ratio", "moment-port"}
+    for slug in beyond | turns:
+        assert "largest output flown 50 %" in craft.figures[slug].note
+        assert not math.isfinite(craft.figures[slug].interval[0])
+        assert not math.isnan(craft.figures[slug].sure)
+    for slug in ("cruise-speed", "stop-coasting", "stop-time-coasting", "deceleration-coasting"):
+        assert not craft.figures[slug].extrapolated
+        assert math.isfinite(craft.figures[slug].interval[0])
+    assert craft.circles[0].rates["port"].extrapolated
+    assert not any(figure.extrapolated for figure in found(RUDDER).figures.values())
+
+
 def test_turn_rates_of_a_rudder_are_given_only_at_the_flown_speeds() -> None:
     one = found(RUDDER)
     assert [c.throttle for c in one.circles] == [0.5]

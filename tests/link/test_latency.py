@@ -222,7 +222,7 @@ def test_an_effect_within_two_seconds_is_timed(latency: Latency) -> None:
     latency.moved(4.0, {})
     latency.moved(3.95, {"N": -0.5})
     assert latency.loop == pytest.approx(1.95)
-    assert str(latency.times()) == "whole loop 1950 ms (9 of 10 within 1950)"
+    assert str(latency.times()) == "from measured attitude to output 1950 ms (9 of 10 within 1950)"
 
 
 @pytest.mark.parametrize(

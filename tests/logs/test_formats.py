@@ -212,11 +212,11 @@ def test_the_contents_of_a_folder_without_runs_are_listed(tmp_path: Path) -> Non
     (tmp_path / "notes.txt").write_text("x")
     with pytest.raises(BadFile, match=r"\*\.ulg.*\. It contains notes\.txt"):
         load_runs(tmp_path)
-    for run in ("01-announcement", "02-heading", "03-depth"):
+    for run in ("00-announcement", "01-heading", "02-depth"):
         (tmp_path / run / "trials").mkdir(parents=True)
-    for run in ("02-heading", "03-depth"):
+    for run in ("01-heading", "02-depth"):
         (tmp_path / run / "trials" / "01.csv").touch()
-    with pytest.raises(BadFile, match=r"It contains these runs: [^ ]*02-heading, [^ ]*03-depth$"):
+    with pytest.raises(BadFile, match=r"It contains these runs: [^ ]*01-heading, [^ ]*02-depth$"):
         load_runs(tmp_path)
 
 

@@ -44,7 +44,7 @@ def test_the_nominal_plant_turns_as_its_model_after_its_delay(sign: float) -> No
     assert seen.turned == pytest.approx(abs(float(np.trapezoid(r, t))), abs=0.02)
     assert seen.deep == 0.0
     assert "z" not in seen.trial.channels
-    assert "deg of turning at up to 17 deg/s (predicted from" in seen.summary()
+    assert "deg of turning at up to roughly 17 deg/s (predicted from" in seen.summary()
 
 
 def test_a_preview_beyond_the_turn_rate_limit_is_rejected() -> None:

@@ -143,7 +143,7 @@ def test_the_title_states_the_ordered_angles():
     weaker = replace(by_share, values=0.9 * by_share.values)  # a mixer that saturates sends less
     (sheet,) = ship_figures(replace(shares, channels={**shares.channels, "N": weaker}))
     assert sheet.title.startswith("67 %/20° zig-zag")
-    assert next(f.name for f in sheet.figures if f.slug == "helm") == "helm at the output"
+    assert next(f.name for f in sheet.figures if f.slug == "helm") == "helm at the output (ordered: 67 %)"
 
 
 def test_the_title_of_a_record_without_orders_uses_likely_round_numbers():
@@ -194,7 +194,8 @@ def test_a_heading_sampled_too_slowly_for_rates_gives_angles_but_no_indices():
     slow = replace(run["psi"], t=run["psi"].t[::10], values=run["psi"].values[::10])
     seldom = replace(run, channels={"psi": slow, "delta": run["delta"]})
     (sheet,) = ship_figures(seldom)
-    assert "slow-sampling" in {d.slug for d in sheet.doubts}
+    (doubt,) = (d for d in sheet.doubts if d.slug == "slow-sampling")
+    assert "times from one helm order to the next" in doubt.cause
     assert "K" not in {f.slug for f in sheet.figures}
     assert sheet["period"].reading.value == pytest.approx(ship_figures(run)[0]["period"].reading.value, rel=0.02)
     with pytest.raises(NotInformative, match="often enough"):

@@ -158,6 +158,11 @@ def test_the_server_stops_the_run_and_waits_for_it_on_exit(tmp_path: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit on the size of files")
+def test_the_footer_states_that_proved_gains_stay() -> None:
+    footer = " ".join((STATIC / "index.html").read_text(encoding="utf-8").split())
+    assert "parameters restored, except gains already proved better" in footer
+
+
 def test_a_disk_that_fills_during_a_tune_is_reported_and_everything_is_restored(tmp_path: Path) -> None:
     program = CommandLine((sys.executable, str(Path(__file__).with_name("full_disk.py"))))
     with (
@@ -345,8 +350,8 @@ def test_a_guided_run_is_tune_all_with_its_options(tmp_path: Path) -> None:
 
 def job_of(folder: Path, link: str, *endings: str) -> Path:
     """Write a guided run on *link* whose steps ended as stated."""
-    (folder / "02-heading").mkdir(parents=True)
-    (folder / "02-heading" / "journal.jsonl").write_text(json.dumps({"event": "opened", "link": link}) + "\n")
+    (folder / "01-heading").mkdir(parents=True)
+    (folder / "01-heading" / "journal.jsonl").write_text(json.dumps({"event": "opened", "link": link}) + "\n")
     steps = [{"name": f"loop {k}", "ending": each, "gains": {"P": [1, 2]}} for k, each in enumerate(endings)]
     (folder / "job.json").write_text(json.dumps({"style": "quick", "dry_run": False, "steps": steps}))
     return folder
@@ -407,7 +412,7 @@ def kept_run(folder: Path, link: str, *, settled: bool = True, ending: str = "ke
 @pytest.mark.parametrize("settled", [True, False])
 def test_a_run_ended_before_arming_is_fine_if_earlier_steps_restored_the_vehicle(tmp_path: Path, settled: bool) -> None:
     (tmp_path / "job").mkdir()
-    kept_run(tmp_path / "job" / "02-heading", "/dev/ttyUSB0", settled=settled)
+    kept_run(tmp_path / "job" / "01-heading", "/dev/ttyUSB0", settled=settled)
     end = how_it_ended(130, "", tmp_path / "job", None)
     assert end["fine"] == settled
     assert ("vehicle is restored" in end["put_back"][0]) == settled

@@ -110,8 +110,8 @@ def test_the_announcement_contains_distance_time_and_stages():
     )
     loop = replace(whole, usual=Excursion(60.0, 30.0))
     assert whole_of(loop, Envelope(), "a test").text == (
-        "usually need about 40 m from the start, and about 1 min 10 s (predicted from a test). "
-        "A poorly damped loop needs up to 90 m and up to 2 min 20 s"
+        "need up to 90 m from the start, and usually about 1 min 10 s, of a poorly damped loop up to 2 min 20 s "
+        "(predicted from a test)"
     )
     assert [exactly(t) for t in (9.0, 60.0, 61.0, 119.0)] == ["10 s", "1 min", "1 min 10 s", "2 min"]
     assert [exactly(t) for t in (3.0, 31.0, 36.0, 56.0)] == ["5 s", "35 s", "40 s", "1 min"]

@@ -144,6 +144,15 @@ def test_everything_is_announced_and_the_vehicle_is_restored(charlie: tuple[Sitl
     assert result.remarks == []
 
 
+def test_authority_is_suggested_only_if_it_has_a_figure(charlie: tuple[SitlHarness, Any], tmp_path: Path) -> None:
+    """The turns of a boat with two thrusters need a model of its speed, too."""
+    blueboat = SitlHarness(tmp_path, "blueboat")
+    flown(blueboat, SHARE)
+    pages = [(harness.directory / "report.html").read_text() for harness in (charlie[0], blueboat)]
+    assert [page.count("gcs-autotune authority") > 0 for page in pages] == [True, False]
+    assert all("gcs-autotune diagnose" in page for page in pages)
+
+
 def test_an_rov_flies_a_zig_zag_with_its_yaw_moment_and_holds_its_depth(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     result = flown(harness, SHARE, side=-1)

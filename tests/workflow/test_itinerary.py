@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -64,7 +65,9 @@ def test_the_stages_of_a_tune_are_announced_with_their_times():
     assert itinerary.legs[1].seconds == pytest.approx(30.0)
     assert sum(leg.before for leg in itinerary.legs) == 3 * TURN
     reported = how_long(itinerary).text
-    assert reported.startswith("take about 8 min of the vehicle's time: sign check 40 s, step with present gains 30 s")
+    assert reported.startswith(
+        "take about 7 min 20 s of the vehicle's time: sign check 40 s, step with present gains 30 s"
+    )
     assert "turning around 3 times 32 s" in reported
 
 
@@ -74,8 +77,23 @@ def test_the_longest_time_of_a_restless_craft_is_announced_with_the_usual_time()
         Itinerary(legs_of_tune(settings("depth", **how), "heave", p, moving=False, given=False, dives=True))
         for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of("rov", restless=True)))
     )
-    assert how_long(usual, patient.seconds).text.startswith("take about 110 s of the vehicle's time, up to 7 min if ")
-    assert "up to" not in how_long(patient, patient.seconds).text
+    assert how_long(usual, patient).text.startswith("take about 1 min 50 s of the vehicle's time, up to 7 min if ")
+    assert "up to" not in how_long(patient, patient).text
+
+
+@pytest.mark.parametrize(("axis", "dof"), [("speed", "surge"), ("heading", "yaw")])
+def test_the_announced_times_add_up_and_every_possible_stage_is_listed(axis: str, dof: str) -> None:
+    usual, patient = (
+        Itinerary(legs_of_tune(settings(axis, **how), dof, RUDDER, moving=axis == "speed", given=False, dives=False))
+        for how in ({}, {"stop_rule": "settled"})
+    )
+    text = how_long(usual, patient).text
+    total, listed = text.partition(" of the vehicle's time")[0], text.partition(": ")[2].partition(". If")[0]
+    minutes, seconds = (int(n) for n in re.findall(r"\d+", total))
+    stages = [int(n) for n in re.findall(r"(\d+) s\b", listed)]
+    assert 0 <= 60 * minutes + seconds - sum(stages) < 10
+    second = next(leg.stage for leg in patient.legs if leg.stage.startswith("second"))
+    assert f"If these do not suffice, it also flies {second} " in text
 
 
 def test_a_dry_run_a_supplied_model_a_dive_and_an_rov_change_the_stages():

@@ -156,6 +156,16 @@ def test_the_last_tune_is_the_newest_kept_one_of_this_vehicle(
     assert last_tune(tmp_path / "none", "heading", lambda about: True) is None
 
 
+def test_a_simulated_vehicle_is_rechecked_with_the_command_that_sets_the_tuned_gains(tmp_path: Path) -> None:
+    check = Recheck(AXES["heading"], tmp_path, Ear([]))
+    check.tune = LastTune(tmp_path, "", LoopNumbers(), {"ATC_STR_RAT_P": 0.7, "ATC_STR_RAT_I": 0.1})
+    assert check.again_with_its_gains("sitl:charlie") == ""
+    check.changed = ("ATC_STR_RAT_P",)
+    assert check.again_with_its_gains("/dev/ttyUSB0") == ""
+    told = check.again_with_its_gains("sitl:charlie?seed=3")
+    assert told == ("gcs-autotune recheck heading --connect 'sitl:charlie?seed=3&param=ATC_STR_RAT_P=0.7'")
+
+
 def checked(harness: SitlHarness, runs: Path, axis: str = "heading", **common: Any) -> Any:
     kind = AXES[axis]
     settings = FlySettings("set-point-relay", harness.common(**common), {}, force=kind.names.force)
@@ -171,7 +181,10 @@ def test_a_loop_in_a_limit_cycle_is_reported_in_red_with_its_amplitude(tmp_path:
     assert math.degrees(found.now.oscillation) > 20.0
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert '<div class="verdict bad">' in page and page.count("<figure") == 1
-    assert json.loads((harness.directory / "summary.json").read_text())["ending"] == "oscillates"
+    summary = json.loads((harness.directory / "summary.json").read_text())
+    assert summary["ending"] == "oscillates"
+    found = json.loads((harness.directory / "parameters_before.json").read_text())
+    assert found["ATC_STR_RAT_P"] == pytest.approx(summary["gains"]["ATC_STR_RAT_P"][0])
     assert any(
         "is reduced to --hysteresis" in text and "steering would be at its limit" in text for text in harness.said
     )

@@ -137,9 +137,9 @@ def test_a_boat_stays_within_the_announced_space(tuned):
 def announced_and_flown(harness):
     """Return the announced time and the time flown [s]."""
     messages = " ".join(harness.said)
-    count, unit = re.search(r"take about (\d+) (s|min) of the vehicle's time", messages).groups()
+    minutes, seconds = re.search(r"take about (?:(\d+) min)? ?(?:(\d+) s)? of the vehicle's time", messages).groups()
     flown = sum(int(seconds) for seconds in re.findall(r"\((\d+) s recorded\)", messages))
-    return float(count) * {"s": 1.0, "min": 60.0}[unit], float(flown)
+    return 60.0 * float(minutes or 0) + float(seconds or 0), float(flown)
 
 
 @pytest.mark.slow

@@ -185,7 +185,7 @@ def test_a_tripped_limit_ends_the_job_and_resuming_continues_at_the_next_step(tm
     story = bench.tune(resume=bench.job)
     assert script.flown == ["depth"]
     assert [step.ending for step in story.steps] == ["kept", "kept"]
-    assert [step.directory for step in story.steps] == ["02-heading", "05-depth"]
+    assert [step.directory for step in story.steps] == ["01-heading", "04-depth"]
 
 
 def test_a_job_can_be_resumed_only_with_its_own_settings(tmp_path, scripted) -> None:
@@ -198,7 +198,7 @@ def test_a_job_can_be_resumed_only_with_its_own_settings(tmp_path, scripted) -> 
     with pytest.raises(UsageError, match=r"contains no job\.json"):
         bench.tune(resume=tmp_path)
     opened = {"event": "opened", "schema": 1, "vehicle": {}, "link": "memory", "mode": "MANUAL", "armed": False}
-    (bench.job / "03-depth" / "journal.jsonl").write_text(json.dumps({**opened, "fingerprint": {}}) + "\n")
+    (bench.job / "02-depth" / "journal.jsonl").write_text(json.dumps({**opened, "fingerprint": {}}) + "\n")
     with pytest.raises(PreconditionFailed, match="gcs-autotune restore"):
         bench.tune(resume=bench.job)
 

@@ -80,9 +80,9 @@ class LinkTimes:
     def __str__(self) -> str:
         """Return the loop delay with its known parts first, then the round trip, which is not one of these parts."""
         parts = [
-            _part("whole loop", self.loop, self.loop_90),
-            _part("of this from command to servo", self.command_to_servo, self.command_to_servo_90),
-            _part("message to answer", self.round_trip, self.round_trip_90),
+            _part("from measured attitude to output", self.loop, self.loop_90),
+            _part("of this from command to output", self.command_to_servo, self.command_to_servo_90),
+            _part("radio there and back", self.round_trip, self.round_trip_90),
         ]
         return ", ".join(p for p in parts if p) or "not measured"
 

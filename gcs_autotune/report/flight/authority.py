@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["authority_document"]
 
 HEADS = ("figure", "value", "95 % interval", "unit")
+EXTRAPOLATED = "extrapolated"
+"""Text in place of an interval that does not cover the error of the extrapolation."""
 SECTION_OF = {
     "turning": ("turn-", "steerage"),
     "holding": ("current", "moment-", "side-force-"),
@@ -80,6 +82,7 @@ def _facts(authority: Authority, limits: Sequence[ParameterLimit]) -> dict[str, 
             "value": figure.value,
             "low": _known(low),
             "high": _known(high),
+            "extrapolated": figure.extrapolated,
             "unit": figure.unit,
             "note": figure.note,
         }
@@ -190,7 +193,11 @@ def _table(figures: Sequence[AuthorityFigure]) -> Iterator[Part]:
         unit, factor = _people(figure)
         low, high = (factor * end for end in figure.interval)
         std = factor * figure.std
-        interval = "" if std == 0.0 or not math.isfinite(std) else f"{rounded_to(low, std)} to {rounded_to(high, std)}"
+        if figure.extrapolated:
+            interval = EXTRAPOLATED
+        else:
+            known = std > 0.0 and math.isfinite(std)
+            interval = f"{rounded_to(low, std)} to {rounded_to(high, std)}" if known else ""
         rows.append((figure.title, _short(figure), interval, pretty_unit(unit)))
     yield Table(HEADS, "lrrl", tuple(rows))
     yield from (Note(f"{note[0].upper()}{note[1:]}.") for note in dict.fromkeys(f.note for f in figures if f.note))

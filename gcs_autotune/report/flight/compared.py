@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from gcs_autotune.axes import AXES
-from gcs_autotune.diagnose import CraftComparison
+from gcs_autotune.diagnose import RUN_SPREAD, CraftComparison
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.notebook import Display, Displayed
 from gcs_autotune.notebook import Table as PlainTable
@@ -99,14 +99,26 @@ class Comparison(Displayed):
 
     @property
     def told(self) -> str:
-        """The result in one or two sentences."""
+        """The result in a few sentences: the loops that a recheck found bad, then the craft."""
+        loops = [f"The {r.axis} loop of run {_number(self, r)} {BAD_LOOPS[r.ending]}." for r in self.bad_loops]
+        return " ".join((*loops, self._told_of_craft))
+
+    @property
+    def bad_loops(self) -> list[ComparedRun]:
+        """The runs whose recheck found a bad loop."""
+        return [run for run in self.runs if run.ending in BAD_LOOPS]
+
+    @property
+    def _told_of_craft(self) -> str:
         rows = [(run, row) for run in self.runs for row in self.changes.get(run.name, ())]
         if not rows and len(self.vehicles) > 1:
             return "The runs are of different vehicles, so their models are shown side by side and not compared."
         if not rows:
             return "The runs have no model in common, so only their loops are compared."
         if not self.changed:
-            return "No change of the craft was found: together, the models differ by no more than their uncertainty."
+            alone = list(dict.fromkeys(name for _, row in rows for name in row.outside))
+            but = f" The difference in {listed(alone)} alone would be significant." if alone else ""
+            return f"{UNCHANGED}{but}"
         changed = [(run, row.dof) for run, row in rows if row.changed]
         others = list(dict.fromkeys(_number(self, run) for run, _ in changed))
         one = f"The model of run {others[0]} differs"
@@ -147,6 +159,17 @@ def _number(found: Comparison, run: ComparedRun) -> str:
     return str(1 + found.runs.index(run))
 
 
+BAD_LOOPS = {
+    "oscillates": "oscillates",
+    "poorly damped": "is poorly damped",
+    "degraded": "is worse than after its tune",
+}
+"""Ending of a recheck that found a bad loop -> what the loop does."""
+UNCHANGED = (
+    "No change of the craft was found: together, the differences of the models are within their standard errors and "
+    f"the usual {100.0 * RUN_SPREAD:.0f} % from run to run."
+)
+
 NO_FIGURE = "unknown"
 """Text for a figure that a run did not determine."""
 
@@ -169,7 +192,7 @@ def comparison_document(found: Comparison, when: str = "") -> Document:
     return Document(
         title=f"Comparison of {len(found.runs)} runs",
         when=when,
-        verdict=Verdict(found.told, "bad" if found.changed else "neutral"),
+        verdict=Verdict(found.told, "bad" if found.changed or found.bad_loops else "neutral"),
         doubts=cautions(found.doubts) or None,
         doubted="comparison",
         sections=tuple(_sections(found)),
@@ -205,7 +228,8 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
     units = ["of full" if u == "1" and "share" not in name else pretty_unit(u) for name, u in parameters.items()]
     fits = [run.fits[dof] for run in runs]
     structures = {structure_words(fit.structure) + with_effects(fit.effects) for fit in fits}
-    notes = ["* Outside its interval."] if any(outside.values()) else []
+    spread = f"the interval contains {100.0 * RUN_SPREAD:.0f} % for usual differences between runs"
+    notes = [f"* Outside its interval of 99 %; {spread}."] if any(outside.values()) else []
     if len(structures) == 1:
         notes.append(f"All models shown here have {structures.pop()}. A run's own report may use another structure.")
     for first in range(0, len(runs), SIDE_BY_SIDE):
@@ -224,7 +248,7 @@ def _models(found: Comparison, dof: str) -> Iterator[Part]:
 
 def _outside(found: Comparison, run: ComparedRun, dof: str) -> frozenset[str]:
     changes = found.changes.get(run.name, ())
-    return frozenset(name for row in changes if row.dof == dof and row.changed for name in row.outside)
+    return frozenset(name for row in changes if row.dof == dof for name in row.outside)
 
 
 def _number_of(parameter: str) -> str:
@@ -244,7 +268,7 @@ def _loop(found: Comparison, axis: str) -> Iterator[Part]:
     runs = [run for run in found.runs if run.axis == axis and (run.metrics or run.gains)]
     heads, align = tuple(f"run {_number(found, run)}" for run in runs), "l" + "r" * len(runs)
     names = dict.fromkeys(name for run in runs for name in run.gains)
-    gains = tuple((n, *(format_number(run.gains[n]) if n in run.gains else "" for run in runs)) for n in names)
+    gains = tuple((n, *(format_number(run.gains[n]) if n in run.gains else NO_FIGURE for run in runs)) for n in names)
     yield Table(("gain after the run", *heads), align, gains)
     itae = _ITAE if any("itae" in run.metrics for run in runs) else ""
     shown = [row for row in _METRICS if any(row[0] in run.metrics for run in runs)]

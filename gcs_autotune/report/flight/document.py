@@ -99,6 +99,7 @@ class FlightStory:
     ``remarks``: results that the records do not determine.
     ``steps``: runs of a self-planned trial.
     ``directory``: the run directory as the user typed it; empty if nothing is to follow.
+    ``has_authority``: whether the models determine any figure of `authority`.
     """
 
     title: str
@@ -110,6 +111,7 @@ class FlightStory:
     remarks: Sequence[str] = ()
     steps: Sequence[TrialSummary] = ()
     directory: str = ""
+    has_authority: bool = True
 
     @property
     def is_single(self) -> bool:
@@ -176,8 +178,9 @@ def _next(story: FlightStory) -> Iterator[Section]:
     """Yield the commands that use the result."""
     if story.directory and story.models:
         folder = shlex.quote(story.directory)
+        able = Note(f"gcs-autotune authority {folder}", "What the craft can do, from these models:", kind="command")
         commands = (
-            Note(f"gcs-autotune authority {folder}", "What the craft can do, from these models:", kind="command"),
+            *((able,) if story.has_authority else ()),
             Note(
                 f"gcs-autotune diagnose {folder}",
                 "Physical causes that a plain simulation of this craft lacks:",

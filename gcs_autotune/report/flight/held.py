@@ -421,7 +421,7 @@ def gains_of_own(design: OwnDesign) -> Table:
         ("K_P", format_number(law.K_P, 4), f"input per {unit}"),
         ("K_I", format_number(law.K_I, 4), f"input per {unit} s"),
         ("K_D", format_number(law.K_D, 4), f"input per {unit}/s"),
-        ("compensated quadratic drag", format_number(law.drag, 3) if law.drag else "", ""),
+        ("compensated quadratic drag", format_number(law.drag, 3) if law.drag else "", f"input per ({unit}/s)²"),
         ("compensated constant disturbance", format_number(law.disturbance, 3) if law.disturbance else "", "input"),
         (f"model function: {wanted.kind.capitalize()}, third order", format_number(wanted.omega_0, 3), "rad/s"),
     ]

@@ -13,7 +13,17 @@ import numpy as np
 from gcs_autotune.axes import axis_kind
 from gcs_autotune.identify import Doubt
 from gcs_autotune.report.toolkit.canvas import AFTER, WANTED, legend, new_axes
-from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, Section, Table, Tone, Verdict, cautions
+from gcs_autotune.report.toolkit.document import (
+    IN_RESULT,
+    Document,
+    Figure,
+    Note,
+    Section,
+    Table,
+    Tone,
+    Verdict,
+    cautions,
+)
 from gcs_autotune.report.toolkit.figures import finite, thin
 from gcs_autotune.report.toolkit.wording import (
     format_moment,
@@ -62,6 +72,7 @@ class LoopCheck:
     ``text``: the verdict as a sentence; ``tone``: its colour; ``notes``: further sentences.
     ``now``: the present metrics.
     ``then``: the metrics of the last tune, at ``when``.
+    ``again``: the command that checks a simulated vehicle with the gains of that tune; empty without one.
     """
 
     axis: str
@@ -74,6 +85,7 @@ class LoopCheck:
     when: str = ""
     doubts: tuple[Doubt, ...] = ()
     remarks: tuple[str, ...] = ()
+    again: str = ""
 
     def to_dict(self) -> dict[str, object]:
         """Return the verdict and the metrics as plain data for JSON; unknown numbers are None."""
@@ -111,12 +123,18 @@ def _metrics(check: LoopCheck, run: Trial | None) -> Iterator[Section]:
     yield Section("figures", heading, (_numbers(check),), facts=IN_RESULT)
 
 
+def _next(check: LoopCheck, run: Trial | None) -> Iterator[Section]:
+    if check.again:
+        why = "A new simulated vehicle starts with its original gains, so these were checked. To check the tuned ones:"
+        yield Section("next", "What next", (Note(check.again, why, kind="command"),), facts=IN_RESULT)
+
+
 def _record(check: LoopCheck, run: Trial | None) -> Iterator[Section]:
     figures = () if run is None else tuple(_response(check.axis, run))
     yield Section("record", "Command and response", figures, facts=IN_RESULT)
 
 
-SECTIONS = (_metrics, _record)
+SECTIONS = (_metrics, _record, _next)
 """Functions that return the sections of the report, in their order. To add a section, add its function here."""
 
 

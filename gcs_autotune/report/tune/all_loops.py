@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
+import numpy as np
+
 from gcs_autotune.report.toolkit.document import (
     IN_RESULT,
     Document,
@@ -26,7 +28,7 @@ from gcs_autotune.report.toolkit.wording import format_moment, format_number, fo
 from gcs_autotune.report.tune.wording import SIMULATED_UNDO, not_reached
 from gcs_autotune.rounding import counted, format_digits
 
-__all__ = ["JobStep", "JobStory", "job_document"]
+__all__ = ["JobStep", "JobStory", "job_document", "simulated_with"]
 
 FLOWN = ("kept", "restored", "unchanged", "dry-run", "declined")
 """Endings of a step that is done. A step with any other ending is flown when the job is resumed."""
@@ -81,6 +83,12 @@ class JobStep:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
+def simulated_with(link: str, gains: Mapping[str, float]) -> str:
+    """Return the *link* of a simulated vehicle that starts with *gains*."""
+    pieces = "&".join(f"param={name}={np.float32(value)!s}" for name, value in gains.items())
+    return f"{link}{'&' if '?' in link else '?'}{pieces}" if pieces else link
+
+
 @dataclass(frozen=True, slots=True)
 class JobStory:
     """A ``tune all`` as far as it came.
@@ -124,8 +132,7 @@ class JobStory:
         if not self.link.startswith("sitl:"):
             return self.link
         kept = [(n, new) for step in self.steps if step.ending == "kept" for n, (_, new) in (step.gains or {}).items()]
-        pieces = "&".join(f"param={name}={value:.9g}" for name, value in kept)
-        return f"{self.link}{'&' if '?' in self.link else '?'}{pieces}" if pieces else self.link
+        return simulated_with(self.link, dict(kept))
 
     @property
     def ending(self) -> str:
