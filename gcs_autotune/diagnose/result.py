@@ -108,6 +108,11 @@ class ErrorReduction(Displayed):
         upper = self.ci95[1]
         return (self.ratio if math.isnan(upper) else upper) < FELT
 
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether the error is below :data:`FELT` times its former value, but not significantly."""
+        return self.ratio < FELT and not self.is_felt
+
 
 @dataclass(frozen=True, slots=True)
 class Number(Displayed):
@@ -204,8 +209,8 @@ class Cause(Displayed):
 
     @property
     def is_slight(self) -> bool:
-        """Whether the effect is too small to notice: its error ratio is not significantly below :data:`FELT`."""
-        return self.gain is not None and not self.gain.is_felt
+        """Whether the effect is too small to notice: its error ratio is not below :data:`FELT`."""
+        return self.gain is not None and not self.gain.is_felt and not self.gain.is_uncertain
 
     @property
     def is_structural(self) -> bool:

@@ -78,6 +78,14 @@ def test_a_negligible_difference_is_called_slight() -> None:
     assert any("hardly changes the prediction" in note.text for note in evidence_notes(reported, reported.causes[0]))
 
 
+def test_a_large_but_uncertain_difference_is_not_called_slight() -> None:
+    reported = with_gain(ahead(0.0522, 0.0229, 0.44, 1.33))
+    assert lead_sentence(reported).endswith("is wrong by 1.3 degrees instead of 3. This improvement is not certain.")
+    assert not reported.causes[0].is_slight and "light: " not in cause_title(reported, reported.causes[0])
+    (note,) = (n.text for n in evidence_notes(reported, reported.causes[0]) if n.label == "Effect in practice")
+    assert note.startswith("It is not certain that this cause improves the prediction.")
+
+
 @pytest.mark.parametrize(("high", "felt"), [(0.94, True), (0.96, False)])
 def test_an_improvement_is_noticeable_if_its_interval_ends_below_95_percent(high: float, felt: bool) -> None:
     assert ahead(1.0, 0.8, 0.7, high).is_felt is felt

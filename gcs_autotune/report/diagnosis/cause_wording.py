@@ -35,8 +35,10 @@ these values.
 
 def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
     """Yield sentences on how much a cause explains, on its gain in log-likelihood, and on the best alternative."""
-    if cause.gain is not None and cause.is_slight:
+    if cause.gain is not None and not cause.gain.is_felt:
         text = "The cause is slight: adding it to the model hardly changes the prediction. "
+        if cause.gain.is_uncertain:
+            text = "It is not certain that this cause improves the prediction. "
         yield Note(text + gain_sentence(cause.gain), "Effect in practice")
     place = next(i for i, c in enumerate(diagnosis.causes) if c is cause)
     if cause.share > 0.0:

@@ -130,7 +130,9 @@ def _difference(gain: ErrorReduction | None, begin: str) -> str:
     if gain.ratio >= 1.0:
         return f"{begin}, {what} is no better on runs not used for the fit."
     said = f"{begin}, {what} is wrong by {after} instead of {before}"
-    return f"{said}." if gain.is_felt else f"{said}. The difference is slight."
+    if gain.is_felt:
+        return f"{said}."
+    return f"{said}. This improvement is not certain." if gain.is_uncertain else f"{said}. The difference is slight."
 
 
 def _both(one: float, other: float, unit: str) -> tuple[str, str]:
