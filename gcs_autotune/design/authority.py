@@ -378,7 +378,7 @@ def authority_of(craft: CraftModels) -> Authority:
     figures = {}
     for slug, title, unit, note in rows:
         beyond = _extrapolation(alone, slug)
-        note = ". ".join(text for text in (beyond, note) if text)
+        note = "; ".join(text for text in (beyond, note) if text)
         figures[slug] = AuthorityFigure(slug, title, *known[slug], unit, note, bool(beyond))
     return Authority(
         craft, figures, tuple(_circles(alone, known)), tuple(_missing(craft, figures)), tuple(_assumed(craft, known))

@@ -269,6 +269,12 @@ class _Job:
             yield Intention(f"move for {name}: {mission.movements}", name.capitalize(), brief)
             space = mission.needs[0]
             yield replace(space, text=f"{space.text} (for {name})")
+        again = [step.name for step in flown if step.is_recheck]
+        if again:
+            limit = settings.envelope.distance_limit
+            within = f", up to {limit:.0f} m from the start" if math.isfinite(limit) else ""
+            brief = f"relays on the set-point, and the tune's step{within}"
+            yield Intention(f"move for {' and '.join(again)}: {brief}", "Recheck", brief)
         deep = [name for name in left if excitation_of(axis_kind(TUNABLES[name].axis).dof).below_surface]
         if deep and not craft.firmware.floats:
             dive = f"to {WORKING_DEPTH:g} m before {' and '.join(deep)}, if it is shallower than {SHALLOW:g} m by then"

@@ -12,6 +12,8 @@ from gcs_autotune.design import Authority, CraftModels, FlownModel, authority_of
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.axis.form import as_extended
 from gcs_autotune.models import CoupledModel, SingleDof
+from gcs_autotune.report import authority_document
+from gcs_autotune.report.toolkit.terminal import render_text
 
 SURGE = SingleDof("surge", "1", alpha=0.4, beta=0.25)
 YAW = SingleDof("yaw", "1", alpha=1.0, beta=1.5, delta=0.03)
@@ -119,6 +121,9 @@ def test_turn_rates_of_a_rudder_are_given_only_at_the_flown_speeds() -> None:
     assert two.figures["steerage"].value == pytest.approx(2.0 * math.sqrt(0.03), rel=0.01)
     assert not two.figures["steerage"].note
     assert "square" in one.figures["steerage"].note
+    told = render_text(authority_document(found(RUDDER, yaw(steered=0.5)), ()))
+    assert told.count("Extrapolated: largest output flown 50 %.") == 2, "one per table that has such figures"
+    assert "The steerage limit assumes" in told
 
 
 def test_two_thrusters_share_their_output_and_the_weaker_one_pushes_ahead() -> None:

@@ -14,7 +14,7 @@ from diagnosis_stories import STORIES, WHEN, cause, dead_zone, deviation, page_o
 from page_reader import Page
 from rich.console import Console
 
-from gcs_autotune.diagnose import MissingCurve, MissingForce, Value
+from gcs_autotune.diagnose import MissingCurve, MissingForce, Signature, Value
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.report import StageBar, diagnosis_document, effects_document, to_json
 from gcs_autotune.report.diagnosis.cause_wording import cause_title
@@ -343,3 +343,10 @@ def test_a_cause_that_does_not_reduce_the_error_is_not_credited_with_it():
     text = verdict_of(replace(diagnosed, verdict="partly-explained", gain=worse, gains=(worse,))).text
     assert "does not improve prediction of the yaw rate 5 s ahead on held-out data." in text
     assert "falls from" not in text
+
+
+@pytest.mark.parametrize(("p", "noise"), [(0.4, True), (0.0058, False)])
+def test_a_correlated_residual_without_findings_is_not_called_noise(p: float, noise: bool) -> None:
+    told = shown(replace(dead_zone(), left=Signature((), p)))
+    assert ("cannot be distinguished from noise" in told) is noise
+    assert ("The residual is correlated" in told) is not noise

@@ -168,6 +168,10 @@ def test_a_failed_loop_skips_only_the_loops_that_depend_on_it(tmp_path, scripted
         "recheck speed": "skipped",
         "recheck heading": "skipped",
     }
+    announced = " ".join(bench.said)
+    assert (
+        "move for recheck speed and recheck heading: relays on the set-point, and the tune's step, up to" in announced
+    )
     reasons = {step.name: step.reason for step in story.steps}
     assert reasons["speed"] == "no motion" and reasons["line"] == "because it stands on speed"
     assert reasons["recheck speed"] == "because speed has no new gains"

@@ -38,6 +38,7 @@ from gcs_autotune.report.diagnosis.wording import (
     commands,
     first_gain,
     interval_words,
+    is_noise,
     left_sentence,
     missing_over,
     numbers_title,
@@ -229,12 +230,19 @@ def _hints(examined: _Examined) -> Iterator[Section]:
     yield Section("hints", "Hints: possible causes that these runs do not establish", hints, facts=IN_RESULT)
 
 
+_RESIDUALS = {
+    True: "The residual cannot be distinguished from noise.",
+    False: "The residual is correlated, but no single property of it stands out.",
+}
+"""Whether a residual counts as noise -> sentence on it, if nothing else about it is reported."""
+
+
 def _remains(examined: _Examined) -> Iterator[Section]:
     diagnosis = examined.diagnosis
     findings = diagnosis.left.findings
     parts: tuple[Part, ...] = (
         *bullets(findings),
-        Note("" if findings else "The residual cannot be distinguished from noise."),
+        Note("" if findings else _RESIDUALS[is_noise(diagnosis.left)]),
         Note(left_sentence(diagnosis.left)),
         *_missing(diagnosis),
         *_left(diagnosis),

@@ -49,6 +49,7 @@ __all__ = [
     "gain_sentence",
     "given_words",
     "interval_words",
+    "is_noise",
     "left_sentence",
     "missing_over",
     "named",
@@ -342,19 +343,19 @@ def _nothing(diagnosis: Diagnosis) -> str:
     )
 
 
-def _is_noise(left: Signature) -> bool:
+def is_noise(left: Signature) -> bool:
     """Return whether a residual is consistent with white noise; a correlated one is not."""
     return not left.whiteness_p < NOISE_P
 
 
 def _remains(left: Signature) -> str:
-    if _is_noise(left):
+    if is_noise(left):
         return "and the residual is indistinguishable from measurement noise"
     return "with a correlated residual that no effect tried explains"
 
 
 def _as_closely(left: Signature) -> str:
-    if _is_noise(left):
+    if is_noise(left):
         return " within measurement noise"
     return ", with a small but correlated, unexplained residual"
 

@@ -200,7 +200,8 @@ def _table(figures: Sequence[AuthorityFigure]) -> Iterator[Part]:
             interval = f"{rounded_to(low, std)} to {rounded_to(high, std)}" if known else ""
         rows.append((figure.title, _short(figure), interval, pretty_unit(unit)))
     yield Table(HEADS, "lrrl", tuple(rows))
-    yield from (Note(f"{note[0].upper()}{note[1:]}.") for note in dict.fromkeys(f.note for f in figures if f.note))
+    notes = dict.fromkeys(note for f in figures if f.note for note in f.note.split("; "))
+    yield from (Note(f"{note[0].upper()}{note[1:]}.") for note in notes)
 
 
 def _people(figure: AuthorityFigure) -> tuple[str, float]:
