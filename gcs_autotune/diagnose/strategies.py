@@ -126,9 +126,8 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
         # such force look like one, too, and only they leave nothing when all are known.
         state, adrift = needs_process_noise(state)
         try:
-            state, ahead = _look_ahead(state, step, stage)
-            if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fit)):
-                taken = ahead
+            state, ahead = _look_ahead(state, step, stage, adrift=adrift)
+            taken = taken if ahead is None else ahead
         except OutOfTime as over:  # the search with process noise is kept: it takes long
             state = state.stopped(over)
     accepted = taken[-1].accepted
@@ -193,18 +192,20 @@ class _Path:
 
 
 def _look_ahead(
-    state: SearchState, step: SearchStep[Fitted], stage: str
+    state: SearchState, step: SearchStep[Fitted], stage: str, *, adrift: bool
 ) -> tuple[SearchState, tuple[SearchStep[Fitted], ...] | None]:
     """Return steps whose causes help together; return None if no combination does.
 
-    step : the step in which no cause helped.
+    step : the step in which no cause helped. adrift : whether a drifting force may explain the residual as well. Only
+        causes that leave nothing but noise are then accepted.
 
     If two things are wrong, correcting one may not improve the prediction, because the predicted position drifts in
-    either case. The likeliest causes are each combined with the best next one, by likelihood alone. If the best pair
-    does not help either, a third cause is added.
+    either case. The correction may not even make up for its parameter: quadratic drag and thrust curve nearly cancel.
+    The likeliest causes are each combined with the best next one, by likelihood alone. If the best pair does not help
+    either, a third cause is added.
     """
     paths: list[_Path] = []
-    likely = [j for j in step.judged if j.evidence > 0.0 and not state.scorer().follows_a_command(j.effect, j.fit)]
+    likely = [j for j in step.judged if j.evidence > -ALIKE and not state.scorer().follows_a_command(j.effect, j.fit)]
     for one in likely[:FOLLOWED]:
         state, path = _followed(state, _Path((one,), (step,)), stage)
         paths += [] if path is None else [path]
@@ -214,7 +215,7 @@ def _look_ahead(
         tried = math.comb(max(state.tried, length), length)
         scorer = state.scorer(tried=tried)
         whole = scorer.score(end.effect, end.fit)
-        if scorer.winner([whole]) is not None:
+        if scorer.winner([whole]) is not None and (not adrift or leaves_nothing(state.problem, whole.fit)):
             return state, _accepted(path, whole, scorer)
         state, path = _followed(state, path, stage) if length < FARTHEST else (state, None)
     return state, None

@@ -332,6 +332,40 @@ def test_three_causes_that_help_only_together_are_found_although_a_force_seems_t
     assert last[1].gain > 0.9  # scored on held-out data too
 
 
+def throttled(levels: Sequence[float], seconds: Sequence[float], seed: int) -> Trial:
+    """Return throttle steps of a boat whose thrust and drag are both quadratic, as of Charlie: 1.5 m/s at full
+    throttle.
+    """
+    rng, interval, parts = np.random.default_rng(seed), 0.1, 20
+    X = np.repeat(levels, [round(s / interval) for s in seconds])
+    u, speed = np.empty(len(X)), 1.07
+    for k, output in enumerate(X):
+        u[k] = speed
+        for _ in range(parts):
+            speed += interval / parts * (output**2 - speed**2 / 2.25) / 4.0
+    t = interval * np.arange(len(X))
+    noisy = {"X": ("1", X), "u": ("m/s", u + 0.02 * rng.normal(size=len(X)))}
+    return Trial(f"throttle-{seed}", {n: Channel(n, unit, t, values) for n, (unit, values) in noisy.items()})
+
+
+def test_quadratic_drag_and_a_quadratic_thrust_curve_are_found_although_neither_improves_the_fit_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(strategies, "needs_process_noise", lambda state: (state, True))
+    runs = [
+        throttled((0.8, 0.36, 1.0, 0.0, 0.8), (1.0, 12.1, 11.8, 12.0, 0.5), 1),
+        throttled((0.8, 0.0, 1.0, 0.56, 0.8), (1.0, 12.0, 12.0, 10.5, 0.5), 2),
+    ]
+    form = plain_form(runs, "surge")
+    some = ["quadratic-drag", "quadratic-actuator", "input-bias", "dead-zone", "advance-speed-loss"]
+    segments = [segment for run in prepare_as_recorded(runs, form, None) for segment in run]
+    begun = begin(Question(form, segments, some))
+    found = strategies.add_causes(begun)
+    first = found.steps[0].judged
+    assert next(j for j in first if j.effect.slug == "quadratic-drag").evidence < 0.0
+    assert {e.slug for e in found.causes} == {"quadratic-drag", "quadratic-actuator"}
+
+
 def with_forces(run: Trial, slugs: Sequence[str]) -> SearchState:
     """Return a search in which *slugs* were accepted, fitted to *run*."""
     form = plain_form([run], "yaw")
