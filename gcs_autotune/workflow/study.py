@@ -327,6 +327,10 @@ def _model_of(identify: Callable[[Sequence[Trial]], Fit[Model]], runs: Sequence[
 
 def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) -> str:
     """Return which data the validation used, and what could not be validated."""
+    if answer.unseen is None and answer.objections and len(runs) == 1 and not unseen:
+        share = round(100.0 * (1.0 - HELD_BACK))
+        why = f"A second model would need the first {share} % of the run alone, but there {answer.objections}"
+        return f"No held-out check was possible. {why.rstrip('.')}."
     said = _checked_on(runs, unseen) if answer.unseen is not None else "No held-out check was possible."
     return said + (f" Not checked: {answer.objections.rstrip('.')}." if answer.objections else "")
 

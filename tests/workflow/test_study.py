@@ -45,6 +45,16 @@ def test_one_run_is_checked_on_its_last_third_and_the_final_fit_uses_all_of_it()
     assert found.fit.traces[0].t[0] == pytest.approx(0.0)
 
 
+def test_a_run_whose_first_part_determines_no_model_is_not_said_to_have_a_constant_input() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    N = np.where(t < 45.0, 0.04, 0.0)
+    r = np.where(t < 45.0, 2.0 * (1.0 - np.exp(-0.5 * t)), 2.0 * np.exp(-0.5 * (t - 45.0)))
+    noisy = {"r": ("rad/s", r + np.random.default_rng(1).normal(0.0, 0.01, len(t))), "N": ("N m", N)}
+    run = Trial("decay", {n: Channel(n, unit, t, values) for n, (unit, values) in noisy.items()})
+    found = study([run], [], StudySettings(structure="linear"), "2026-01-01T00:00:00")
+    assert "A second model would need the first 70 % of the run alone, but there the input N" in found.how_unseen
+
+
 @pytest.mark.slow
 def test_held_out_errors_of_the_structures_have_a_unit_and_name_their_data() -> None:
     run = steps(4)
