@@ -258,4 +258,4 @@ def stopping(*, again: bool) -> str:
     """Return the reply to a request to stop, or to one more of them if *again*."""
     if again:
         return "Still restoring the vehicle. Please wait."
-    return "Stopping: setting the actuators to neutral and restoring the vehicle."
+    return "Stopping: setting the actuators to neutral and restoring the vehicle, unless this is done already."

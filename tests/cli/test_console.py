@@ -16,6 +16,7 @@ from gcs_autotune.cli import console
 from gcs_autotune.cli.command import waiting
 from gcs_autotune.cli.console import BELL_VARIABLE, ConsoleOperator
 from gcs_autotune.errors import UsageError
+from gcs_autotune.observer import stopping
 
 
 class Terminal(io.StringIO):
@@ -95,7 +96,7 @@ def test_the_first_signal_requests_a_stop_and_later_ones_only_a_message(streams:
         assert not operator.stop_requested()
         os.kill(os.getpid(), signal.SIGTERM)
         assert operator.stop_requested()
-        assert "Stopping: setting the actuators to neutral and restoring the vehicle." in streams.stderr.getvalue()
+        assert stopping(again=False) in streams.stderr.getvalue()
         os.kill(os.getpid(), signal.SIGINT)
         assert streams.stderr.getvalue().endswith("Still restoring the vehicle. Please wait.\n")
     assert signal.getsignal(signal.SIGTERM) is before
@@ -130,10 +131,7 @@ def test_a_signal_during_output_is_handled_and_does_not_raise(
     streams.stderr.write("first self-oscillation\n")
     streams.stderr.flush()
     assert operator.stop_requested()
-    assert (
-        os.read(out, 1000)
-        == b"\nStopping: setting the actuators to neutral and restoring the vehicle.\nfirst self-oscillation\n"
-    )
+    assert os.read(out, 1000).decode() == f"\n{stopping(again=False)}\nfirst self-oscillation\n"
     os.close(out)
     operator._note(signal.SIGHUP, None)  # the reader is gone
     streams.stderr = None
