@@ -48,7 +48,7 @@ def _references(names: Iterable[str]) -> dict[str, Any]:
 
 def plan() -> dict[str, Any]:
     """Return the schema of a plan for ``fly PLAN.toml``."""
-    flown = {kind.name: kind for kind in MANOEUVRES.values() if kind.make is not None}
+    flown = {kind.name: kind for kind in MANOEUVRES.values() if kind.is_alone}
     options = sorted({name for kind in flown.values() for name in kind.options})
     common = {
         "force": {"enum": list("XYZKMN")},

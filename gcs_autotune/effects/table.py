@@ -48,7 +48,16 @@ from gcs_autotune.models import Form
 from gcs_autotune.rounding import HALF_WIDTH
 from gcs_autotune.sname import DOFS, SIGNALS
 
-__all__ = ["CRAFT", "EFFECTS", "GROUP", "effect_at", "effect_words", "parameter_words", "usual_bounds"]
+__all__ = [
+    "CRAFT",
+    "EFFECTS",
+    "GROUP",
+    "effect_at",
+    "effect_words",
+    "limit_sentence",
+    "parameter_words",
+    "usual_bounds",
+]
 
 
 GROUP = "gcs_autotune.effects"
@@ -159,6 +168,11 @@ def effect_words(slug: str) -> str:
     if slug in EFFECTS and EFFECTS[slug].words:
         return EFFECTS[slug].words
     return slug.replace("-", " ") if slug.islower() else f"velocity product ({slug})"
+
+
+def limit_sentence(limit: str) -> str:
+    """Return a sentence on an output *limit*, as text, above which the force of a model is constant."""
+    return f"Above {limit} of the autopilot's full output, the force of the model stays constant"
 
 
 def effect_at(effect: EffectInstance) -> str:

@@ -492,10 +492,10 @@ def test_the_list_of_manoeuvres_wraps_between_options_and_lists_existing_ones(ca
 @pytest.mark.parametrize(
     ("line", "verbs"),
     [
-        ("compare run --bad", "compare"),
-        ("tune heading --bad", "tune"),
-        ("params save file --bad", "params save"),
-        ("study watch a --bad", "study watch"),
+        ("compare run --qqqq", "compare"),
+        ("tune heading --qqqq", "tune"),
+        ("params save file --qqqq", "params save"),
+        ("study watch a --qqqq", "study watch"),
     ],
 )
 def test_an_unknown_option_points_to_the_help_of_its_command(
@@ -503,7 +503,7 @@ def test_an_unknown_option_points_to_the_help_of_its_command(
 ) -> None:
     assert main(line.split()) == 2
     printed = capsys.readouterr().err
-    assert printed == f"gcs-autotune: unrecognized arguments: --bad (see `gcs-autotune {verbs} --help`)\n"
+    assert printed == f"gcs-autotune: unrecognized arguments: --qqqq (see `gcs-autotune {verbs} --help`)\n"
 
 
 class _Terminal(io.StringIO):

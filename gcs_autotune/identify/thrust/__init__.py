@@ -26,7 +26,6 @@ from gcs_autotune.identify.thrust.thrust_curve import (
     either_kind,
     fit_thrust_curve,
     fit_with_actuator,
-    limit_sentence,
     with_doubt_of_kind,
     with_thrust_curve,
 )
@@ -45,7 +44,6 @@ __all__ = [
     "fit_thrust_curve",
     "fit_with_actuator",
     "level_forces",
-    "limit_sentence",
     "set_on_the_way_back",
     "square_of",
     "with_actuator",

@@ -23,7 +23,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import SUBTRACTED, EffectInstance, ExtendedModel, in_order
+from gcs_autotune.effects import SUBTRACTED, EffectInstance, ExtendedModel, in_order, limit_sentence
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.api import fit
 from gcs_autotune.identify.coupled.one_axis import with_actuator
@@ -42,7 +42,6 @@ __all__ = [
     "either_kind",
     "fit_thrust_curve",
     "fit_with_actuator",
-    "limit_sentence",
     "pays",
     "with_doubt_of_kind",
     "with_thrust_curve",
@@ -403,11 +402,6 @@ def pays(fit: Fit[Model], without: Fit[Model], slug: str) -> bool:
 def effect_number(fit: Fit[Model], slug: str) -> Parameter:
     """Return the only parameter of the effect *slug* in *fit*."""
     return next(p for name, p in fit.parameters.items() if name.startswith(slug))
-
-
-def limit_sentence(limit: str) -> str:
-    """Return a sentence on an output *limit*, as text, above which the force of a model is constant."""
-    return f"Above {limit} of the autopilot's full output, the force of the model stays constant"
 
 
 def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:

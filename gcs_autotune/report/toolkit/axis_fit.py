@@ -8,10 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, effect_words
+from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance, effect_words, limit_sentence
 from gcs_autotune.identify import DAMPING, AxisFit, IsoEstimate, LimitCycle, Parameter, Remainder, StructureFit, Trace
 from gcs_autotune.identify.relay import SCATTER
-from gcs_autotune.identify.thrust import limit_sentence
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.document import Note, Part, Table
 from gcs_autotune.report.toolkit.wording import (
