@@ -126,6 +126,13 @@ def test_turn_rates_of_a_rudder_are_given_only_at_the_flown_speeds() -> None:
     assert "The steerage limit assumes" in told
 
 
+def test_the_headline_has_no_more_digits_than_the_table() -> None:
+    craft = found(RUDDER, yaw(steered=0.5))
+    figures = {slug: replace(f, value=4.905, std=0.49) for slug, f in craft.figures.items() if "turn-rate" in slug}
+    told = render_text(authority_document(replace(craft, figures=figures), ()))
+    assert "The craft turns at 280°/s" in told and "turn rate to port" in told
+
+
 def test_two_thrusters_share_their_output_and_the_weaker_one_pushes_ahead() -> None:
     weak = surge(EffectInstance("asymmetric-thrust", "X", {"ratio": 0.5}))
     circle = found(SKID, yaw(steered=0.3), along=weak).circles[1]

@@ -70,7 +70,10 @@ def _verdict(authority: Authority) -> str:
 
 def _worded(figure: AuthorityFigure) -> str:
     unit, factor = to_people(figure.unit)
-    return f"{format_number(factor * figure.value, 3)}{'' if unit.startswith('°') else ' '}{pretty_unit(unit)}"
+    value, std = factor * figure.value, factor * figure.std
+    is_rough = value != 0.0 and std > 10.0 ** (math.floor(math.log10(abs(value))) - 2)
+    number = rounded_to(value, std) if is_rough else format_number(value, 3)  # never more digits than in the table
+    return f"{number}{'' if unit.startswith('°') else ' '}{pretty_unit(unit)}"
 
 
 def _facts(authority: Authority, limits: Sequence[ParameterLimit]) -> dict[str, object]:
