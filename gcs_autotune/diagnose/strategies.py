@@ -201,11 +201,12 @@ def _look_ahead(
 
     If two things are wrong, correcting one may not improve the prediction, because the predicted position drifts in
     either case. The correction may not even make up for its parameter: quadratic drag and thrust curve nearly cancel.
-    The likeliest causes are each combined with the best next one, by likelihood alone. If the best pair does not help
-    either, a third cause is added.
+    Such causes are followed only if the result must leave nothing. The likeliest causes are each combined with the best
+    next one, by likelihood alone. If the best pair does not help either, a third cause is added.
     """
     paths: list[_Path] = []
-    likely = [j for j in step.judged if j.evidence > -ALIKE and not state.scorer().follows_a_command(j.effect, j.fit)]
+    least = -ALIKE if adrift else 0.0
+    likely = [j for j in step.judged if j.evidence > least and not state.scorer().follows_a_command(j.effect, j.fit)]
     for one in likely[:FOLLOWED]:
         state, path = _followed(state, _Path((one,), (step,)), stage)
         paths += [] if path is None else [path]
