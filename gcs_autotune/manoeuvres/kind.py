@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from gcs_autotune.axes import AXES, AxisKind
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import Firmware
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre
 
-__all__ = ["ManoeuvreKind", "Preset"]
+__all__ = ["ManoeuvreKind", "Preset", "of_loop"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,3 +113,17 @@ class ManoeuvreKind:
         way = firmware.needs_way
         driven = self.drives <= set(firmware.channels) and (not self.axis or self.axis in firmware.axes)
         return driven and (way or not self.needs_way) and not (way and self.stays)
+
+
+def of_loop(row: Callable[[AxisKind], ManoeuvreKind], force: str) -> ManoeuvreKind:
+    """Return the *row* for the autopilot's loop that drives *force*: heading (N), depth (Z), a boat's speed (X).
+
+    Raises
+    ------
+    UsageError
+        The autopilot has no such loop.
+    """
+    axis = next((a for a in AXES.values() if a.names.force == force), None)
+    if axis is None:
+        raise UsageError(f"the autopilot has no loop for {force}. Use N (heading), Z (depth) or X (speed)")
+    return row(axis)

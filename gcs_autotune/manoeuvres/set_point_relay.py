@@ -15,7 +15,7 @@ from gcs_autotune.axes import AXES, AxisKind
 from gcs_autotune.craft import Command, Observation, set_point
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres.approach import LONGEST_TIME, Approach, Part
-from gcs_autotune.manoeuvres.kind import ManoeuvreKind
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind, of_loop
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.sname import SIGNALS
 
@@ -220,14 +220,6 @@ def _make(axis: AxisKind, options: Mapping[str, float]) -> SetPointRelay:
     return SetPointRelay(relays, options.get("speed", 0.0), axis=axis)
 
 
-def _of_force(force: str) -> ManoeuvreKind:
-    """Return the row for the loop that drives *force*: heading (N), depth (Z), a boat's speed (X)."""
-    axis = next((a for a in AXES.values() if a.names.force == force), None)
-    if axis is None:
-        raise UsageError(f"the autopilot has no loop for {force}. Use N (heading), Z (depth) or X (speed)")
-    return _row(axis)
-
-
 def _row(axis: AxisKind) -> ManoeuvreKind:
     return ManoeuvreKind(
         name="set-point-relay",
@@ -241,7 +233,7 @@ def _row(axis: AxisKind) -> ManoeuvreKind:
         identifies=False,
         shrinks={"set-point": 1.0, "hysteresis": 1.0, "second-set-point": 1.0, "second-hysteresis": 1.0},
         axis=axis.name,
-        for_force=_of_force,
+        for_force=partial(of_loop, _row),
     )
 
 

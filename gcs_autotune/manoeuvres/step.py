@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.axes import AXES, SIGNAL_FORCES, AxisKind
 from gcs_autotune.craft import Command, Observation, set_point
-from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres.kind import ManoeuvreKind
+from gcs_autotune.manoeuvres.kind import ManoeuvreKind, of_loop
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.settling import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
@@ -399,14 +398,6 @@ def _make(axis: AxisKind, options: Mapping[str, float]) -> Step:
     return Step(step_from_present(axis.stepped, size, duration, speed, under_way=under_way))
 
 
-def _of_force(force: str) -> ManoeuvreKind:
-    """Return the row for the loop that drives *force*: heading (N), depth (Z), a boat's speed (X)."""
-    axis = next((a for a in AXES.values() if a.names.force == force), None)
-    if axis is None:
-        raise UsageError(f"the autopilot has no loop for {force}. Use N (heading), Z (depth) or X (speed)")
-    return _row(axis)
-
-
 def _row(axis: AxisKind) -> ManoeuvreKind:
     return ManoeuvreKind(
         name="step",
@@ -419,7 +410,7 @@ def _row(axis: AxisKind) -> ManoeuvreKind:
         identifies=False,
         axis=axis.name,
         command="tune AXIS, and recheck AXIS",
-        for_force=_of_force,
+        for_force=partial(of_loop, _row),
     )
 
 

@@ -343,7 +343,7 @@ class _Flight:
             return [Intention(f"then {back}{words}: {longest}", "Also", f"{brief}, {longest}")]
         if until is None:
             return []
-        minutes = f"at most {until.seconds / 60.0:.0f} min"
+        minutes = f"at most {exactly(until.seconds)}"
         return [
             Intention(
                 f"then fly the most informative runs, each previewed and within the same limits, until {until.title} "

@@ -95,7 +95,7 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
             )
             held = read(summary.parent / AFTER)
             gains = {str(name): float(value) for name, value in held.items()}
-            step = next(summary.parent.glob("trials/*-step-after.csv"), None)
+            step = max(summary.parent.glob("trials/*-step-after.csv"), default=None)  # the last of a resumed tune
             tune = LastTune(summary.parent, str(told["when"]), numbers, gains, step)
             found.append((tune.when, about, tune))
         except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
@@ -126,6 +126,7 @@ class Recheck:
     def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
         self._axis, self._runs, self._observer = axis, runs, observer
         self.tune: LastTune | None = None
+        self._options: Mapping[str, float] = {}
         self.present: Mapping[str, float] = {}
         self.changed: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
@@ -144,6 +145,7 @@ class Recheck:
             return not difference(about["vehicle"], about["fingerprint"], here, craft.parameters)
 
         self.tune = last_tune(self._runs, self._axis.name, is_same)
+        self._options = _options_of(self.tune)
         own = [gain.parameter for gain in axis_of(craft.firmware, self._axis.name).gains]
         self.present = craft.parameters.read_existing(own if self.tune is None else list(self.tune.gains))
         if self.tune is None:
@@ -158,7 +160,7 @@ class Recheck:
 
         It is the step of the last tune, so that the two can be compared.
         """
-        options = _options_of(self.tune)
+        options = self._options
         step = replace(run, manoeuvre="step", options=options, name="step", follows=True)
         size = options.get("step", self._axis.step)
         unit = "deg" if self._axis.angular else SIGNALS[self._axis.stepped][0]
@@ -194,7 +196,7 @@ class Recheck:
         kind = verdict_of(self._axis.name, self).kind
         if kind == "not identifiable":
             self._observer.say("the relays do not determine the damping of the loop")
-        is_enough = kind in BAD if _options_of(self.tune) else kind not in UNCLEAR
+        is_enough = kind in BAD if self._options else kind not in UNCLEAR
         return None if is_enough else self.further(run)[0]
 
 

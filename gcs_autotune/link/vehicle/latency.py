@@ -82,7 +82,7 @@ class LinkTimes:
         parts = [
             _part("from measured attitude to output", self.loop, self.loop_90),
             _part("of this from command to output", self.command_to_servo, self.command_to_servo_90),
-            _part("radio there and back", self.round_trip, self.round_trip_90),
+            _part("link there and back", self.round_trip, self.round_trip_90),
         ]
         return ", ".join(p for p in parts if p) or "not measured"
 

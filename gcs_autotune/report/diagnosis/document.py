@@ -198,8 +198,8 @@ def _causes(examined: _Examined) -> Iterator[Section]:
 
 
 _UNLIKE_IDENTIFY = (
-    "Before: the simulation without these causes. `identify` fits a constant force and holds out another part, so its "
-    "held-out error differs."
+    "Before: the simulation without these causes. `identify` fits a constant force and may hold out other data, so "
+    "its held-out error can differ."
 )
 
 

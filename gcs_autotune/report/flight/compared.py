@@ -101,7 +101,7 @@ class Comparison(Displayed):
     def told(self) -> str:
         """The result in a few sentences: the loops that a recheck found bad, then the craft."""
         loops = [f"The {r.axis} loop of run {_number(self, r)} {BAD_LOOPS[r.ending]}." for r in self.bad_loops]
-        return " ".join((*loops, self._told_of_craft))
+        return " ".join((*loops, self._craft_sentence))
 
     @property
     def bad_loops(self) -> list[ComparedRun]:
@@ -109,7 +109,7 @@ class Comparison(Displayed):
         return [run for run in self.runs if run.ending in BAD_LOOPS]
 
     @property
-    def _told_of_craft(self) -> str:
+    def _craft_sentence(self) -> str:
         rows = [(run, row) for run in self.runs for row in self.changes.get(run.name, ())]
         if not rows and len(self.vehicles) > 1:
             return "The runs are of different vehicles, so their models are shown side by side and not compared."

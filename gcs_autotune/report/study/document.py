@@ -63,7 +63,7 @@ _HOW_TO_READ_STD = (
 
 _HOW_TO_READ_ERRORS = (
     "Rms error: of the prediction of held-out data. The residual is the misfit to the data used for the fit. "
-    "`diagnose` holds out other parts and starts without a constant force, so its errors differ."
+    "`diagnose` may hold out other data and starts without a constant force, so its errors can differ."
 )
 
 
