@@ -11,7 +11,7 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 
-__all__ = ["jitter_in", "noise_behind", "noise_while_held"]
+__all__ = ["jitter_in", "noise_behind", "noise_of_velocity", "noise_while_held"]
 
 _WINDOW = 2.0
 """Length of a window [s], short enough that a controlled craft moves as a polynomial while sensor noise does not.
@@ -20,24 +20,31 @@ _LEAST_SAMPLES = 6
 _TREND = 2
 """Order of the polynomial that is subtracted as motion."""
 
-_POOR = 3.0
+_POOR = 5.0
 """Fit's noise over that of the sample-to-sample changes, above which the model is poor. It is 1.2 for the speed of a
-simulated boat. Project choice."""
+simulated boat, and 3.9 for a receiver that averages over 1 s. Project choice."""
 
 
 def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> float:
     """Return the standard deviation of the measurement noise of a flown *step* (SI).
 
-    For a velocity (*moving*) it is the noise of the fit if the fit includes this signal, otherwise that of the
-    sample-to-sample changes of the step. A fit's noise beyond :data:`_POOR` times these changes is the error of a poor
-    model, and not used. For a position it is the smaller of two values: the noise of the fit, and the noise while the
-    position was held.
+    For a velocity (*moving*) it is that of :func:`noise_of_velocity`. For a position it is the smaller of two values:
+    the noise of the fit, and the noise while the position was held.
     """
     signal = str(step.meta["signal"])
     if moving:
-        found, changes = fit.noise.get(signal, math.inf), noise_in(step, signal)
-        return found if found <= _POOR * changes else changes
+        return noise_of_velocity(fit.noise.get(signal, math.inf), noise_in(step, signal))
     return min(fit.noise.get(signal, fit.noise_std), noise_while_held(step, resolution))
+
+
+def noise_of_velocity(of_fit: float, of_changes: float) -> float:
+    """Return the noise of a velocity (SI): the residual of its model *of_fit*, otherwise that of the sample-to-sample
+    changes.
+
+    Filtered velocities have correlated noise, so their changes show too little of it. A residual beyond :data:`_POOR`
+    times these changes is the error of a poor model, and not used.
+    """
+    return of_fit if of_fit <= _POOR * of_changes else of_changes
 
 
 def noise_while_held(step: Trial, resolution: float = 0.0) -> float:

@@ -44,6 +44,7 @@ from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import noise_in
 from gcs_autotune.workflow.identification import Identified
+from gcs_autotune.workflow.noise_estimate import noise_of_velocity
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 
@@ -106,7 +107,7 @@ def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
 
     The noise is the difference between neighbouring samples, because the residual of a model includes more than noise.
     A receiver filters speeds over ground, so neighbouring samples have correlated noise. For speeds over ground the
-    residual is used.
+    residual is used, unless the model is poor.
     """
     if isinstance(source, Identified):
         fit, extended = source.fit, source.extended
@@ -114,7 +115,7 @@ def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
         velocity = fit.model.axis.velocity
         noise = min(noise_in(run, velocity) for run in source.runs)
         if axis.dof in FILTERED:
-            noise = max(noise, fit.noise.get(velocity, 0.0))
+            noise = max(noise, noise_of_velocity(fit.noise.get(velocity, 0.0), noise))
         if reduction is None:
             return Known(fit.model, Actuator(), noise)
         return Known(reduction.model, reduction.actuator, noise)

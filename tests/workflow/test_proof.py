@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,14 @@ def test_the_noise_of_a_speed_step_includes_noise_filtered_by_the_receiver() -> 
     known = known_of(Identified(fit_surge(runs), runs), FIRMWARE["ardurover"].axes["speed"])
     assert known.noise_std == pytest.approx(0.05, rel=0.3)
     assert noise_in(runs[0], "u") < 0.02
+
+
+def test_the_residual_of_a_poor_model_is_not_the_noise_of_a_speed_step() -> None:
+    runs = [stepped(0)]
+    fit = fit_surge(runs)
+    poor = replace(fit, noise={**fit.noise, "u": 0.5})
+    known = known_of(Identified(poor, runs), FIRMWARE["ardurover"].axes["speed"])
+    assert known.noise_std < 0.02
 
 
 def test_the_second_step_is_held_as_long_as_the_first() -> None:
