@@ -164,8 +164,9 @@ def _stall(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 def _asymmetric(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     ratio = own["ratio"]
     draft.actuator = replace(draft.actuator, astern=ratio)
-    advice = "trim the weaker side with SERVOn_MIN or SERVOn_MAX"
+    advice = "ArduSub has no parameter for each direction of a thruster"
     if draft.law.startswith("rover"):
+        advice = "trim the weaker side with SERVOn_MIN or SERVOn_MAX"
         stronger = max(ratio, 1.0 / ratio)
         advice += f". If each thruster is weaker astern, set MOT_THST_ASYM to about {stronger:.2f}"
     return "margins cover both directions, and both are simulated", advice

@@ -11,7 +11,7 @@ import pytest
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Fit, Parameter, fit_axis
+from gcs_autotune.identify import AxisFit, Fit, Parameter, Remainder, fit_axis
 from gcs_autotune.identify.thrust import CURVE, describe_thrust_curve, fit_slow_actuator, fit_thrust_curve, thrust_curve
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
@@ -24,28 +24,56 @@ ALPHA, DRAG, DT = 0.026, 0.065, 0.002
 DEAD_BAND = 0.12
 
 
-def oscillation(name: str, output: float, half_period: float, share: float, dead: float = 0.0) -> Trial:
+def oscillation(
+    name: str, output: float, half_period: float, share: float, dead: float = 0.0, **further: float
+) -> Trial:
     """A square wave on an ROV's yaw, thrust ``v (1 - share + share |v|)``, *v* what exceeds the dead band."""
     n, half_ticks = 10_000, round(half_period / DT)
     u = np.where((np.arange(n) + half_ticks // 2) // half_ticks % 2 == 0, output, -output)
-    return flown(name, u, share, dead, {"C": output})
+    return flown(name, u, share, dead, {"C": output}, **further)
 
 
-def decaying_oscillation(share: float, dead: float) -> Trial:
+def self_oscillation(name: str, output: float, share: float, dead: float, astern: float) -> Trial:
+    """A relay on the heading with a hysteresis of 0.1 rad, of a craft that pushes *astern* times as hard to port.
+
+    It switches only when it is recorded.
+    """
+    u, psi, r, sense = [], 0.0, 0.0, 1.0
+    for tick in range(10_000):
+        if tick % 20 == 0:
+            sense = -1.0 if psi > 0.1 else 1.0 if psi < -0.1 else sense
+        u.append(sense * output)
+        force = output * (1.0 - share + share * output) * (1.0 if sense > 0.0 else -astern)
+        r += DT * (force - DRAG * abs(r) * r) / ALPHA
+        psi += DT * r
+    return flown(name, np.array(u), share, dead, {"C": output}, astern=astern)
+
+
+def decaying_oscillation(share: float, dead: float, **further: float) -> Trial:
     """What a loop does after a step: an output that runs through all sizes and ends at what holds a constant force."""
     t = DT * np.arange(10_000)
-    return flown("step", 0.5 * np.exp(-t / 6.0) * np.cos(2.0 * t), share, dead, {})
+    return flown("step", 0.5 * np.exp(-t / 6.0) * np.cos(2.0 * t), share, dead, {}, **further)
 
 
-def flown(name: str, u: np.ndarray, share: float, dead: float, meta: dict[str, float], *, lost: float = 1.0) -> Trial:
+def flown(
+    name: str,
+    u: np.ndarray,
+    share: float,
+    dead: float,
+    meta: dict[str, float],
+    *,
+    lost: float = 1.0,
+    astern: float = 1.0,
+    noise: float = 0.002,
+) -> Trial:
     """Integrate the turn under commands *u* (n,), of whose size a share *lost* of the dead band is lost beyond it.
 
-    Heading and command are recorded at 25 Hz.
+    Thrust to port is *astern* times that to starboard. Heading (with *noise* [rad]) and command are recorded at 25 Hz.
     """
     dt, n = DT, len(u)
     t = dt * np.arange(n)
     v = np.sign(u) * np.where(np.abs(u) > dead, np.abs(u) - lost * dead, 0.0)
-    thrust = v * (1.0 - share + share * np.abs(v))
+    thrust = v * (1.0 - share + share * np.abs(v)) * np.where(v < 0.0, astern, 1.0)
     psi, r = np.zeros(n), 0.0
     for k in range(1, n):
         r += dt * (thrust[k - 1] - DRAG * abs(r) * r) / ALPHA
@@ -55,7 +83,7 @@ def flown(name: str, u: np.ndarray, share: float, dead: float, meta: dict[str, f
     return Trial(
         name,
         {
-            "psi": Channel("psi", "rad", t[kept], psi[kept] + rng.normal(0.0, 0.002, len(t[kept]))),
+            "psi": Channel("psi", "rad", t[kept], psi[kept] + rng.normal(0.0, noise, len(t[kept]))),
             "N": Channel("N", "1", t[kept], u[kept]),
         },
         meta=meta,
@@ -102,14 +130,30 @@ def test_the_step_distinguishes_a_dead_zone_from_a_curve_where_two_sizes_cannot(
     )
 
 
-def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
+@pytest.mark.slow
+def test_thrust_that_is_weaker_one_way_is_not_taken_for_a_constant_force():
+    craft = {"share": 0.8, "dead": 0.0, "astern": 0.8}
+    runs = [self_oscillation(name, C, **craft) for name, C in (("relay-1", 0.3), ("relay-2", 0.6))]
+    step, plain = decaying_oscillation(**craft), fit_axis(runs, dof="yaw")
+    found = fit_thrust_curve(runs, plain, step)
+    assert found.parameters["asymmetric-thrust@N.ratio"].value == pytest.approx(0.8, abs=0.03)
+    assert abs(found.parameters["N_0"].value) < 0.003
+    assert "of that to starboard" in describe_thrust_curve(found, plain, step)
+
+
+def a_fit(explained: float, residual: Remainder | None = None, **numbers: float) -> SimpleNamespace:
     named = {f"{slug.replace('_', '-')}@X.{slug}": value for slug, value in numbers.items()}
     parameters = {name: Parameter(name, value, "1", 0.01 * value, "fitted") for name, value in named.items()}
     model = ExtendedModel(
         None, tuple(EffectInstance(slug.replace("_", "-"), "X", {"width": v}) for slug, v in numbers.items())
     )
     return SimpleNamespace(
-        fit_percent=explained, unexplained=100.0 - explained, parameters=parameters, model=model, iso=("a cycle",)
+        fit_percent=explained,
+        unexplained=100.0 - explained,
+        parameters=parameters,
+        model=model,
+        iso=("a cycle",),
+        remainder={} if residual is None else {"psi": residual},
     )
 
 
@@ -248,3 +292,16 @@ def test_an_experiment_reports_the_model_with_the_curve_as_a_tune_does():
     assert found.correlation[0, 5] != 0.0
     assert any("weak for small commands" in text for text in announced)
     assert fit_reported("affine") is plain
+
+
+def test_a_dead_zone_is_detected_beside_the_noise_of_a_coarse_compass(monkeypatch):
+    """IES ROV heading, compass of two degrees: the dead zone explains half of what is not noise."""
+    fits = {
+        ("quadratic-actuator",): a_fit(96.7, Remainder(0.0117, 0.0101), quadratic_actuator=0.97),
+        ("dead-zone", "quadratic-actuator"): a_fit(
+            97.2, Remainder(0.0109, 0.0101), dead_zone=0.03, quadratic_actuator=0.82
+        ),
+    }
+    monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
+    found = fit_thrust_curve([None] * 3, a_fit(80.0, Remainder(0.06, 0.0101)))
+    assert found is fits["dead-zone", "quadratic-actuator"]

@@ -11,12 +11,15 @@ distinguishes the two. Its output covers all sizes, down to the bias that it com
 No thruster follows the square law up to full command, because the motor runs out of voltage and the propeller stalls. A
 square law fitted to small oscillations overestimates full thrust by half. A step whose output exceeds the oscillations
 shows where thrust saturates. Three sizes of oscillation that indicate a dead band also show this.
+
+Most propellers push less astern than ahead. A model with one gain takes the difference for a constant force, which the
+gains would then be designed to compensate.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -36,7 +39,9 @@ from gcs_autotune.trial import Trial
 
 __all__ = [
     "DEAD_ZONE",
+    "LOPSIDED",
     "QUADRATIC",
+    "WAYS",
     "describe_thrust_curve",
     "effect_number",
     "either_kind",
@@ -53,6 +58,16 @@ ModelT = TypeVar("ModelT", bound=Model)
 QUADRATIC = "quadratic-actuator"
 DEAD_ZONE = "dead-zone"
 LEVEL = "saturation"
+LOPSIDED = "asymmetric-thrust"
+WAYS: Mapping[str, tuple[str, str]] = {
+    "X": ("ahead", "astern"),
+    "Y": ("to starboard", "to port"),
+    "Z": ("down", "up"),
+    "K": ("to starboard", "to port"),
+    "M": ("nose up", "nose down"),
+    "N": ("to starboard", "to port"),
+}
+"""Force -> its positive and negative direction in words."""
 _UNEXPLAINED = 0.8
 """Largest ratio of the unexplained part with the curve to that without it, for the curve to be kept.
 
@@ -102,7 +117,8 @@ def fit_thrust_curve(
 
     plain : model of the same runs without a curve.
     step : run flown with the autopilot's own controller. With this run, or with three sizes of oscillation, the result
-        may be a dead band instead. It may also include a dead band or a saturation.
+        may be a dead band instead. It may also include a dead band, a saturation, or thrust that is weaker in one
+        direction.
 
     Only the step distinguishes the two kinds of dead band, because its output stays near the edge of the band. Just
     beyond the edge, a linkage with backlash hardly pushes the craft. A speed controller that starts at once pushes as
@@ -117,6 +133,9 @@ def fit_thrust_curve(
         or not pays(curve, plain, QUADRATIC)
         or not _SHARES[0] < effect_number(curve, QUADRATIC).value < _SHARES[1]
     ):
+        lopsided = _lopsided_first(runs, plain, step)
+        if lopsided is not None:
+            return lopsided
         return _dead_alone(runs, plain) if step is None and _sizes(runs, plain) >= _SIZES else None
     if step is None and _sizes(runs, plain) < _SIZES:
         return curve
@@ -125,11 +144,24 @@ def fit_thrust_curve(
     if bent is None:
         return curve
     beyond = step is not None and _goes_beyond(step, runs, plain.model.axis.force)
-    extended = _with_more(together, plain, bent, [DEAD_ZONE, LEVEL] if beyond else [DEAD_ZONE], QUADRATIC)
+    extended = _with_more(together, plain, bent, [DEAD_ZONE, LOPSIDED, *([LEVEL] if beyond else [])], QUADRATIC)
     banded = None if step is None or not with_band else _with_neutral_band(runs, plain, curve, bent, step)
     if banded is not None and _likelihood(banded) > _likelihood(extended):
         return banded
     return curve if extended is bent else extended
+
+
+def _lopsided_first(runs: Sequence[Trial], plain: AxisFit, step: Trial | None) -> Fit[Model] | None:
+    """Return a model with thrust that is weaker in one direction, and with what else the runs support, or None.
+
+    Without this effect, an oscillation drifts away from its model, and no curve explains it.
+    """
+    first = fit_with_actuator(runs, plain, LOPSIDED)
+    if first is None or not pays(first, plain, LOPSIDED):
+        return None
+    together, more = (runs, [QUADRATIC]) if step is None else ([*runs, step], [QUADRATIC, DEAD_ZONE])
+    simple = first if step is None else fit_with_actuator(together, plain, LOPSIDED)
+    return first if simple is None else _with_more(together, plain, simple, more, LOPSIDED)
 
 
 def _is_linear_enough(plain: AxisFit) -> bool:
@@ -222,6 +254,8 @@ def _kinds(fit: Fit[Model]) -> list[str]:
 def _is_sure(fit: Fit[Model], slug: str) -> bool:
     """Return whether the effect *slug* of *fit* differs from none."""
     own = effect_number(fit, slug)
+    if slug == LOPSIDED:  # none is a ratio of 1
+        return abs(own.value - 1.0) > _STDS * own.std
     return own.value > _STDS * own.std
 
 
@@ -374,7 +408,7 @@ def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit[Model], more: 
 
 def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
     """Return the effects in the order in which they act, from the command to the force."""
-    return tuple(slug for slug in (LEVEL, DEAD_ZONE, QUADRATIC) if slug in slugs)
+    return tuple(slug for slug in (LEVEL, DEAD_ZONE, QUADRATIC, LOPSIDED) if slug in slugs)
 
 
 def fit_with_actuator(
@@ -394,9 +428,15 @@ def fit_with_actuator(
 def pays(fit: Fit[Model], without: Fit[Model], slug: str) -> bool:
     """Return whether the runs clearly support the effect *slug* of *fit*.
 
+    Noise is not compared: beside the noise of a coarse compass, the error of a missing dead zone looks small.
+
     without : model of the same runs without this effect.
     """
-    return fit.unexplained < _UNEXPLAINED * without.unexplained and _is_sure(fit, slug)
+    left, before = fit.remainder, without.remainder
+    sizes = {s: one.noise for s, one in before.items() if s in left and one.noise > 0.0}
+    after, ahead = (math.hypot(*(of[s].unexplained / sizes[s] for s in sizes)) for of in (left, before))
+    less = after < _UNEXPLAINED * ahead if sizes else fit.unexplained < _UNEXPLAINED * without.unexplained
+    return less and _is_sure(fit, slug)
 
 
 def effect_number(fit: Fit[Model], slug: str) -> Parameter:
@@ -405,7 +445,7 @@ def effect_number(fit: Fit[Model], slug: str) -> Parameter:
 
 
 def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
-    """Return one sentence that reports the thrust curve, dead band or saturation in *fit*.
+    """Return one sentence that reports the thrust curve, dead band, saturation or asymmetry in *fit*.
 
     plain : model of the same runs without an actuator effect.
     step : the step that was used too, if any.
@@ -418,18 +458,26 @@ def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = 
         flown = f"{share.value:.0%} at {_reference(fit):.0%}, the largest output flown"
         square = f"at {at:.0%} of full output, {part:.0%} of the force is quadratic in the command ({flown})"
     levels = f". {limit_sentence(f'{effect_number(fit, LEVEL).value:.0%}')}" if LEVEL in has else ""
+    with_step = step is not None and step.name in fit.used
+    records = "oscillations and the step together" if with_step else "oscillations"
+    explains = (
+        f"With this the model explains {fit.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
+    )
+    if LOPSIDED in has:
+        one, way = WAYS[DOFS[fit.dof].force]
+        ratio = f"thrust {way} is {effect_number(fit, LOPSIDED).value:.0%} of that {one}"
+        if not has & {DEAD_ZONE, QUADRATIC}:
+            return f"the {records} show that {ratio}{levels}. {explains}"
+        levels += f". {ratio[0].upper()}{ratio[1:]}"
     if DEAD_ZONE in has:
         what = f"an actuator that does nothing below {effect_number(fit, DEAD_ZONE).value:.1%} of full output"
         if _lost(fit) == 0.0:
             what += " and acts at once beyond it, like the neutral band of a speed controller"
         if sure:
             what += f". Beyond it, {square}"
-        records = "three oscillations" if step is None else "oscillations and the step together"
-        return f"the {records} are explained best by {what}{levels}"
-    records = "oscillations and the step together" if levels else "two oscillations"
+        return f"the {'three ' if step is None else ''}{records} are explained best by {what}{levels}"
     return (
-        f"the {records} are explained best by an actuator that is weak for small commands: {square}{levels}. "
-        f"With this the model explains {fit.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
+        f"the {records} are explained best by an actuator that is weak for small commands: {square}{levels}. {explains}"
     )
 
 
