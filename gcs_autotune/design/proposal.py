@@ -23,6 +23,7 @@ from gcs_autotune.design.refinement import (
     MIN_ERROR,
     any_better,
     beyond,
+    passes,
     refine,
     refine_beyond,
     refine_briefly,
@@ -235,10 +236,10 @@ def _best(
 
     The present gains are kept if they are safe to fly and no gains in the ranges are better.
     """
-    free, share = problem.law.free_overshoot, problem.spec.bandwidth
+    share = problem.spec.bandwidth
     refined = refine(problem, matched, span)
     for found in (refined, matched)[: 2 if share >= 1.0 else 1]:
-        if is_better(before.prediction.metrics, found.prediction.metrics, free, slower=1.0 / share**2).better:
+        if passes(problem, before, found, span, 1.0 / share**2):
             return found, False
     other = any_better(problem, before, span) if share >= 1.0 else None
     return (refined, is_tolerable(before)) if other is None else (other, False)

@@ -22,7 +22,7 @@ from gcs_autotune.design.laws import ALIKE, Settings
 from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise, round_gain
 from gcs_autotune.design.other_mode import OtherMode
-from gcs_autotune.design.prediction import predict_error
+from gcs_autotune.design.prediction import predict_as_flown, predict_error
 from gcs_autotune.design.selection import (
     MIN_GAIN_MARGIN,
     MIN_PHASE_MARGIN,
@@ -36,7 +36,7 @@ from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Gain
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["MIN_ERROR", "any_better", "beyond", "refine", "refine_beyond", "refine_for_both", "sobol"]
+__all__ = ["MIN_ERROR", "any_better", "beyond", "passes", "refine", "refine_beyond", "refine_for_both", "sobol"]
 
 Array = NDArray[np.float64]
 
@@ -259,14 +259,27 @@ def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -
     best = sorted(sobol(len(problem.gains), SEARCHED), key=cost)[:CLOSER]
     for x in (*(_descend(cost, begin, EVALUATIONS) for begin in best[:DESCENTS]), *best):
         found = judge(problem, before.wanted, _rounded(problem, cost.settings(x)), duration)
-        if is_tolerable(found) and (lenient or not found.objections) and _passes(problem, before, found):
+        if is_tolerable(found) and (lenient or not found.objections) and passes(problem, before, found, duration):
             return found
     return None
 
 
-def _passes(problem: DesignProblem, before: GainCandidate, candidate: GainCandidate) -> bool:
-    old, new = before.prediction.metrics, candidate.prediction.metrics
-    return is_better(old, new, problem.law.free_overshoot).better
+def passes(
+    problem: DesignProblem, before: GainCandidate, candidate: GainCandidate, duration: float, slower: float = 1.0
+) -> bool:
+    """Return whether *candidate* is predicted to be better than *before*, the present gains, also over the time that
+    the two flown steps would have in common.
+
+    A slow error may be small at the end of *duration* [s], but too large when the flown step ends. slower : as for
+    :func:`gcs_autotune.design.is_better`.
+    """
+    free = problem.law.free_overshoot
+    if not is_better(before.prediction.metrics, candidate.prediction.metrics, free, slower=slower).better:
+        return False
+    if not math.isfinite(problem.spec.settled_time):
+        return True
+    flown = predict_as_flown(problem, (before.settings, candidate.settings), duration)
+    return is_better(flown.one, flown.other, free, slower=slower).better
 
 
 def _refined(

@@ -101,8 +101,8 @@ class Spec:
         a settled loop, as long as they take.
     windows : recorded durations [s] of step and step back with the present gains; empty: ``step_duration``.
     settled_band, settled_time : a flown half ends when the signal has been within ``settled_band`` [rad or m] of its
-        target for ``settled_time`` [s]. This applies to the reported metrics only; gains are selected over
-        ``step_duration``.
+        target for ``settled_time`` [s]. The reported metrics are of these halves. Gains are selected over
+        ``step_duration``, and must be better than the present ones over these halves too.
     settled_least : value [s] that replaces ``settled_time`` if signal and output are at rest by then.
     hold : time [s] for which the craft is held before the step, by a loop whose integral is zero at first. 0: a settled
         loop.
