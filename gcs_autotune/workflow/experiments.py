@@ -303,8 +303,7 @@ def measure_halves(
     the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass with a resolution of two
     degrees cannot show an error of one degree.
     """
-    signal = str(trial.meta["signal"])
-    late = _seen_late(trial, signal)
+    signal, late = str(trial.meta["signal"]), _seen_late(trial)
     targets = [m for m in trial.marks if m.kind == "target"]
     own, found = windows_of(trial), []
     read = (*map(min, own, windows), *own[len(windows) :])
@@ -317,15 +316,15 @@ def measure_halves(
     return found
 
 
-def _seen_late(trial: Trial, signal: str) -> float:
+def _seen_late(trial: Trial) -> float:
     """Return the smallest delay [s] with which a response to a command can appear in the record, as far as measured.
 
-    The delays of the link and of the gyro filter are not part of the loop. A mark has the time stamp of the attitude
-    message that its command answers. So the delay is that of the round trip, not only of the command.
+    The delay of the link is not part of the loop. A mark has the time stamp of the attitude message that its command
+    answers. So the delay is that of the round trip, not only of the command. Turn rates are recorded at the time they
+    apply to, so the delay of the gyro filter does not appear here.
     """
     link = trial.meta.get("link_times", {})
-    late = float(link.get("loop", link.get("command_to_servo", 0.0)))
-    return late + (float(trial.meta.get("rate_lag", 0.0)) if signal == "r" else 0.0)
+    return float(link.get("loop", link.get("command_to_servo", 0.0)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,10 +139,15 @@ def test_the_clock_of_a_fast_step_starts_with_the_step_not_the_next_sample() -> 
     assert found == pytest.approx([true] * 5, rel=0.25)
 
 
-def test_link_and_gyro_delays_are_not_counted_as_loop_error() -> None:
-    blind, honest = measure(quick(0.03, 0.2)).itae, measure(quick(0.03, 0.2, reported=0.15, lag=0.05)).itae
+def test_the_delay_of_the_link_is_not_counted_as_loop_error() -> None:
+    blind, honest = measure(quick(0.03, 0.2)).itae, measure(quick(0.03, 0.2, reported=0.2)).itae
     assert blind > 2.0 * honest
     assert honest == pytest.approx(0.15**2, rel=0.25)
+
+
+def test_a_turn_rate_recorded_at_its_own_time_is_not_dated_back_again() -> None:
+    plain, filtered = (measure(quick(0.03, lag=lag)).itae for lag in (0.0, 0.056))
+    assert filtered == plain
 
 
 VECTORED = {"MOT_VEC_ANGLEMAX": 30.0}
