@@ -59,7 +59,15 @@ from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Pro
 from gcs_autotune.design.spec import STYLE_STEPS, STYLES, Spec, Style, style_number, style_of
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.track_metrics import TrackMetrics, follows_better, track_metrics
-from gcs_autotune.design.verdict import Verdict, is_better, is_calmer, is_followed, is_no_worse, scatter_of
+from gcs_autotune.design.verdict import (
+    Verdict,
+    is_better,
+    is_calmer,
+    is_followed,
+    is_foretold,
+    is_no_worse,
+    scatter_of,
+)
 
 __all__ = [
     "LAWS",
@@ -130,6 +138,7 @@ __all__ = [
     "is_better",
     "is_calmer",
     "is_followed",
+    "is_foretold",
     "is_more_linear",
     "is_no_worse",
     "limits_for",

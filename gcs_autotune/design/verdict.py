@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from gcs_autotune.design.result import StepMetrics
 from gcs_autotune.notebook import Displayed
 
-__all__ = ["Verdict", "is_better", "is_calmer", "is_followed", "is_no_worse", "scatter_of"]
+__all__ = ["Verdict", "is_better", "is_calmer", "is_followed", "is_foretold", "is_no_worse", "scatter_of"]
 
 ITAE_RATIO = 0.95
 """Largest ratio of the new to the old ITAE. Project choice: the new ITAE must be at least 5 % lower."""
@@ -39,6 +39,10 @@ NO_WORSE, CLEARLY = 1.05, 0.8
 """Limits of an exception for two modes with the same gains.
 
 Project choice. With an ITAE at most 5 % higher, gains are still better if the other mode's ITAE is 20 % lower.
+"""
+MISSED, SMALL_ERROR = 1.5, 0.01
+"""Ratio of predicted and measured ITAE from which a prediction is doubtful, and ITAE [s^2] below which they are not
+compared. Project choice: predictions of good models are within 25 %.
 """
 NOT_WORSE, ALIKE = 1.1, 0.03
 """Limits of a change that has another aim: the ratio of the new to the old ITAE, and the difference of overshoot,
@@ -90,6 +94,12 @@ def scatter_of(*pairs: Sequence[StepMetrics]) -> dict[str, float]:
         known = [d for d in apart if math.isfinite(d)]
         found[name] = math.sqrt(sum(d * d for d in known) / (2.0 * len(known))) if known else 0.0
     return found
+
+
+def is_foretold(predicted: float, measured: float) -> bool:
+    """Return whether the ITAE *predicted* for a step [s^2] is near the *measured* one."""
+    low, high = sorted((max(predicted, SMALL_ERROR), max(measured, SMALL_ERROR)))
+    return not high > MISSED * low
 
 
 def is_better(

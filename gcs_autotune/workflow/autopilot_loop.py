@@ -16,6 +16,7 @@ from gcs_autotune.design import (
     Verdict,
     is_better,
     is_calmer,
+    is_foretold,
     over_windows,
     scatter_of,
     style_of,
@@ -299,8 +300,7 @@ def _offer_of(proposal: Proposal, measured: StepMetrics, slower: float) -> Offer
 
 def _missed(predicted: float, measured: float) -> str:
     """Return a doubt about the prediction if the step *measured* with the present gains was predicted badly."""
-    low, high = sorted((max(predicted, SMALL_ERROR), max(measured, SMALL_ERROR)))
-    if not high > MISSED * low:
+    if is_foretold(predicted, measured):
         return ""
     return (
         f"doubtful, because the model predicts {predicted:.3g} s^2 for the step with the present gains, and "
@@ -318,12 +318,6 @@ def _compared(
     return criteria.read(before, windows), criteria.read(after, windows), scatter, told
 
 
-MISSED, SMALL_ERROR = 1.5, 0.01
-"""Ratio of predicted and measured ITAE with the present gains from which the prediction of new gains is doubtful, and
-ITAE [s^2] below which they are not compared.
-
-Project choice: predictions of good models are within 25 %.
-"""
 WORSE, ENOUGH = 1.05, 0.9
 """Factor by which a predicted error must rise before a warning, and fraction of the commanded turn rate above which the
 craft counts as tracking it. Project choice.

@@ -58,6 +58,15 @@ def test_margins_below_those_of_the_style_are_stated_with_the_verdict():
     assert "The style requires more: gain margin 2.37 is less than 2.50; phase margin 32° is less than 45°." in end
 
 
+def test_a_badly_predicted_step_makes_the_margins_doubtful():
+    kept = stories.kept()
+    assert "doubtful" not in " ".join(verdict_of(kept).sentences)
+    missed = replace(kept, metrics_after=replace(kept.metrics_after, itae=5.0 * kept.proposal.after.metrics.itae))
+    assert "These margins are doubtful: the model predicted a tracking error of" in " ".join(
+        verdict_of(missed).sentences
+    )
+
+
 def test_a_position_that_is_held_worse_than_before_is_stated_with_the_verdict():
     before = PositionMetrics(7.4, 0.07, 4.4, 0.018, 0.084, 0.15, 0.25)
     better, worse = replace(before, push=0.04, hold=0.017), replace(before, push=0.04, hold=0.026)

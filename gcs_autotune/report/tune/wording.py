@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 
-from gcs_autotune.design import Linearity, Margins, PositionMetrics, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Linearity, Margins, PositionMetrics, Proposal, StepMetrics, TrackMetrics, is_foretold
 from gcs_autotune.report.toolkit.document import Tone, Verdict
 from gcs_autotune.report.toolkit.wording import (
     format_change,
@@ -86,10 +86,20 @@ def verdict_of(story: TuneStory) -> Verdict:
         sentences.append(improvement(before, after, "predicted, not measured"))
     if story.proposal is not None and story.ending != "unchanged":
         sentences.append(safety(story.proposal))
+        sentences.append(_missed(story.proposal, story.metrics_after))
     sentences.append(parameters_sentence(story))
     if story.ending == "kept" and story.proposal is not None and not story.proposal.worst_margins.stable:
         tone = "bad"
     return Verdict(text, tone, tuple(s for s in sentences if s))
+
+
+def _missed(proposal: Proposal, measured: StepMetrics | None) -> str:
+    """Return a doubt about the margins if the step *measured* with the new gains was predicted badly, else ""."""
+    predicted = proposal.after.metrics.itae
+    if measured is None or not proposal.changes or is_foretold(predicted, measured.itae):
+        return ""
+    was, now = (format_quantity(itae, "s^2", 3) for itae in (predicted, measured.itae))
+    return f"These margins are doubtful: the model predicted a tracking error of {was}, and {now} was measured."
 
 
 def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
