@@ -41,7 +41,7 @@ from sitl.actuators import (
 from sitl.derating import Derating
 from sitl.effects import SURROUNDINGS, BadEffect, HiddenEffect, make_effect
 from sitl.instruments import INSTRUMENTS, Instrument
-from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
+from sitl.plants import RUDDER, TWIN_THRUSTER, Entries, Plant, make_plant, propeller_rows, thruster_count, values_of
 from sitl.sensors import Rangefinder, SensorData
 from sitl.setting import setting_of
 from sitl.vehicle_file import verify_vehicle_tables
@@ -267,7 +267,9 @@ def load_vehicle(name: str) -> VehicleData:
     except Unreadable as error:
         raise BadVehicle(f"the vehicle file {name} cannot be read: {error}") from error
     except KeyError as error:
-        raise BadVehicle(f"the vehicle file {name} lacks {error}. Start with a copy of one in {_FOLDER}") from error
+        heading, _, entry = str(error.args[0]).rpartition(".")
+        lacking = f"{heading + ': ' if heading else ''}missing entry '{entry}'"
+        raise BadVehicle(f"{name} is not a vehicle file: {lacking}. Start with a copy of one in {_FOLDER}") from error
     except (ValueError, TypeError, ArithmeticError) as error:
         raise BadVehicle(f"{name} is not a vehicle file: {error}") from error
     if data.firmware not in _FIRMWARE:
@@ -281,9 +283,9 @@ def _tables(path: Path) -> dict[str, Any]:
     name = own.get("like")
     if isinstance(name, str) and name not in VEHICLES:
         raise ValueError(str(UnknownVehicle(name)))
-    tables = _tables(_FOLDER / VEHICLES[name]) if isinstance(name, str) else {}
+    tables = _tables(_FOLDER / VEHICLES[name]) if isinstance(name, str) else Entries({})
     for heading, table in own.items():
-        tables[heading] = {**tables.get(heading, {}), **table} if isinstance(table, dict) else table
+        tables[heading] = Entries({**tables.get(heading, {}), **table}, heading) if isinstance(table, dict) else table
     tables.pop("like", None)
     verify_vehicle_tables(own, tables)
     return tables

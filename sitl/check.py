@@ -16,6 +16,7 @@ __all__ = ["check_vehicle"]
 _HEADING = re.compile(r"\s*\[\s*([\w-]+)\s*\]")
 _ENTRY = re.compile(r"\s*([\w-]+)\s*=")
 _PLACE = re.compile(r"([\w-]+)(?:\.([\w|-]+))?(?:\.value(?:\.\d+)?|\.unit|\.source)?[ :]")
+_UNKNOWN = re.compile(r"(?:([\w-]+): )?unknown entry '([\w-]+)'")
 _AT_LINE = re.compile(r" \(at line (\d+), column \d+\)")
 
 
@@ -32,7 +33,7 @@ def check_vehicle(path: Path) -> list[str]:
         return [f"{path}: cannot be read: {error}"]
     except Refused as error:
         return [_located(path, "" if isinstance(error, Unreadable) else _text_of(path), str(error))]
-    faults = [_located(path, text, fault) for fault in _faults(tables)]
+    faults = list(dict.fromkeys(_located(path, text, fault) for fault in _faults(tables)))
     if faults:
         return faults
     try:
@@ -66,8 +67,8 @@ def _located(path: Path, text: str, fault: str) -> str:
     written = _AT_LINE.search(fault)
     if written:
         return f"{path}:{written[1]}: {_AT_LINE.sub('', fault)}"
-    place = _PLACE.match(fault)
-    line = _line_of(text, place[1], place[2] or "") if place else 0
+    place = _UNKNOWN.match(fault) or _PLACE.match(fault)
+    line = _line_of(text, place[1] or place[2], place[2] or "") if place else 0
     return f"{path}:{line}: {fault}" if line else f"{path}: {fault}"
 
 

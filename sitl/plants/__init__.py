@@ -13,7 +13,7 @@ from sitl.plants.rigid_body import (
     quaternion_of,
     rotate,
 )
-from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, make_plant, values_of
+from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, Entries, make_plant, values_of
 
 __all__ = [
     "GRAVITY",
@@ -23,6 +23,7 @@ __all__ = [
     "AxisDynamics",
     "Ballast",
     "Coupling",
+    "Entries",
     "Parameters",
     "PlanarHull",
     "Plant",

@@ -12,7 +12,7 @@ from sitl.plants.plant import Plant, Water
 from sitl.plants.propulsion import propeller_rows, rudder_rows
 from sitl.plants.rigid_body import DOFS, Array, AxisDynamics, Ballast, Coupling, RigidBody, coupling_of
 
-__all__ = ["PLANTS", "RUDDER", "TWIN_THRUSTER", "make_plant", "values_of"]
+__all__ = ["PLANTS", "RUDDER", "TWIN_THRUSTER", "Entries", "make_plant", "values_of"]
 
 Tables = Mapping[str, Any]
 """Content of a vehicle file: heading -> name -> ``value`` with unit and source."""
@@ -100,9 +100,23 @@ PLANTS: dict[str, Callable[[Tables], Plant]] = {PLANAR_HULL: planar_hull, "rigid
 """Name in a vehicle file -> function that makes the plant from the file. A file without a name has the first plant."""
 
 
+class Entries(dict[str, Any]):
+    """Entries of a vehicle file under *heading*, or its headings. The ``KeyError`` of an entry that is missing names
+    its heading too: ``surge.alpha``.
+    """
+
+    def __init__(self, entries: Mapping[str, Any], heading: str = "") -> None:
+        super().__init__(entries)
+        self.heading = heading
+
+    def __missing__(self, name: str) -> Any:
+        raise KeyError(f"{self.heading}.{name}" if self.heading else name)
+
+
 def values_of(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Return name -> value of one heading of a vehicle file, without units and sources."""
-    return {name: entry["value"] for name, entry in table.items()}
+    heading = table.heading if isinstance(table, Entries) else ""
+    return Entries({name: entry["value"] for name, entry in table.items()}, heading)
 
 
 def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
@@ -112,7 +126,8 @@ def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
 
 def _coupling(table: Mapping[str, Mapping[str, Any]], speeds: str = "uvr") -> Coupling:
     derivatives = values_of(table)
-    coriolis = bool(derivatives.pop("coriolis"))
+    coriolis = bool(derivatives["coriolis"])
+    del derivatives["coriolis"]
     return coupling_of(derivatives, coriolis=coriolis, speeds=speeds)
 
 

@@ -42,6 +42,11 @@ def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
         ("bluerov2-6dof", "x = { value = [0.156,", 'x = { value = ["a",', "thrusters.x", "expected a number"),
         ("tugboat", 'I_xz = { value = 0.05, unit = "kg m^2"', 'I_xz = { value = 0.05, unit = "g"', "body.I_xz", "'g'"),
         ("ies-rov", "resistance = {", "resistence = {", "motor", "unknown entry 'resistence'"),
+        ("blueboat", "[sensors]", "[senses]", "", "unknown entry 'senses'"),
+        ("blueboat", "firmware =", "firmwear =", "", "unknown entry 'firmwear'"),
+        ("blueboat", "alpha = { value = 41.77", "# alpha = { value = 41.77", "surge", "missing entry 'alpha'"),
+        ("charlie-rudders", "stall = {", "# stall = {", "rudder", "missing entry 'stall'"),
+        ("ies-rov", "density = {", "# density = {", "propeller", "missing entry 'density'"),
     ],
 )  # fmt: skip
 def test_a_fault_is_reported_with_file_line_and_quantity(name, old, new, quantity, reason, tmp_path, capsys):
@@ -50,8 +55,10 @@ def test_a_fault_is_reported_with_file_line_and_quantity(name, old, new, quantit
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert f"{path}:" in error and quantity in error and reason in error
-    if "unknown entry" not in reason:
-        assert error.startswith(f"sitl: {path}:{line}: {quantity}")
+    if "missing entry" in reason:  # at its heading
+        text = path.read_text(encoding="utf-8")
+        line = text[: text.index(f"[{quantity}]")].count("\n") + 1
+    assert error.startswith(f"sitl: {path}:{line}: {quantity}")
 
 
 def test_all_faulty_entries_are_listed(tmp_path):
@@ -67,6 +74,7 @@ def test_invalid_toml_is_reported_with_its_line(tmp_path):
 
 
 def test_a_missing_entry_or_file_is_reported(tmp_path):
-    path, _ = changed(tmp_path / "mine.toml", "blueboat", "arm = {", "# arm = {")
-    assert "lacks 'arm'" in check_vehicle(path)[0]
+    path, text = tmp_path / "mine.toml", (FILES / VEHICLES["blueboat"]).read_text(encoding="utf-8")
+    path.write_text(text.partition("[parameters]")[0], encoding="utf-8")
+    assert check_vehicle(path)[0].startswith(f"{path}: missing entry 'parameters'. Start with a copy")
     assert "cannot be read" in check_vehicle(tmp_path / "none.toml")[0]
