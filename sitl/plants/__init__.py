@@ -4,6 +4,7 @@ from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed
 from sitl.plants.propulsion import propeller_rows, static_thrust, thruster_count
 from sitl.plants.rigid_body import (
+    DOFS,
     AxisDynamics,
     Ballast,
     Coupling,
@@ -16,6 +17,7 @@ from sitl.plants.rigid_body import (
 from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, Entries, make_plant, values_of
 
 __all__ = [
+    "DOFS",
     "GRAVITY",
     "PLANTS",
     "RUDDER",

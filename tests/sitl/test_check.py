@@ -42,6 +42,12 @@ def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
         ("bluerov2-6dof", "x = { value = [0.156,", 'x = { value = ["a",', "thrusters.x", "expected a number"),
         ("tugboat", 'I_xz = { value = 0.05, unit = "kg m^2"', 'I_xz = { value = 0.05, unit = "g"', "body.I_xz", "'g'"),
         ("ies-rov", "resistance = {", "resistence = {", "motor", "unknown entry 'resistence'"),
+        ("blueboat", "beta = { value = 29.35", "beta = { value = 9e8", "surge", "the motion diverges"),
+        ("blueboat", "value = 41.77", "value = 1e-300", "surge", "the motion diverges"),
+        ("tugboat", "time_constant = { value = 0.15", "time_constant = { value = 0.001", "motor", "diverges"),
+        ("ies-rov", "inertia = { value = 0.002", "inertia = { value = 1e-9", "motor", "diverges"),
+        ("blueboat", "CRUISE_SPEED", "CRUISE_SPED", "parameters.CRUISE_SPED", "firmware 'rover' has no such parameter"),
+        ("blueboat", 'firmware = "rover"', 'firmware = "sub"', "parameters.CRUISE_SPEED", "'sub' has no such"),
         ("blueboat", "[sensors]", "[senses]", "", "unknown entry 'senses'"),
         ("blueboat", "firmware =", "firmwear =", "", "unknown entry 'firmwear'"),
         ("blueboat", "alpha = { value = 41.77", "# alpha = { value = 41.77", "surge", "missing entry 'alpha'"),
@@ -55,9 +61,11 @@ def test_a_fault_is_reported_with_file_line_and_quantity(name, old, new, quantit
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert f"{path}:" in error and quantity in error and reason in error
-    if "missing entry" in reason:  # at its heading
-        text = path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8")
+    if "missing entry" in reason or "diverges" in reason:  # at its heading
         line = text[: text.index(f"[{quantity}]")].count("\n") + 1
+    if "'sub'" in reason:  # at a parameter of the other firmware
+        line = text[: text.index("CRUISE_SPEED")].count("\n") + 1
     assert error.startswith(f"sitl: {path}:{line}: {quantity}")
 
 
