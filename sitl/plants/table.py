@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sitl.plants.kernel import MOST_PROPELLERS
 from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import Plant, Water
 from sitl.plants.propulsion import propeller_rows, rudder_rows
@@ -31,7 +32,7 @@ def make_plant(tables: Tables) -> Plant:
     """
     kind = str(tables.get("plant", PLANAR_HULL))
     if kind not in PLANTS:
-        raise ValueError(f"there is no plant '{kind}'. Use one of {', '.join(PLANTS)}")
+        raise ValueError(f"plant: there is no '{kind}'. Use one of {', '.join(PLANTS)}")
     plant, start = PLANTS[kind](tables), values_of(tables["start"])
     plant.state.z, plant.state.psi = start["depth"], start["heading"]
     return plant
@@ -128,7 +129,10 @@ def _coupling(table: Mapping[str, Mapping[str, Any]], speeds: str = "uvr") -> Co
     derivatives = values_of(table)
     coriolis = bool(derivatives["coriolis"])
     del derivatives["coriolis"]
-    return coupling_of(derivatives, coriolis=coriolis, speeds=speeds)
+    try:
+        return coupling_of(derivatives, coriolis=coriolis, speeds=speeds)
+    except ValueError as error:
+        raise ValueError(f"coupling: {error}") from error
 
 
 def _water(tables: Tables) -> Water:
@@ -141,7 +145,11 @@ def _propulsion(tables: Tables) -> dict[str, Array]:
     if "thrusters" not in tables:
         return {}
     parts = (values_of(tables.get(heading, {})) for heading in ("thrusters", "propeller", "motor"))
+    if "diameter" not in tables.get("propeller", {}) and not {"a_ahead", "b_ahead"} & set(tables["thrusters"]):
+        raise ValueError("thrusters: missing entry 'a_ahead'. Give it, b_ahead, or a [propeller] with its diameter")
     propellers = propeller_rows(*parts)
+    if len(propellers) > MOST_PROPELLERS:
+        raise ValueError(f"thrusters: {len(propellers)} are too many. Use at most {MOST_PROPELLERS}")
     if "rudder" not in tables:
         return {"propellers": propellers}
     return {"propellers": propellers, "rudders": rudder_rows(values_of(tables["rudder"]), len(propellers))}

@@ -50,7 +50,7 @@ def test_a_user_vehicle_moves_by_its_own_numbers(mine: Path) -> None:
         (lambda text: text + "= 3", "is not a vehicle file"),
         (
             lambda text: text.replace('firmware = "rover"', 'firmware = "plane"'),
-            "has firmware 'plane'. Use one of rover",
+            "firmware: there is no 'plane'. Use one of rover",
         ),
     ],
 )

@@ -48,6 +48,20 @@ def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
         ("ies-rov", "inertia = { value = 0.002", "inertia = { value = 1e-9", "motor", "diverges"),
         ("blueboat", "CRUISE_SPEED", "CRUISE_SPED", "parameters.CRUISE_SPED", "firmware 'rover' has no such parameter"),
         ("blueboat", 'firmware = "rover"', 'firmware = "sub"', "parameters.CRUISE_SPEED", "'sub' has no such"),
+        ("blueboat", "value = 25.65", "value = [25.65, 3.0]", "yaw.alpha", "expected a number, got a list"),
+        ("charlie", "[10.795, 8.755, 8.2, 9.155, 8.695]", "9.0", "yaw.alpha", "1 values for 5 values of n2"),
+        ("charlie", "value = [16.0, 25.0,", "value = [0.0, 25.0,", "yaw.n2", "expected a number > 0.0"),
+        ("charlie-rudders", "[-1.2, -1.2]", "[-1.2, -1.2, -1.2]", "rudder", "lists of different length (x 3, y 2)"),
+        ("charlie-rudders", "[sway]", 'actuators = "twin-thruster"\n[sway]', "rudder", "have no rudder. Use 'rudder'"),
+        ("ies-rov", "diameter = {", "# diameter = {", "thrusters", "missing entry 'a_ahead'"),
+        ("bluerov2-6dof", "coriolis = { value = true", "coriolis = { value = 1", "coupling.coriolis", "must be true"),
+        ("tugboat", "Y_rdot = {", "Q_rdot = {", "coupling", "cannot simulate Q_rdot"),
+        ("blueboat", "\"twin-thruster\"", "\"twin-screw\"", "actuators", "there is no 'twin-screw'. Use one of rudder"),
+        ("blueboat", 'firmware = "rover"', 'firmware = "plane"', "firmware", "there is no 'plane'"),
+        ("tugboat", 'plant = "rigid-body"', 'plant = "body"', "plant", "there is no 'body'"),
+        ("tugboat", 'like = "blueboat"', 'like = "bluboat"', "like", "did you mean blueboat"),
+        ("videoray-wall", "period = {", "# period = {", "rangefinder", "missing entry 'period'"),
+        ("blueboat", "CRUISE_SPEED", "THIS_IS_TOO_LONG_", "parameters.THIS_IS_TOO_LONG_", "at most 16 letters"),
         ("blueboat", "[sensors]", "[senses]", "", "unknown entry 'senses'"),
         ("blueboat", "firmware =", "firmwear =", "", "unknown entry 'firmwear'"),
         ("blueboat", "alpha = { value = 41.77", "# alpha = { value = 41.77", "surge", "missing entry 'alpha'"),
@@ -62,7 +76,7 @@ def test_a_fault_is_reported_with_file_line_and_quantity(name, old, new, quantit
     assert error.count("\n") == 1
     assert f"{path}:" in error and quantity in error and reason in error
     text = path.read_text(encoding="utf-8")
-    if "missing entry" in reason or "diverges" in reason:  # at its heading
+    if f"[{quantity}]" in text and "unknown" not in reason:  # at its heading
         line = text[: text.index(f"[{quantity}]")].count("\n") + 1
     if "'sub'" in reason:  # at a parameter of the other firmware
         line = text[: text.index("CRUISE_SPEED")].count("\n") + 1
