@@ -25,6 +25,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gcs_autotune_files import Unreadable, read
 from sitl.actuators import (
     FRAMES,
@@ -41,7 +43,7 @@ from sitl.actuators import (
 from sitl.derating import Derating
 from sitl.effects import SURROUNDINGS, BadEffect, HiddenEffect, make_effect
 from sitl.instruments import INSTRUMENTS, Instrument
-from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
+from sitl.plants import RUDDER, TWIN_THRUSTER, Entries, Plant, make_plant, propeller_rows, thruster_count, values_of
 from sitl.sensors import Rangefinder, SensorData
 from sitl.setting import setting_of
 from sitl.vehicle_file import verify_vehicle_tables
@@ -163,7 +165,8 @@ class VehicleData:
             each = values_of(self.tables["thruster"])
             return TwinThrusterBoat(each["full_thrust"], each["astern"], each["arm"], yaw["bias"], 1, 3)
         if self.is_boat:
-            rows = tuple(zip(yaw["n2"], yaw["alpha"], yaw["beta"], strict=True))
+            columns = (np.atleast_1d(yaw[name]).tolist() for name in ("n2", "alpha", "beta"))
+            rows = tuple(zip(*columns, strict=True))
             full_n = values_of(self.tables["propeller"])["full_n"]
             side = yaw.get("side_force", 0.0)
             return RudderBoat(
@@ -172,7 +175,7 @@ class VehicleData:
         heave = values_of(self.tables["heave"])
         motors = FRAMES[self.tables["actuators"]]
         full = (yaw["authority"], surge["authority"], heave["authority"])
-        curve = ThrustCurve(**values_of(self.tables["thruster"])) if "thruster" in self.tables else None
+        curve = self._make_curve()
         others = [values_of(self.tables.get(dof, {})).get("authority", 0.0) for dof in ("sway", "pitch")]
         if others[1] and not any(motor.M for motor in motors):
             raise ValueError(f"frame '{self.tables['actuators']}' has no pitch thrusters. Remove [pitch]")
@@ -197,15 +200,20 @@ class VehicleData:
                 raise ValueError(f"{name}: missing entry '{lacking[0]}'. Give {', '.join(needed)}")
         return Derating(actuators.motor_drive, heat, battery)
 
+    def _make_curve(self) -> ThrustCurve | None:
+        """Return the thrust of each thruster over its command, or None if the file does not shape it."""
+        shape = {name: value for name, value in values_of(self.tables.get("thruster", {})).items() if name in _SHAPE}
+        return ThrustCurve(**shape) if shape else None
+
     def _make_thrusters(self) -> ThrusterSet:
         """Return the thrusters with places of their own, and the rudders behind them."""
-        parts = [values_of(self.tables.get(heading, {})) for heading in ("thrusters", "propeller", "motor", "rudder")]
+        headings = ("thrusters", "propeller", "motor", "rudder")
+        parts = [values_of(self.tables.get(heading, Entries({}, heading))) for heading in headings]
         rudder = parts.pop()
         rows = propeller_rows(*parts)
         forces = {"surge": "X", "sway": "Y", "heave": "Z", "roll": "K", "pitch": "M", "yaw": "N"}
         biases = {force: values_of(self.tables.get(dof, {})).get("bias", 0.0) for dof, force in forces.items()}
-        shape = {name: value for name, value in values_of(self.tables.get("thruster", {})).items() if name in _SHAPE}
-        curve = ThrustCurve(**shape) if shape else None
+        curve = self._make_curve()
         kind = self.tables["actuators"]
         if kind == RUDDER:
             steered = (1, rudder["full"], thruster_count(rudder))
@@ -244,6 +252,17 @@ def _verify_surroundings(data: VehicleData) -> None:
         raise ValueError(heading + str(error).removeprefix(slug)) from error
 
 
+def _verify_kinds(tables: Mapping[str, Any]) -> None:
+    """Raise ``ValueError`` if the file names a kind that does not exist, or has a rudder that nothing turns."""
+    for name, kinds in (("firmware", _FIRMWARE), ("actuators", (RUDDER, TWIN_THRUSTER, *FRAMES))):
+        if tables[name] not in kinds:
+            raise ValueError(f"{name}: there is no '{tables[name]}'. Use one of {', '.join(kinds)}")
+    if "rudder" in tables and tables["actuators"] != RUDDER:
+        raise ValueError(
+            f"rudder: actuators '{tables['actuators']}' have no rudder. Use '{RUDDER}', or remove [rudder]"
+        )
+
+
 def load_vehicle(name: str) -> VehicleData:
     """Return the data of the vehicle called *name*, or of the file (``.toml``) whose path is *name*.
 
@@ -260,18 +279,20 @@ def load_vehicle(name: str) -> VehicleData:
         raise UnknownVehicle(name)
     try:
         data = _read(Path(name).stem, Path(name))
+        _verify_kinds(data.tables)
         data.make_plant()
         data.make_derating(data.make_actuators())
         _verify_surroundings(data)
         data.make_instruments(0)
+        data.make_rangefinder(0)
     except Unreadable as error:
         raise BadVehicle(f"the vehicle file {name} cannot be read: {error}") from error
     except KeyError as error:
-        raise BadVehicle(f"the vehicle file {name} lacks {error}. Start with a copy of one in {_FOLDER}") from error
+        heading, _, entry = str(error.args[0]).rpartition(".")
+        lacking = f"{heading + ': ' if heading else ''}missing entry '{entry}'"
+        raise BadVehicle(f"{name} is not a vehicle file: {lacking}. Start with a copy of one in {_FOLDER}") from error
     except (ValueError, TypeError, ArithmeticError) as error:
         raise BadVehicle(f"{name} is not a vehicle file: {error}") from error
-    if data.firmware not in _FIRMWARE:
-        raise BadVehicle(f"the vehicle file {name} has firmware '{data.firmware}'. Use one of {', '.join(_FIRMWARE)}")
     return data
 
 
@@ -280,10 +301,10 @@ def _tables(path: Path) -> dict[str, Any]:
     own = read(path, "toml")
     name = own.get("like")
     if isinstance(name, str) and name not in VEHICLES:
-        raise ValueError(str(UnknownVehicle(name)))
-    tables = _tables(_FOLDER / VEHICLES[name]) if isinstance(name, str) else {}
+        raise ValueError(f"like: {UnknownVehicle(name)}")
+    tables = _tables(_FOLDER / VEHICLES[name]) if isinstance(name, str) else Entries({})
     for heading, table in own.items():
-        tables[heading] = {**tables.get(heading, {}), **table} if isinstance(table, dict) else table
+        tables[heading] = Entries({**tables.get(heading, {}), **table}, heading) if isinstance(table, dict) else table
     tables.pop("like", None)
     verify_vehicle_tables(own, tables)
     return tables

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from gcs_autotune_files import Refused, Unreadable, parse, read_text
-from sitl.catalogue import BadVehicle, load_vehicle
+from sitl.catalogue import BadVehicle, VehicleData, load_vehicle
+from sitl.craft import Craft, Diverged
+from sitl.vehicle import Vehicle
 from sitl.vehicle_file import verify_entries
 
 __all__ = ["check_vehicle"]
@@ -16,6 +18,9 @@ __all__ = ["check_vehicle"]
 _HEADING = re.compile(r"\s*\[\s*([\w-]+)\s*\]")
 _ENTRY = re.compile(r"\s*([\w-]+)\s*=")
 _PLACE = re.compile(r"([\w-]+)(?:\.([\w|-]+))?(?:\.value(?:\.\d+)?|\.unit|\.source)?[ :]")
+_UNKNOWN = re.compile(r"(?:([\w-]+): )?unknown entry '([\w-]+)'")
+_FLIGHT, _LEG = ([2000] * 16, [1000] * 16, [2000, 1000] * 8, [2000, 2000, 1000, 1000] * 4, [1500] * 16), 3
+"""Pulses [us] of the legs of a trial flight, and the length [s] of each. Project choice."""
 _AT_LINE = re.compile(r" \(at line (\d+), column \d+\)")
 
 
@@ -23,7 +28,7 @@ def check_vehicle(path: Path) -> list[str]:
     """Return the faults of the vehicle file *path*, as ``FILE:LINE: what is wrong``; none if a vehicle starts from it.
 
     All entries that are wrong by themselves are listed. Only if there are none, the first contradiction between
-    entries is.
+    entries is. Only if there is none, the vehicle is flown for some seconds, to see whether its motion diverges.
     """
     try:
         text = read_text(path)
@@ -32,15 +37,38 @@ def check_vehicle(path: Path) -> list[str]:
         return [f"{path}: cannot be read: {error}"]
     except Refused as error:
         return [_located(path, "" if isinstance(error, Unreadable) else _text_of(path), str(error))]
-    faults = [_located(path, text, fault) for fault in _faults(tables)]
+    faults = list(dict.fromkeys(_located(path, text, fault) for fault in _faults(tables)))
     if faults:
         return faults
     try:
-        load_vehicle(str(path))
+        data = load_vehicle(str(path))
     except BadVehicle as error:
         message = str(error).removeprefix(f"{path} is not a vehicle file: ")
         return [_located(path, text, message)]
+    try:
+        _fly(data)
+    except KeyError as error:
+        return [_located(path, text, f"parameters.{error.args[0]}: firmware '{data.firmware}' has no such parameter")]
+    except Diverged as error:
+        return [_located(path, text, str(error).removeprefix(f"{data.name}: "))]
     return []
+
+
+def _fly(data: VehicleData) -> None:
+    """Start the vehicle, and fly it with full outputs ahead, astern and against each other.
+
+    Raises
+    ------
+    KeyError
+        Its firmware does not have one of its parameters.
+    Diverged
+        Its motion diverges.
+    """
+    rate = Vehicle(data).rate
+    craft = Craft(data)
+    craft.begin("0")
+    for k in range(rate * len(_FLIGHT) * _LEG):
+        craft.move((k + 1) / rate, 1.0 / rate, _FLIGHT[k // (rate * _LEG)])
 
 
 def _text_of(path: Path) -> str:
@@ -66,8 +94,8 @@ def _located(path: Path, text: str, fault: str) -> str:
     written = _AT_LINE.search(fault)
     if written:
         return f"{path}:{written[1]}: {_AT_LINE.sub('', fault)}"
-    place = _PLACE.match(fault)
-    line = _line_of(text, place[1], place[2] or "") if place else 0
+    place = _UNKNOWN.match(fault) or _PLACE.match(fault)
+    line = _line_of(text, place[1] or place[2], place[2] or "") if place else 0
     return f"{path}:{line}: {fault}" if line else f"{path}: {fault}"
 
 

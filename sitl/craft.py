@@ -6,23 +6,30 @@ effects, inputs are normalised (-1 to 1) and signals are those measured by the s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from sitl.actuators import Actuators, MotorDrive, ThrusterSet
 from sitl.catalogue import VehicleData
 from sitl.effects import HiddenEffect
 from sitl.modelfile import BadModel, FlownModel
-from sitl.plants import AxisDynamics, Parameters, PlanarHull, Plant, Wrench
+from sitl.plants import DOFS, AxisDynamics, Parameters, PlanarHull, Plant, RigidBody, Wrench
 from sitl.sensors import SensorReading
 from sitl.setting import setting_of
 
-__all__ = ["Craft"]
+__all__ = ["Craft", "Diverged"]
 
 _DOF_OF = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
 _CHANNEL = {"delta": "N"}
 """Channel of a model -> channel of the vehicle, if the names differ."""
 _SIDEWAYS = "Y"
 """Input that most vehicles do not command. A model's input of that name stays 0."""
+_FASTEST = 1e6
+"""No craft is faster [m/s, rad/s], nor any shaft [1/s]: the integration diverges. Project choice."""
+
+
+class Diverged(ValueError):
+    """Raised if the integration of the motion diverges; the message states the vehicle and the heading of its file."""
 
 
 class Craft:
@@ -82,11 +89,26 @@ class Craft:
             effect.alter_water(t, self.plant.water)
             effect.alter_parameters(t, self.plant.parameters)
         self.plant.step(self._wrench, dt)
+        at = self.plant.state
+        if not abs(at.u) + abs(at.v) + abs(at.w) + abs(at.p) + abs(at.q) + abs(at.r) < _FASTEST:
+            raise self._diverged(t, dt)
 
     def alter(self, t: float, reading: SensorReading) -> None:
         """Change the sensor reading of time *t* [s] by all effects."""
         for effect in self.effects:
             effect.alter_measurement(t, reading)
+
+    def _diverged(self, t: float, dt: float) -> Diverged:
+        """Return the error that the motion diverges at *t* [s]. It names the shafts, or else the fastest axis."""
+        at, shafts = self.plant.state, self.plant.rotors if isinstance(self.plant, RigidBody) else ()
+        speeds = dict(zip(DOFS, (at.u, at.v, at.w, at.p, at.q, at.r), strict=True))
+        heading = max(self.plant.dofs, key=lambda dof: math.inf if math.isnan(speeds[dof]) else abs(speeds[dof]))
+        if any(not abs(n) < _FASTEST for n in shafts):
+            heading = "motor"
+        cure = "a slower motor" if heading == "motor" else "more inertia, less drag or less force"
+        return Diverged(
+            f"{self.data.name}: {heading}: the motion diverges after {t:.3g} s, with time steps of {dt:g} s. Use {cure}"
+        )
 
     def _drive_altered(self, t: float, dt: float, pwm: Sequence[int]) -> None:
         """Apply the effects to *pwm*, and drive the plant with its own parameters."""

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, defstruct
 
-from gcs_autotune_files import conform, shown
+from gcs_autotune_files import clipped, conform, shown
 from sitl.effects import EFFECTS, SURROUNDINGS
 
 __all__ = ["HEADINGS", "VehicleFile", "verify_entries", "verify_vehicle_tables"]
@@ -79,7 +80,7 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
     "heave": _STRAIGHT,
     "yaw": {
         **_axis_rows(_STEERED, listed=True),
-        "n2": Range(("V^2",), 0.0, listed=True),
+        "n2": Range(("V^2",), 0.0, above=True, listed=True),
         "full_rudder": Range(("rad",), 0.0, math.pi / 2.0, above=True),
         "side_force": Range(("N/rad",)),
     },
@@ -218,6 +219,9 @@ Ranges are wide enough for any craft and narrow enough to detect a typing error.
 """
 
 
+_PARAMETER = "^[A-Za-z_][A-Za-z0-9_]{0,15}$"
+
+
 class ParameterEntry(Struct, forbid_unknown_fields=True, frozen=True):
     """An autopilot parameter in a vehicle file."""
 
@@ -250,7 +254,7 @@ VehicleFile: type[Struct] = defstruct(
         ("title", Annotated[str, Meta(min_length=1, max_length=200)] | None, None),
         *((name, str | None, None) for name in ("firmware", "actuators", "plant", "like")),
         *((heading, _struct(heading, rows) | None, None) for heading, rows in HEADINGS.items()),
-        ("parameters", dict[Annotated[str, Meta(pattern="^[A-Za-z_][A-Za-z0-9_]{0,15}$")], ParameterEntry], {}),
+        ("parameters", dict[Annotated[str, Meta(pattern=_PARAMETER)], ParameterEntry], {}),
         ("coupling", dict[Annotated[str, Meta(max_length=20)], Derivative], {}),
     ],
     forbid_unknown_fields=True,
@@ -270,7 +274,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     verify_entries(own)
     if not isinstance(tables.get("title"), str):
         raise ValueError("missing entry 'title'")
-    for heading in ("surge", "sway", "heave", "yaw", "pitch"):
+    for heading in ("surge", "sway", "heave", "roll", "pitch", "yaw"):
         entries = tables.get(heading, {})
         linear = entries.get("beta", {}).get("value", 0.0)
         if (
@@ -278,7 +282,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
             and not entries["beta2"]["value"] > 0.0
         ):
             raise ValueError(f"{heading}: negative drag is unstable. Use beta of 0 or more, or beta2 above 0")
-    _verify_schedule(tables.get("yaw", {}))
+    _verify_schedule(tables)
     odd = tables.get("thruster", {}).get("odd", {}).get("value")
     if odd is not None and not sum(odd if isinstance(odd, list) else [odd]) > 0.0:
         raise ValueError(
@@ -286,27 +290,31 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
         )
     for name, entry in tables.get("coupling", {}).items():
         if isinstance(entry["value"], bool) != (name == "coriolis"):
-            raise ValueError(
-                f"coupling: {name} is not valid. coriolis must be true or false, every other entry a number"
-            )
+            raise ValueError(f"coupling.{name}: not valid. coriolis must be true or false, every other entry a number")
     start = tables.get("start", {})
     if start and not start["depth"]["value"] < start["bottom"]["value"]:
         raise ValueError("start: the depth must be above the bottom. Use a smaller depth")
 
 
-def _verify_schedule(yaw: Mapping[str, Any]) -> None:
-    """Verify that the tables over the propeller's speed are of one length and rising in it."""
-    if "n2" not in yaw:
-        return
-    n2 = yaw["n2"]["value"]
-    if isinstance(n2, list):
-        for name in ("alpha", "beta"):
-            value = yaw.get(name, {}).get("value")
-            if isinstance(value, list) and len(value) != len(n2):
-                raise ValueError(f"yaw.{name}: {len(value)} values for {len(n2)} values of n2. Give one for each")
-        for low, high in itertools.pairwise(n2):
-            if not low < high:
-                raise ValueError(f"yaw.n2: {high:g} after {low:g}. Sort the table so that n2 rises")
+def _verify_schedule(tables: Mapping[str, Any]) -> None:
+    """Verify that the tables over the propeller's speed are of one length and rising in it, and that only a rudder
+    without thrusters of its own has them.
+    """
+    yaw, steered = tables.get("yaw", {}), tables.get("actuators") == "rudder" and "thrusters" not in tables
+    values = {name: yaw[name]["value"] for name in ("n2", "alpha", "beta") if name in yaw}
+    n2 = values.pop("n2", 0.0)
+    for name, value in values.items():
+        if steered and _size(value) != _size(n2):
+            raise ValueError(f"yaw.{name}: {_size(value)} values for {_size(n2)} values of n2. Give one for each")
+        if not steered and isinstance(value, list):
+            raise ValueError(f"yaw.{name}: expected a number, got a list. Only a rudder without [thrusters] has lists")
+    for low, high in itertools.pairwise(n2 if isinstance(n2, list) else []):
+        if not low < high:
+            raise ValueError(f"yaw.n2: {high:g} after {low:g}. Sort the table so that n2 rises")
+
+
+def _size(value: Any) -> int:
+    return len(value) if isinstance(value, list) else 1
 
 
 def verify_entries(own: Any) -> None:
@@ -318,6 +326,10 @@ def verify_entries(own: Any) -> None:
         One does not; the message begins with its place.
     """
     _verify_units(own)
+    parameters = own.get("parameters")
+    for name in parameters if isinstance(parameters, dict) else ():
+        if not re.match(_PARAMETER, name):
+            raise ValueError(f"parameters.{clipped(name)}: not valid. A name has at most 16 letters, digits and _")
     conform(own, VehicleFile)
 
 

@@ -4,6 +4,7 @@ from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed
 from sitl.plants.propulsion import propeller_rows, static_thrust, thruster_count
 from sitl.plants.rigid_body import (
+    DOFS,
     AxisDynamics,
     Ballast,
     Coupling,
@@ -13,9 +14,10 @@ from sitl.plants.rigid_body import (
     quaternion_of,
     rotate,
 )
-from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, make_plant, values_of
+from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, Entries, make_plant, values_of
 
 __all__ = [
+    "DOFS",
     "GRAVITY",
     "PLANTS",
     "RUDDER",
@@ -23,6 +25,7 @@ __all__ = [
     "AxisDynamics",
     "Ballast",
     "Coupling",
+    "Entries",
     "Parameters",
     "PlanarHull",
     "Plant",

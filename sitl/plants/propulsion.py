@@ -25,8 +25,8 @@ _HALVINGS = 80
 """Halvings of the interval in the search for a steady speed: to the last digit of a double."""
 
 
-def thruster_count(thrusters: Values) -> int:
-    """Return the number of thrusters, which is the length of each list in *thrusters*.
+def thruster_count(thrusters: Values, heading: str = "thrusters") -> int:
+    """Return the number of thrusters or rudders, which is the length of each list of the *heading*.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def thruster_count(thrusters: Values) -> int:
     """
     counts = {name: len(value) for name, value in thrusters.items() if isinstance(value, list)}
     if len(set(counts.values())) > 1:
-        raise ValueError(f"thrusters: lists of different length ({', '.join(f'{n} {c}' for n, c in counts.items())})")
+        raise ValueError(f"{heading}: lists of different length ({', '.join(f'{n} {c}' for n, c in counts.items())})")
     return next(iter(counts.values()), 1)
 
 
@@ -86,13 +86,19 @@ def propeller_rows(thrusters: Values, propeller: Values, motor: Values) -> Array
 
 
 def rudder_rows(rudder: Values, propellers: int) -> Array:
-    """Return the rudders (r, RUDDER) of the file's heading; the first is behind the first propeller, and so on."""
-    x = np.atleast_1d(np.asarray(rudder["x"], dtype=np.float64))
-    rows = np.zeros((len(x), RUDDER))
-    rows[:, 0], rows[:, 1] = x, np.broadcast_to(np.asarray(rudder.get("y", 0.0), dtype=np.float64), len(x))
+    """Return the rudders (r, RUDDER) of the file's heading; the first is behind the first propeller, and so on.
+
+    Raises
+    ------
+    ValueError
+        Lists of different length.
+    """
+    count = thruster_count(rudder, "rudder")
+    rows = np.zeros((count, RUDDER))
+    rows[:, 0], rows[:, 1] = rudder["x"], rudder.get("y", 0.0)
     rows[:, 3], rows[:, 4], rows[:, 5] = rudder["coefficient"], rudder["stall"], rudder.get("C_T", 0.0)
     rows[:, 6] = rudder.get("wake", 0.0)
-    rows[:, 7] = [k if k < propellers else -1.0 for k in range(len(x))]
+    rows[:, 7] = [k if k < propellers else -1.0 for k in range(count)]
     rows[:, 8] = rudder.get("flow", 1.0)
     return rows
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from sitl.plants.kernel import MOST_PROPELLERS
 from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import Plant, Water
 from sitl.plants.propulsion import propeller_rows, rudder_rows
 from sitl.plants.rigid_body import DOFS, Array, AxisDynamics, Ballast, Coupling, RigidBody, coupling_of
 
-__all__ = ["PLANTS", "RUDDER", "TWIN_THRUSTER", "make_plant", "values_of"]
+__all__ = ["PLANTS", "RUDDER", "TWIN_THRUSTER", "Entries", "make_plant", "values_of"]
 
 Tables = Mapping[str, Any]
 """Content of a vehicle file: heading -> name -> ``value`` with unit and source."""
@@ -31,7 +32,7 @@ def make_plant(tables: Tables) -> Plant:
     """
     kind = str(tables.get("plant", PLANAR_HULL))
     if kind not in PLANTS:
-        raise ValueError(f"there is no plant '{kind}'. Use one of {', '.join(PLANTS)}")
+        raise ValueError(f"plant: there is no '{kind}'. Use one of {', '.join(PLANTS)}")
     plant, start = PLANTS[kind](tables), values_of(tables["start"])
     plant.state.z, plant.state.psi = start["depth"], start["heading"]
     return plant
@@ -100,9 +101,23 @@ PLANTS: dict[str, Callable[[Tables], Plant]] = {PLANAR_HULL: planar_hull, "rigid
 """Name in a vehicle file -> function that makes the plant from the file. A file without a name has the first plant."""
 
 
+class Entries(dict[str, Any]):
+    """Entries of a vehicle file under *heading*, or its headings. The ``KeyError`` of an entry that is missing names
+    its heading too: ``surge.alpha``.
+    """
+
+    def __init__(self, entries: Mapping[str, Any], heading: str = "") -> None:
+        super().__init__(entries)
+        self.heading = heading
+
+    def __missing__(self, name: str) -> Any:
+        raise KeyError(f"{self.heading}.{name}" if self.heading else name)
+
+
 def values_of(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Return name -> value of one heading of a vehicle file, without units and sources."""
-    return {name: entry["value"] for name, entry in table.items()}
+    heading = table.heading if isinstance(table, Entries) else ""
+    return Entries({name: entry["value"] for name, entry in table.items()}, heading)
 
 
 def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
@@ -112,8 +127,12 @@ def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
 
 def _coupling(table: Mapping[str, Mapping[str, Any]], speeds: str = "uvr") -> Coupling:
     derivatives = values_of(table)
-    coriolis = bool(derivatives.pop("coriolis"))
-    return coupling_of(derivatives, coriolis=coriolis, speeds=speeds)
+    coriolis = bool(derivatives["coriolis"])
+    del derivatives["coriolis"]
+    try:
+        return coupling_of(derivatives, coriolis=coriolis, speeds=speeds)
+    except ValueError as error:
+        raise ValueError(f"coupling: {error}") from error
 
 
 def _water(tables: Tables) -> Water:
@@ -126,7 +145,11 @@ def _propulsion(tables: Tables) -> dict[str, Array]:
     if "thrusters" not in tables:
         return {}
     parts = (values_of(tables.get(heading, {})) for heading in ("thrusters", "propeller", "motor"))
+    if "diameter" not in tables.get("propeller", {}) and not {"a_ahead", "b_ahead"} & set(tables["thrusters"]):
+        raise ValueError("thrusters: missing entry 'a_ahead'. Give it, b_ahead, or a [propeller] with its diameter")
     propellers = propeller_rows(*parts)
+    if len(propellers) > MOST_PROPELLERS:
+        raise ValueError(f"thrusters: {len(propellers)} are too many. Use at most {MOST_PROPELLERS}")
     if "rudder" not in tables:
         return {"propellers": propellers}
     return {"propellers": propellers, "rudders": rudder_rows(values_of(tables["rudder"]), len(propellers))}

@@ -39,7 +39,7 @@ def test_a_user_vehicle_moves_by_its_own_numbers(mine: Path) -> None:
     [
         (lambda text: text.replace("[sensors]", "[senses]"), "unknown entry 'senses'"),
         (lambda text: text.replace("arm = {", "leg = {"), "thruster: unknown entry 'leg'"),
-        (lambda text: text.replace("arm = {", "# {"), "lacks 'arm'. Start with a copy of one in"),
+        (lambda text: text.replace("arm = {", "# {"), "thruster: missing entry 'arm'. Start with a copy of one in"),
         (lambda text: text.replace("value = 41.77", "value = -41.77"), r"surge.alpha.value: expected a number > 0"),
         (lambda text: text.replace("value = 41.77", "value = inf"), "surge.alpha.value: inf is not a finite number"),
         (lambda text: text.replace("value = 41.77", 'value = "41.77"'), "surge.alpha.value: expected a number, got"),
@@ -50,7 +50,7 @@ def test_a_user_vehicle_moves_by_its_own_numbers(mine: Path) -> None:
         (lambda text: text + "= 3", "is not a vehicle file"),
         (
             lambda text: text.replace('firmware = "rover"', 'firmware = "plane"'),
-            "has firmware 'plane'. Use one of rover",
+            "firmware: there is no 'plane'. Use one of rover",
         ),
     ],
 )

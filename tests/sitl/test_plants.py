@@ -88,7 +88,7 @@ def test_a_row_of_the_table_is_a_plant_that_vehicle_files_may_name(tmp_path, mon
     blueboat = Path(plants.__file__).parents[1] / "vehicles" / "blueboat.toml"
     mine = tmp_path / "sled.toml"
     mine.write_text('plant = "sled"\n' + blueboat.read_text(encoding="utf-8"), encoding="utf-8")
-    with pytest.raises(BadVehicle, match=r"there is no plant .sled.\. Use one of planar-hull"):
+    with pytest.raises(BadVehicle, match=r"plant: there is no .sled.\. Use one of planar-hull"):
         load_vehicle(str(mine))
     monkeypatch.setitem(plants.PLANTS, "sled", lambda tables: Sled())
     craft = Craft(load_vehicle(str(mine)))

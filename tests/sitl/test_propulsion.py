@@ -46,6 +46,16 @@ def test_a_thruster_follows_the_bilinear_law_in_both_directions(command, u):
     assert pushed((u, 0.0, 0.0, 0.0, 0.0, 0.0), command, wake=0.2)[0] == pytest.approx(expected)
 
 
+def test_a_thruster_meets_the_water_at_its_own_place_and_along_its_shaft():
+    nu, place, n = (0.6, -0.4, 0.3, 0.5, -0.2, 0.7), (0.5, -0.3, 0.2), 20.0
+    along = np.array([math.cos(2.0) * math.cos(0.4), math.sin(2.0) * math.cos(0.4), math.sin(0.4)])
+    flow = along @ (nu[:3] + np.cross(nu[3:], place))
+    still = pushed((0.0,) * 6, azimuth=2.0, dip=0.4, **dict(zip("xyz", place, strict=True)))[:3]
+    moving = pushed(nu, azimuth=2.0, dip=0.4, **dict(zip("xyz", place, strict=True)))[:3]
+    own = forces(propeller_rows({}, {}, {}), nu, 0.0)[:3]
+    assert moving - own - still == pytest.approx(-LAW["advance_ahead"] * n * flow * along)
+
+
 def test_four_thrusters_with_arms_give_the_printed_wrench():
     """Gomes2003, (9), with all arms that a force along its axis can have."""
     D = {(1, "y"): 0.2, (1, "z"): 0.1, (2, "y"): -0.25, (2, "z"): 0.15, (3, "x"): 0.3, (3, "z"): -0.1}
@@ -72,6 +82,8 @@ def test_a_propeller_has_k_t_and_k_q_by_its_advance_number():
     at = forces(rows, (V, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0)
     assert at[0] == pytest.approx(1000.0 * 0.2**4 * (0.4 - 0.35 * J) * n * n)
     assert at[3] == pytest.approx(-1000.0 * 0.2**5 * (0.05 - 0.03 * J) * n * n)
+    weak = propeller_rows({"full_n": 12.0}, {**values, "astern": 0.8}, {})
+    assert forces(weak, (-V, 0.0, 0.0, 0.0, 0.0, 0.0), -1.0)[0] == pytest.approx(-0.8 * at[0])
 
 
 DC = {"inertia": 0.002, "constant": 0.1, "resistance": 0.5, "voltage": 24.0, "friction": 1e-4}
@@ -101,6 +113,12 @@ def test_a_motor_is_limited_by_its_voltage_and_current():
     assert static_thrust(rows[0], 3.0) == static_thrust(rows[0], 1.0)
     n = static_thrust(limited[0], 1.0)[1]
     assert 0.1 * 4.0 == pytest.approx(0.002 * n * n + 1e-4 * 2.0 * math.pi * n)
+    for row, command in ((rows, 1.0), (rows, -3.0), (limited, 1.0), (limited, -1.0)):
+        body = RigidBody({}, propellers=row)
+        body.commands[0] = command
+        for _ in range(4000):
+            body.step(Wrench(), 0.001)
+        assert body.rotors[0] == pytest.approx(static_thrust(row[0], command)[1], rel=1e-6)
 
 
 def test_a_shaft_with_a_lag_follows_its_command_exponentially():
@@ -134,6 +152,15 @@ def test_a_rudder_amidships_damps_sway_and_turning():
     assert rudder_force(0.0, (1.0, 0.2, 0.0, 0.0, 0.0, 0.0))[1] < 0.0
     assert rudder_force(0.0, (1.0, 0.0, 0.0, 0.0, 0.0, 0.2))[5] < 0.0
     assert rudder_force(0.0, (1.0, 0.2, 0.0, 0.0, 0.0, 0.2), flow=0.0) == pytest.approx(np.zeros(6))
+
+
+def test_the_attack_of_a_rudder_is_its_angle_and_that_of_the_water_there():
+    u, v, r, delta = 1.0, 0.2, 0.3, 0.1
+    square = (0.9 * math.hypot(u, v)) ** 2 + 0.05 * 40.0
+    attack = delta + math.atan((v - 1.2 * r) / math.sqrt(square))
+    tau = 15.0 * square * math.sin(0.5 * math.pi * attack / 0.8)
+    X, Y, _, _, _, N = rudder_force(delta, (u, v, 0.0, 0.0, 0.0, r))
+    assert (X, Y, N) == pytest.approx((-tau * math.sin(delta), -tau * math.cos(delta), 1.2 * tau * math.cos(delta)))
 
 
 def test_a_rudder_in_flow_from_astern_acts_in_reverse():

@@ -340,4 +340,4 @@ def test_an_unknown_place_is_rejected_with_the_valid_places(head, values, places
 def test_a_place_in_a_vehicle_file_is_rejected_at_its_line(tmp_path, heading):
     path = tmp_path / "mine.toml"
     path.write_text(FILE.format(heading=heading, entries='place = "foo"'), encoding="utf-8")
-    assert check_vehicle(path) == [f"{path}:4: {heading}: unknown entry 'place'"]
+    assert check_vehicle(path) == [f"{path}:5: {heading}: unknown entry 'place'"]
