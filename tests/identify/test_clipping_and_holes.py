@@ -20,7 +20,7 @@ from gcs_autotune.identify.signals.cleaning import (
     unwrap,
     within_range,
 )
-from gcs_autotune.sensor import quantum
+from gcs_autotune.sensor import quantum, stuck
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -177,3 +177,12 @@ def test_notes_of_the_reader_of_a_run_become_doubts() -> None:
     run = Trial("run", {}, meta={"notes": [["slug", "cause", 3], ["short", "one"]]})
     assert noted(run) == [Doubt("slug", "cause", "3")]
     assert noted(Trial("run", {})) == []
+
+
+def test_a_fine_sensor_that_repeats_one_value_is_stuck_and_a_coarse_one_is_not() -> None:
+    t, x = 0.1 * np.arange(300), np.random.default_rng(3).normal(0.0, 0.03, 300).cumsum()
+    held = np.where((t > 9.95) & (t < 14.95), x[100], x)
+    assert stuck(t, held) == [(100, 149)]
+    assert stuck(t, np.column_stack([x, held])) == []
+    assert stuck(t, np.round(held, 1)) == []
+    assert stuck(0.01 * t, held) == [], "shorter than a sensor may hold a value"
