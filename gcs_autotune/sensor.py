@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["INDEPENDENT", "TURN", "moves", "noise_of", "quantum"]
+__all__ = ["INDEPENDENT", "TURN", "moves", "noise_of", "quantum", "stuck"]
 
 Array = NDArray[np.float64]
 
@@ -63,3 +63,28 @@ def quantum(values: Array, period: float = 0.0) -> float:
     step = float(gaps.min())
     multiples = gaps / step
     return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0
+
+
+STUCK_SAMPLES, STUCK_SECONDS = 20, 2.0
+"""Smallest number of identical samples in a row, and their duration [s], that count as stuck. Project choice."""
+CHANGING = 0.9
+"""Smallest fraction of the other samples that differ from the one before. Below it, the sensor is coarse or its craft
+at rest. Project choice.
+"""
+
+
+def stuck(t: Array, values: Array) -> list[tuple[int, int]]:
+    """Return (first, last) of each stretch of identical samples, if all others change from one to the next.
+
+    t : stamps (n,) [s]. values : (n,) or (n, k) for a sensor of k numbers, which are stuck together.
+    """
+    if len(t) < 2:
+        return []
+    changed = np.diff(values.reshape(len(t), -1), axis=0).any(axis=1)
+    first = np.flatnonzero(np.concatenate([[True], changed]))
+    last = np.append(first[1:] - 1, len(t) - 1)
+    long = (last - first >= STUCK_SAMPLES - 1) & (t[last] - t[first] >= STUCK_SECONDS)
+    others = len(t) - int(np.sum((last - first + 1)[long]))
+    if int(np.sum(~long)) < CHANGING * max(others, STUCK_SAMPLES):
+        return []
+    return [(int(a), int(b)) for a, b in zip(first[long], last[long], strict=True)]

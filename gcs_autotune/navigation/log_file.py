@@ -37,6 +37,7 @@ LATE = 0.01
 class NavigatedLog(Displayed):
     """Solution of a file: one ``Navigation`` per stretch, the runs with its signals, and the rms differences from the
     autopilot's estimator by signal (SI units; empty without one). ``lacks``: signals that the sensors do not determine.
+    ``stuck``: measurement -> start and end [s] of each stretch in which it did not change.
     """
 
     name: str
@@ -44,6 +45,7 @@ class NavigatedLog(Displayed):
     runs: tuple[Trial, ...]
     differences: Mapping[str, float]
     lacks: tuple[str, ...]
+    stuck: Mapping[str, tuple[tuple[float, float], ...]]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON."""
@@ -54,6 +56,7 @@ class NavigatedLog(Displayed):
             "runs": [run.name for run in self.runs],
             "autopilot_rms_difference": dict(self.differences),
             "not_determined": list(self.lacks),
+            "stuck": {name: [list(stretch) for stretch in stretches] for name, stretches in self.stuck.items()},
         }
 
 
@@ -82,10 +85,12 @@ def navigate_file(
     solutions: list[Navigation] = []
     failures: list[BadFile] = []
     squares: dict[str, list[Array]] = {}
+    still: dict[str, tuple[tuple[float, float], ...]] = {}
     for store in log.stores:
         _check_clock(store, path)
         try:
-            navigation = navigate(readings_of(store, path), mounting, rate)
+            readings = readings_of(store, path)
+            navigation = navigate(readings, mounting, rate)
         except BadFile as error:  # another boot may have what this one lacks
             failures.append(error)
             continue
@@ -94,21 +99,24 @@ def navigate_file(
             for name, difference in _beside(store, solution):
                 squares.setdefault(name, []).append(difference**2)
         solutions += navigation
+        for name, stretches in readings.stuck.items():
+            still[name] = (*still.get(name, ()), *stretches)
     if not solutions:
         raise failures[0]
     differences = {name: float(np.sqrt(np.mean(np.concatenate(rows)))) for name, rows in squares.items()}
-    return NavigatedLog(path.name, tuple(solutions), tuple(_runs(log)), differences, _lacks(solutions))
+    return NavigatedLog(path.name, tuple(solutions), tuple(_runs(log)), differences, _lacks(solutions), still)
 
 
 def _of_table(path: Path, table: Trial, mounting: Mounting | None, rate: float) -> NavigatedLog:
-    solutions = navigate(readings_of(store_of(table, path), path), mounting, rate)
+    readings = readings_of(store_of(table, path), path)
+    solutions = navigate(readings, mounting, rate)
     runs = []
     for number, solution in enumerate(solutions, start=1):
         inputs = {n: c for n, c in table.channels.items() if "." not in n and n not in solution.values}
         name = table.name if len(solutions) == 1 else f"{table.name}-{number}"
         meta = {**table.meta, "stretch": number, "mode": "navigated"}
         runs.append(replace(table, name=name, channels={**channels_of(solution), **inputs}, meta=meta))
-    return NavigatedLog(path.name, solutions, tuple(runs), {}, _lacks(solutions))
+    return NavigatedLog(path.name, solutions, tuple(runs), {}, _lacks(solutions), readings.stuck)
 
 
 def channels_of(solution: Navigation) -> dict[str, Channel]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from gcs_autotune.frames import flat
 from gcs_autotune.logs import SampleStore
 from gcs_autotune.navigation import kernel
 from gcs_autotune.notebook import Displayed
+from gcs_autotune.sensor import stuck
 from gcs_autotune.trial import Trial
 
 __all__ = ["ARMED", "SENSORS", "Inertial", "Readings", "Sensor", "Series", "readings_of", "store_of"]
@@ -68,6 +70,8 @@ FEWEST = 5
 """Smallest number of samples of a usable sensor. Project choice."""
 GAP = 1.0
 """Longest gap of the inertial sensor [s] inside a stretch. Project choice."""
+SHARED = 0.5
+"""Smallest fraction of the inertial samples that contain both turn rates and accelerations. Project choice."""
 SHORTEST = 5.0
 """Shortest stretch that is navigated [s]. Project choice."""
 HEAVY = (5.0, 15.0)
@@ -97,6 +101,8 @@ class Readings(Displayed):
 
     - ``name``: its file. ``stretches``: inertial samples without gaps. ``series``: measurement -> samples.
     - ``latitude`` [deg], NaN if unknown. ``parameters``: of the autopilot.
+    - ``stuck``: measurement, or column of the inertial sensor -> start and end [s] of each stretch in which it did not
+      change. These samples are not in ``series`` and ``stretches``.
     """
 
     name: str
@@ -104,6 +110,7 @@ class Readings(Displayed):
     series: Mapping[str, Series]
     latitude: float = np.nan
     parameters: Mapping[str, float] = field(default_factory=dict)
+    stuck: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -146,17 +153,18 @@ def readings_of(store: SampleStore, path: Path) -> Readings:
     BadFile
         The log has no inertial sensor, a slow one, one in a wrong unit, or no heading.
     """
-    stretches = _inertial(store, path)
+    still: dict[str, tuple[tuple[float, float], ...]] = {}
+    stretches = _inertial(store, path, still)
     series: dict[str, Series] = {}
     latitude = np.nan
     for name, sensor in SENSORS.items():
         if sensor.instead_of in series:
             continue
         for sources in sensor.sources:
-            columns = [store.series(source) for source in sources]
-            if any(len(t) < FEWEST for t, _ in columns) or not any(np.ptp(v) > 0.0 for _, v in columns):
+            t, values = _together(store, sources)
+            if len(t) < FEWEST or not np.ptp(values, axis=0).any():
                 continue
-            t, values = columns[0][0], np.column_stack([v for _, v in columns])
+            t, values = _unstuck(t, values, values, name, still)
             if sources == ("gps.lat", "gps.lon"):
                 latitude = float(values[0, 0])
                 values = np.column_stack(flat(values[:, 0], values[:, 1], (latitude, float(values[0, 1]))))
@@ -173,7 +181,32 @@ def readings_of(store: SampleStore, path: Path) -> Readings:
             f"{path} contains no heading: neither a compass (MAG; compass.mx, compass.my, compass.mz) nor an attitude "
             "(ATT; compass.psi). Log one of them (LOG_BITMASK), or add the column"
         )
-    return Readings(path.name, stretches, series, latitude, store.parameters)
+    return Readings(path.name, stretches, series, latitude, store.parameters, still)
+
+
+def _together(store: SampleStore, sources: Sequence[str]) -> tuple[Array, Array]:
+    """Return stamps (n,) and values (n, k) of the samples that all k *sources* have."""
+    columns = [store.series(source) for source in sources]
+    t = columns[0][0]
+    if any(not np.array_equal(own, t) for own, _ in columns):
+        t = functools.reduce(np.intersect1d, [own for own, _ in columns])
+    return t, np.column_stack(
+        [values[np.searchsorted(own, t)] if len(own) != len(t) else values for own, values in columns]
+    )
+
+
+def _unstuck(
+    t: Array, rows: Array, watched: Array, name: str, still: dict[str, tuple[tuple[float, float], ...]]
+) -> tuple[Array, Array]:
+    """Return *t* and *rows* without the stretches in which *watched* is stuck, and add these to *still*."""
+    stretches = stuck(t, watched)
+    if not stretches:
+        return t, rows
+    still[name] = tuple((float(t[first]), float(t[last])) for first, last in stretches)
+    keep = np.ones(len(t), dtype=bool)
+    for first, last in stretches:
+        keep[first + 1 : last + 1] = False
+    return t[keep], rows[keep]
 
 
 def _trim(parameters: Mapping[str, float]) -> Array:
@@ -183,20 +216,27 @@ def _trim(parameters: Mapping[str, float]) -> Array:
     return np.array([[d, e * s, e * c], [0.0, c, -s], [-e, d * s, d * c]])
 
 
-def _inertial(store: SampleStore, path: Path) -> tuple[Inertial, ...]:
-    columns = [store.series(source) for source in INERTIAL]
-    missing = [source for source, (t, _) in zip(INERTIAL, columns, strict=True) if len(t) < FEWEST]
+def _inertial(
+    store: SampleStore, path: Path, still: dict[str, tuple[tuple[float, float], ...]]
+) -> tuple[Inertial, ...]:
+    lengths = {source: len(store.series(source)[0]) for source in INERTIAL}
+    missing = [source for source, length in lengths.items() if length < FEWEST]
     if missing:
         what = "a gyro but no accelerometer" if missing[0].startswith("imu.a") else "no inertial sensor"
         raise BadFile(
             f"{path} contains {what} (missing: {', '.join(missing)}). Use the onboard log (.bin) with IMU in "
             "LOG_BITMASK, a telemetry log with RAW_IMU, or a table with these columns"
         )
-    t = columns[0][0]
-    if any(len(own) != len(t) for own, _ in columns):
+    t, values = _together(store, INERTIAL)
+    if len(t) < SHARED * max(lengths.values()):
         raise BadFile(f"{path}: gyro and accelerometer have different time stamps. Give both in the same rows")
-    samples = np.column_stack([t, *(values for _, values in columns)])
+    samples = np.column_stack([t, values])
     samples = samples[np.concatenate([[True], np.diff(t) > 0.0])]
+    dead = [source for source, column in zip(INERTIAL, samples.T[1:], strict=True) if np.ptp(column) == 0.0]
+    if dead:
+        raise BadFile(f"{path}: {', '.join(dead)} never changes. The inertial sensor is dead or not logged; check it")
+    for column, source in enumerate(INERTIAL, start=1):
+        _, samples = _unstuck(samples[:, 0], samples, samples[:, column], source, still)
     size = float(np.mean(np.linalg.norm(samples[:, 4:7], axis=1)))
     if not HEAVY[0] < size < HEAVY[1]:
         raise BadFile(

@@ -95,10 +95,13 @@ def _beside(told: Told) -> Iterator[Part]:
 def _doubts(told: Told) -> Iterator[Remark]:
     if told["not_determined"]:
         yield Remark(
-            f"{listed(told['not_determined'])} are left out, because the log contains neither GPS nor DVL. Roll and "
+            f"{listed(told['not_determined'])} are left out, because the log contains no usable GPS or DVL. Roll and "
             "pitch assume that the speed stays below about 1 m/s",
             "note",
         )
+    for name, stretches in told["stuck"].items():
+        when = listed([f"from {start:.1f} to {end:.1f} s" for start, end in stretches])
+        yield Remark(f"{name} did not change {when}. These samples were left out. If the craft moved, check the sensor")
     for solution in told["solutions"]:
         if solution["nis"] > CONSISTENT[1]:
             yield Remark(f"{_consistency(solution)} The true errors are probably larger than the standard deviations")

@@ -93,6 +93,8 @@ def track(source: str, camera: FloorCamera, marker: str = "red-line", rate: floa
             first_lost = first_lost or picture.number
             continue
         rows.append((picture.t, marking.x, marking.y, marking.psi))
+    if count < 2:
+        raise NotInformative(f"{source} contains one picture only. A run needs a video, or a picture every 0.1 s")
     if len(rows) < max(2, LEAST_SEEN * count):
         raise NotInformative(
             f"{source}: {len(rows)} of {count} pictures show the marker ({marker}). The first without it is picture "

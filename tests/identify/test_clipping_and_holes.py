@@ -17,10 +17,11 @@ from gcs_autotune.identify.signals.cleaning import (
     holes_of,
     noted,
     outside,
+    unstuck,
     unwrap,
     within_range,
 )
-from gcs_autotune.sensor import quantum
+from gcs_autotune.sensor import quantum, stuck
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -177,3 +178,31 @@ def test_notes_of_the_reader_of_a_run_become_doubts() -> None:
     run = Trial("run", {}, meta={"notes": [["slug", "cause", 3], ["short", "one"]]})
     assert noted(run) == [Doubt("slug", "cause", "3")]
     assert noted(Trial("run", {})) == []
+
+
+def test_a_fine_sensor_that_repeats_one_value_is_stuck_and_a_coarse_one_is_not() -> None:
+    t, x = 0.1 * np.arange(300), np.random.default_rng(3).normal(0.0, 0.03, 300).cumsum()
+    held = np.where((t > 9.95) & (t < 14.95), x[100], x)
+    assert stuck(t, held) == [(100, 149)]
+    assert stuck(t, np.column_stack([x, held])) == []
+    assert stuck(t, np.round(held, 1)) == []
+    assert stuck(0.01 * t, held) == [], "shorter than a sensor may hold a value"
+
+
+@pytest.mark.parametrize(("name", "end"), [("r", 14.9), ("psi", 14.9), ("u", 29.9)])
+def test_samples_of_a_stuck_sensor_are_left_out_and_reported(name: str, end: float) -> None:
+    t = 0.1 * np.arange(300)
+    x = np.sin(0.7 * t) + np.random.default_rng(3).normal(0.0, 0.01, 300)
+    notes = list[Doubt]()
+    found = unstuck(channel(np.where((t > 9.95) & (t < end + 0.05), x[100], x), name), "run 7", notes)
+    assert found.t.tolist() == [*t[:101].tolist(), *t[t > end + 0.05].tolist()]
+    assert [note.slug for note in notes] == ["stuck-sensor"]
+    assert f"{name} of run 'run 7' did not change from 10.0 to {end} s" in notes[0].cause
+
+
+def test_a_craft_at_rest_in_a_record_without_noise_is_not_stuck() -> None:
+    t = 0.1 * np.arange(300)
+    x = np.where(t < 10.0, 0.0, np.where(t < 20.0, np.sin(0.314 * (t - 10.0)) ** 2, 0.0))
+    whole, notes = channel(np.round(x, 6)), list[Doubt]()
+    assert stuck(whole.t, whole.values)
+    assert unstuck(whole, "run", notes) is whole and notes == []

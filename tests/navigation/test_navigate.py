@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+import re
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -183,6 +184,44 @@ def test_an_accelerometer_in_g_is_rejected(tmp_path, capsys):
 def test_a_slow_inertial_sensor_is_rejected(tmp_path, capsys):
     result = refused(capsys, table(tmp_path, imu=lambda c: replace(c, t=c.t[::10], values=c.values[::10])))
     assert "5 Hz" in result and "10 Hz" in result
+
+
+def held(after: float):
+    """Return a change of a channel: its values stay as they are at *after* [s] for 12 s."""
+
+    def change(channel: Channel) -> Channel:
+        values, still = channel.values.copy(), (channel.t >= after) & (channel.t < after + 12.0)
+        values[still] = values[still][0]
+        return replace(channel, values=values)
+
+    return change
+
+
+@pytest.mark.parametrize(("sensor", "name"), [("compass", "compass"), ("gps", "GPS velocity"), ("imu_r", "imu.r")])
+def test_a_stuck_sensor_is_left_out_and_reported(sensor, name, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["navigate", str(table(tmp_path, **{sensor: held(25.0)}))]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    (start, end), *_ = re.findall(rf"{name} did not change from ([\d.]+) to ([\d.]+) s", shown)
+    assert (float(start), float(end)) == pytest.approx((25.0, 37.0), abs=0.25)
+
+
+def test_a_sensor_that_lacks_a_number_at_some_times_is_used_at_the_others():
+    run, _, _ = log("tugboat", 3, 60.0, BOAT[1])
+    north, turn = run["gps.x"], run["imu.r"]
+    north = replace(north, values=np.where(north.t < 20.0, 1e300, north.values))
+    turn = replace(turn, values=np.where(np.abs(turn.t - 30.0) < 0.05, np.nan, turn.values))
+    run = replace(run, channels={**run.channels, "gps.x": north, "imu.r": turn})
+    found = readings_of(store_of(run, HERE), HERE)
+    assert len(found.series["GPS position"].t) == int(np.sum(north.t >= 20.0))
+    assert len(found.stretches) == 1 and found.stuck == {}
+
+
+@pytest.mark.parametrize("columns", ["imu_r", "imu"])
+def test_a_dead_inertial_sensor_is_rejected(columns, tmp_path, capsys):
+    dead = {columns: lambda c: replace(c, values=np.full_like(c.values, c.values[0]))}
+    result = refused(capsys, table(tmp_path, **dead))
+    assert "log.csv: " in result and "imu.r" in result and "never changes" in result
 
 
 def test_a_clock_that_goes_back_is_rejected(tmp_path, capsys):

@@ -211,6 +211,9 @@ def test_logs_that_cannot_be_joined_are_rejected() -> None:
 
 def test_a_video_without_a_craft_or_with_a_gap_is_rejected(camera: FloorCamera, pool: Path, tmp_path: Path) -> None:
     made = PoolCamera(seed=3)
+    write_png(tmp_path / "0.png", made.empty())
+    with pytest.raises(NotInformative, match="contains one picture only"):
+        track(str(tmp_path), camera)
     for number in range(3):
         write_png(tmp_path / f"{number}.png", made.empty())
     with pytest.raises(NotInformative, match=r"0 of 3 pictures show the marker .* is picture 1"):

@@ -2,8 +2,8 @@
 
 A clipped signal stays at its extreme value for several samples, and changes fast just before and after. A craft at
 rest, or a coarse sensor, also repeats an extreme value, but changes slowly before and after. Samples at the limit of
-the range are left out, because they are only a bound on the true value. No other samples are removed, so that no gap
-appears while the input acts.
+the range are left out, because they are only a bound on the true value, and so are those of a stuck sensor. No other
+samples are removed, so that no gap appears while the input acts.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.rounding import counted
-from gcs_autotune.sensor import quantum
+from gcs_autotune.sensor import TURN, quantum, stuck
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "jumps_back",
     "noted",
     "outside",
+    "unstuck",
     "unwrap",
     "within_range",
 ]
@@ -64,6 +65,9 @@ QUANTA = 3.0
 
 Project choice.
 """
+
+LEAD = 5
+"""Number of steps before and after a stuck stretch of which the mean must be fast. Project choice."""
 
 EQUAL = 1e-9
 """Difference of two numbers, relative to the range of the signal, below which they count as equal."""
@@ -271,6 +275,39 @@ def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
         )
     )
     return replace(channel, t=channel.t[~out], values=channel.values[~out])
+
+
+def unstuck(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
+    """Return *channel* without its samples during which the sensor was stuck. A doubt about them is added to *notes*.
+
+    A craft at rest in a record without noise repeats a value too, but it comes to rest slowly and sets off slowly.
+    """
+    x, steps = channel.values, np.abs(np.diff(channel.values))
+    found = stuck(channel.t, x)
+    if not found:
+        return channel
+    usual = float(np.median(steps[steps > 0.0]))
+    least = max(SPEED * usual, QUANTA * quantum(x, TURN if channel.name == "psi" else 0.0))
+    at_limit = clipped(channel) if channel.name != "psi" else np.zeros(len(x), dtype=bool)
+    keep, times = np.ones(len(x), dtype=bool), []
+    for first, last in found:
+        if at_limit[first]:
+            continue
+        before, after = steps[max(first - LEAD, 0) : first], steps[last : last + LEAD]
+        if len(before) == LEAD and before.mean() > least and (not len(after) or after.mean() > least):
+            keep[first + 1 : last + 1] = False
+            times.append(f"{channel.t[first]:.1f} to {channel.t[last]:.1f} s")
+    if keep.all():
+        return channel
+    notes.append(
+        Doubt(
+            "stuck-sensor",
+            f"{channel.name} of run '{run}' did not change from {', '.join(times)}, although it changes with each "
+            "sample otherwise",
+            "these samples were left out. Check the sensor and its connection",
+        )
+    )
+    return replace(channel, t=channel.t[keep], values=x[keep])
 
 
 def gaps_in(t: Array) -> NDArray[np.intp]:

@@ -25,6 +25,7 @@ from gcs_autotune.identify.signals.cleaning import (
     holes_of,
     noted,
     outside,
+    unstuck,
     unwrap,
     within_range,
 )
@@ -190,8 +191,8 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     doubt = ahead_doubt(trial) if trial is not measured else None
     notes = [*noted(trial), *([] if doubt is None else [doubt])]
     drive = clean(trial[source], trial.name, notes)
-    rate = clean(trial[axis.velocity], trial.name, notes) if axis.velocity in outputs else None
-    position = clean(trial[axis.position], trial.name, notes) if axis.position in outputs else None
+    rate = _measured(trial, axis.velocity, notes) if axis.velocity in outputs else None
+    position = _measured(trial, axis.position, notes) if axis.position in outputs else None
     if position is not None and trial is measured:
         position = projected_track(trial, axis, position, notes, needed=rate is None)
     hidden = holes_of(drive, trial.name, notes)
@@ -270,7 +271,7 @@ def prepare_form(
     names = _names(trial, form, use)
     notes = noted(trial)
     drives = [clean(trial[c], trial.name, notes) for c in form.inputs]
-    channels = {n: clean(trial[n], trial.name, notes) for n in names}
+    channels = {n: _measured(trial, n, notes) for n in names}
     for name, channel in channels.items():
         dof = next(d for d in DOFS.values() if name in (d.position, d.velocity))
         if name == dof.position and dof.angular and not continuous:
@@ -280,6 +281,10 @@ def prepare_form(
         channels = {n: outside(c, hidden) for n, c in channels.items()}
     _check_form(trial, form, drives, channels)
     return _cut(trial, drives, channels, np.unique(np.concatenate([c.t for c in channels.values()])), notes)
+
+
+def _measured(trial: Trial, name: str, notes: list[Doubt]) -> Channel:
+    return unstuck(clean(trial[name], trial.name, notes), trial.name, notes)
 
 
 def _names(trial: Trial, form: Form, use: Sequence[str] | None) -> list[str]:
