@@ -101,7 +101,8 @@ class ConsoleOperator:
 
 
 def _tell(text: str, before: str) -> None:
-    """Write *before* and the folded *text* to standard error from a signal handler, which must never raise into the flight loop.
+    """Write *before* and the folded *text* to standard error from a signal handler, which must never raise into the
+    flight loop.
 
     Another write may be in progress in the same thread, and its buffer rejects a second one, so the buffer is bypassed.
     A closing terminal first sends its signal and then accepts no output.
