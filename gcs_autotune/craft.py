@@ -163,7 +163,9 @@ class Intervention:
 
     ``what`` : text of the change, with its cause if known. ``mode_stands``, ``armed_stands`` : whether it must not be
     undone. ``is_certain`` : False if a late copy of our own command may have caused it. ``may_go_on`` : whether the
-    operator may continue, because a failsafe for missing overrides caused it.
+    operator may continue, because a failsafe for missing overrides caused it. ``failsafe`` : name of the autopilot's
+    failsafe that caused it, or may have caused it; empty if none explains it. ``has_reported`` : whether the vehicle
+    reported that failsafe.
     """
 
     what: str
@@ -171,6 +173,8 @@ class Intervention:
     armed_stands: bool
     is_certain: bool = True
     may_go_on: bool = False
+    failsafe: str = ""
+    has_reported: bool = False
 
     @property
     def stands(self) -> bool:

@@ -62,7 +62,8 @@ def _make_parser() -> argparse.ArgumentParser:
         "--listen",
         metavar="ADDRESS",
         default=_DEFAULT_ADDRESS,
-        help="udp:HOST:PORT (waits for messages), udpout:HOST:PORT (sends first), tcp:HOST:PORT (server), "
+        help="udpin:HOST:PORT or udp: (listens; connect with udpout:), udpout:HOST:PORT (sends first; connect with "
+        "udpin:), tcpin:HOST:PORT or tcp: (listens; connect with tcp:), "
         f"serial:DEVICE[,BAUD]; default {_DEFAULT_ADDRESS}",
     )
     parser.add_argument("--speedup", default="1", help="simulated seconds per second; default 1")

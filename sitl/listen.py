@@ -217,17 +217,19 @@ def _open_serial(rest: str) -> Link:
 LINKS: Mapping[str, Callable[[str], Link]] = {
     "udp": lambda rest: UdpLink(*host_and_port(rest)),
     "udpout": lambda rest: UdpLink(*host_and_port(rest), calls=True),
+    "udpin": lambda rest: UdpLink(*host_and_port(rest)),
     "tcp": lambda rest: TcpLink(*host_and_port(rest)),
+    "tcpin": lambda rest: TcpLink(*host_and_port(rest)),
     "serial": _open_serial,
 }
-"""Scheme of an address -> function that opens the link for the text after the colon. ``udp`` waits for a sender,
-``udpout`` sends first.
+"""Scheme of an address -> function that opens the link for the text after the colon. ``udpin`` (or ``udp``) waits for
+a sender, ``udpout`` sends first. ``tcpin`` (or ``tcp``) waits for a client.
 """
 
 
 def open_link(address: str) -> Link:
-    """Return an open link of the address ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or
-    ``serial:DEVICE[,BAUD]``.
+    """Return an open link of the address ``udpin:HOST:PORT``, ``udpout:HOST:PORT``, ``tcpin:HOST:PORT`` or
+    ``serial:DEVICE[,BAUD]``. ``udp:`` and ``tcp:`` are ``udpin:`` and ``tcpin:``.
 
     Raises
     ------

@@ -183,8 +183,9 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
     group.add_argument(
         "--connect",
         metavar="URI",
-        help="link to the vehicle: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or "
-        "/dev/ttyUSB0,57600 (MAVSDK's udpin://, udpout://, tcpin://, tcpout://, serial:// also work). sitl:NAME "
+        help="link to the vehicle: udpin:HOST:PORT (listens), udpout:HOST:PORT (sends first), tcp:HOST:PORT "
+        "(connects), tcpin:HOST:PORT (listens) or /dev/ttyUSB0,57600 "
+        "(MAVSDK's udpin://, udpout://, tcpin://, tcpout://, serial:// also work). sitl:NAME "
         "starts a simulated vehicle, sitl:FILE.toml your own. 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' adds "
         f"an effect (`gcs-autotune sitl --list-effects`). 'sitl:NAME?model=FILE' simulates a model file{fallback}",
     )

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
+from gcs_autotune.cli.writing import folded
 from gcs_autotune.errors import UsageError
 from gcs_autotune.observer import stopping
 from gcs_autotune.untrusted_text import visible
@@ -85,7 +86,7 @@ class ConsoleOperator:
             )
         answers: list[str] = []
         reader = threading.Thread(target=lambda: answers.append(sys.stdin.readline()), daemon=True)
-        sys.stderr.write(f"{visible(question)} [y/N] ")
+        sys.stderr.write(f"{folded(f'{visible(question)} [y/N]', sys.stderr).rstrip()} ")
         sys.stderr.flush()
         self.ring()
         reader.start()
@@ -96,11 +97,12 @@ class ConsoleOperator:
     def _note(self, number: int, frame: FrameType | None) -> None:
         again = self._stop
         self._stop = True
-        _tell(f"{'' if again else chr(10)}{stopping(again=again)}\n")
+        _tell(stopping(again=again), before="" if again else "\n")
 
 
-def _tell(text: str) -> None:
-    """Write *text* to standard error from a signal handler, which must never raise into the flight loop.
+def _tell(text: str, before: str) -> None:
+    """Write *before* and the folded *text* to standard error from a signal handler, which must never raise into the
+    flight loop.
 
     Another write may be in progress in the same thread, and its buffer rejects a second one, so the buffer is bypassed.
     A closing terminal first sends its signal and then accepts no output.
@@ -110,7 +112,8 @@ def _tell(text: str) -> None:
     except (AttributeError, OSError, ValueError):  # there is none, or none that the system knows
         number = None
     with suppress(AttributeError, OSError, ValueError, RuntimeError):
+        lines = before + folded(text, sys.stderr)
         if number is None:
-            sys.stderr.write(text)
+            sys.stderr.write(lines)
         else:
-            os.write(number, text.encode())
+            os.write(number, lines.encode())

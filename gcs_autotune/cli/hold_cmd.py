@@ -149,6 +149,9 @@ COMMAND = Command(
     examples=(
         ("gcs-autotune hold heading", "try it on a simulated boat"),
         ("gcs-autotune hold line --connect /dev/ttyUSB0", "follow a line ahead"),
-        ("gcs-autotune hold depth --connect udp:14550 --model runs/DEPTH", "an ROV with the model of an earlier run"),
+        (
+            "gcs-autotune hold depth --connect udpin:0.0.0.0:14550 --model runs/DEPTH",
+            "an ROV with the model of an earlier run",
+        ),
     ),
 )

@@ -31,7 +31,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_connection(save)
     add_loudness(save)
-    restore = actions.add_parser("restore", help="restore the parameters in a file and verify each by reading back")
+    restore = actions.add_parser(
+        "restore",
+        help="write the parameters in a file, e.g. to undo a completed tune, and verify each by reading back "
+        "(`gcs-autotune restore` completes the clean-up of an interrupted run)",
+    )
     restore.add_argument(
         "file", type=Path, metavar="FILE", help="file written by `params save`, or directory of a tune"
     )

@@ -64,7 +64,8 @@ def _run(args: argparse.Namespace) -> int:
 COMMAND = Command(
     description="Restore the vehicle after an interrupted run (lost power, lost radio, killed process): actuators "
     "neutral, parameters at their original values, verified by reading back. The run's journal lists what to restore. "
-    "Parameters that another operator changed since are written only after a question.",
+    "Parameters that another operator changed since are written only after a question. "
+    "`gcs-autotune params restore` undoes a completed tune.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -339,6 +339,6 @@ COMMAND = Command(
         ("gcs-autotune tune heading", "try it on a simulated boat"),
         ("gcs-autotune tune heading --connect /dev/ttyUSB0", "a boat on a telemetry radio"),
         ("gcs-autotune tune all --connect /dev/ttyUSB0", "all loops in order, after one question"),
-        ("gcs-autotune tune depth --connect udp:14550 --max-depth 5", "an ROV, not deeper than 5 m"),
+        ("gcs-autotune tune depth --connect udpin:0.0.0.0:14550 --max-depth 5", "an ROV, not deeper than 5 m"),
     ),
 )

@@ -188,7 +188,7 @@ def restore_on_exit(
             observer.say(change.what)
         if order is not None:
             why = "" if trouble is not None and order.what in str(trouble) else f": {order.what}"
-            observer.say(f"left in mode {craft.mode} and {_armed(craft.armed)}{why}. This order is respected")
+            observer.say(f"left in mode {craft.mode} and {_armed(craft.armed)}{why}. {_left_by(order)}")
         if differences:
             raise _not_as_found(differences, trouble) from trouble
         settled()
@@ -196,6 +196,16 @@ def restore_on_exit(
             observer.say(f"left in mode {found.mode} and disarmed: {DISARMED_ITSELF}")
         elif order is None:
             observer.say(f"mode and armed state restored: {found.mode}, {_armed(found.armed)}")
+
+
+def _left_by(change: Intervention) -> str:
+    """Return who made a *change* that stays, if it was a failsafe, and that it stays."""
+    stays = "This tool does not change mode or armed state again"
+    if not change.failsafe:
+        return stays
+    by = f"the autopilot's {change.failsafe}"
+    who = by[:1].upper() + by[1:] if change.has_reported else f"Another station or {by}"
+    return f"{who} made this change. {stays}"
 
 
 def _armed(armed: bool) -> str:

@@ -95,13 +95,14 @@ class Leg:
     """One stage of a mission: its name, its duration [s], and the time [s] to turn around before it.
 
     Stages of one ``kind`` take the same time, so the first one flown is the estimate for the others. The name of an
-    unplanned stage ends with its kind.
+    unplanned stage ends with its kind. ``trial`` : name of its record, if a run that is resumed may replace it.
     """
 
     stage: str
     seconds: float
     before: float = 0.0
     kind: str = ""
+    trial: str = ""
 
     @property
     def total(self) -> float:
@@ -128,7 +129,7 @@ def legs_of_tune(
     turn = pace.turn
     step = _step_seconds(settings, pace, moving=moving)
     legs = _first(pace, dives=dives, steers=not excitation_of(dof).turns)
-    before = Leg("step with present gains", step, kind="step")
+    before = Leg("step with present gains", step, kind="step", trial="step-before")
     thorough = moving or not settings.ends_early
     turn = turn if not settings.ends_early else 0.0
     flown = _swings(dof, pace) if thorough else _known(pace)
@@ -175,8 +176,8 @@ def _first(pace: Pace, *, dives: bool, steers: bool) -> list[Leg]:
 
 def _swings(dof: str, pace: Pace) -> list[Leg]:
     if excitation_of(dof).by_throttle and pace.under_way:
-        return _two("throttle steps", pace.level * len(LEVELS[0]))
-    return _two("self-oscillation", pace.relay)
+        return _two("throttle steps", "throttle", pace.level * len(LEVELS[0]))
+    return _two("self-oscillation", "relay", pace.relay)
 
 
 def _known(pace: Pace) -> list[Leg]:
@@ -185,12 +186,12 @@ def _known(pace: Pace) -> list[Leg]:
     There is one for a craft under way. There are two for a craft at rest, because its thrusters usually have a dead
     band.
     """
-    legs = _two("self-oscillation", pace.known)
+    legs = _two("self-oscillation", "relay", pace.known)
     return legs[:1] if pace.under_way else legs
 
 
-def _two(kind: str, seconds: float) -> list[Leg]:
-    return [Leg(f"{n} {kind}", seconds, kind=kind) for n in ("first", "second")]
+def _two(kind: str, trial: str, seconds: float) -> list[Leg]:
+    return [Leg(f"{n} {kind}", seconds, kind=kind, trial=f"{trial}-{k}") for k, n in enumerate(("first", "second"), 1)]
 
 
 def _step_seconds(settings: TuneSettings, pace: Pace, *, moving: bool) -> float:

@@ -56,7 +56,7 @@ def await_warmup(craft: MavlinkCraft, worker: Worker, observer: Observer) -> Non
     def tell() -> None:
         nonlocal told
         if told is not None and told.expired:
-            observer.say("loading numerical code. The first run after installation compiles it for up to a minute")
+            observer.say("loading numerical code. This takes up to a minute if it is not yet compiled on this computer")
             told = None
 
     finish(craft, worker, tell)

@@ -209,7 +209,8 @@ class _Job:
                 continue
             at: Any = replace(visit, log=log)  # the same visit, with the log of a tune
             try:
-                own = replace(self._of(row), directory=visit.record.path, untuned=True)
+                resume = self._interrupted(row.name)
+                own = replace(self._of(row), directory=visit.record.path, untuned=True, resume=resume)
                 missions[row.name] = job_of(row.name).declare(own, at)
             except GOES_ON as error:
                 if isinstance(error, WrongVehicle) and row.name not in settings.loops:

@@ -92,13 +92,15 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
 
 
 def tune_legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]:
-    """Return the stages of a tune, with durations from *pace*."""
+    """Return the stages of a tune that are flown, with durations from *pace*; not those of which an earlier run has
+    the record."""
     dof, firmware = context.axis.dof, context.craft.firmware
     given = context.given is not None or context.settings.gains is not None
     dives = dive_for(dof, firmware, now) is not None
     moving = context.law.controls_velocity
     beside = flies_accompanying_step(context) and context.settings.gains is None
-    return legs_of_tune(context.settings, dof, pace, moving=moving, given=given, dives=dives, beside=beside)
+    legs = legs_of_tune(context.settings, dof, pace, moving=moving, given=given, dives=dives, beside=beside)
+    return tuple(leg for leg in legs if not context.earlier.has(leg.trial))
 
 
 def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:

@@ -296,6 +296,13 @@ def test_help_lists_every_command_and_every_exit_code(capsys):
     assert all(f"  {code}  " in out or f"{code:5d}  " in out for _, code, _ in EXIT_CODES)
 
 
+def test_the_two_kinds_of_restore_refer_to_each_other(capsys):
+    for call, other in (["restore"], "params restore"), (["params"], "gcs-autotune restore"):
+        with pytest.raises(SystemExit):
+            main([*call, "--help"])
+        assert other in " ".join(capsys.readouterr().out.split())
+
+
 def test_without_a_command_the_help_is_shown(capsys):
     assert main([]) == 0
     assert "exit codes:" in capsys.readouterr().out

@@ -89,6 +89,22 @@ def test_text_from_a_vehicle_cannot_forge_a_prompt(streams: SimpleNamespace) -> 
     assert "\x1b" not in streams.stderr.getvalue()
 
 
+def test_a_long_prompt_and_the_reply_to_a_stop_are_folded_between_words(
+    streams: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    streams.stdin = Terminal("y\n")
+    question = " ".join(["Write ATC_STR_RAT_P 0.2 -> 2?"] * 7)
+    operator = ConsoleOperator(yes=False, bell=False)
+    operator.ask(question, lambda: None)
+    asked = streams.stderr.getvalue()
+    assert asked.endswith("[y/N] ") and asked.split() == f"{question} [y/N]".split()
+    operator._note(signal.SIGINT, None)
+    told = streams.stderr.getvalue().removeprefix(asked)
+    assert told.startswith("\n") and told.split() == stopping(again=False).split()
+    assert max(map(len, [*asked.splitlines(), *told.splitlines()])) <= 80
+
+
 def test_the_first_signal_requests_a_stop_and_later_ones_only_a_message(streams: SimpleNamespace) -> None:
     before = signal.getsignal(signal.SIGTERM)
     operator = ConsoleOperator(yes=True)
@@ -96,7 +112,7 @@ def test_the_first_signal_requests_a_stop_and_later_ones_only_a_message(streams:
         assert not operator.stop_requested()
         os.kill(os.getpid(), signal.SIGTERM)
         assert operator.stop_requested()
-        assert stopping(again=False) in streams.stderr.getvalue()
+        assert stopping(again=False) in " ".join(streams.stderr.getvalue().split())
         os.kill(os.getpid(), signal.SIGINT)
         assert streams.stderr.getvalue().endswith("Still restoring the vehicle. Please wait.\n")
     assert signal.getsignal(signal.SIGTERM) is before

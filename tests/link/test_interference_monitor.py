@@ -121,6 +121,7 @@ def test_a_hold_after_a_long_pause_without_a_text_may_be_another_stations_order(
     assert "The vehicle did not report a failsafe, so another station may have ordered this" in said
     found = craft._interference.found
     assert found is not None and found.mode_stands and not found.is_certain
+    assert found.failsafe == "radio failsafe" and not found.has_reported
 
 
 @pytest.mark.parametrize(("mode", "name"), [(5, "LOITER"), (11, "RTL")])

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from gcs_autotune.craft import Actuate
+from gcs_autotune.craft import Actuate, Intervention
 from gcs_autotune.errors import (
     CommandDenied,
     GuardTripped,
@@ -184,6 +184,24 @@ def test_a_craft_that_disarmed_itself_is_not_rearmed_and_this_is_reported():
     assert not craft.armed
     assert any("disarmed it" in text for text in ear.heard)
     assert not any("armed state restored" in text for text in ear.heard)
+
+
+@pytest.mark.parametrize(
+    ("failsafe", "reported", "stated"),
+    [
+        ("", False, ": changed. This tool does not change"),
+        ("radio failsafe", False, ". Another station or the autopilot's radio failsafe made this change. "),
+        ("radio failsafe", True, ". The autopilot's radio failsafe made this change. "),
+    ],
+)
+def test_a_mode_that_stays_is_stated_with_who_set_it(failsafe, reported, stated):
+    craft, ear = PondCraft(), Ear()
+    change = Intervention("changed", mode_stands=True, armed_stands=False, failsafe=failsafe, has_reported=reported)
+    with restore_on_exit(craft, ear):
+        craft.mode = "HOLD"
+        craft.interventions.append(change)
+    left = next(text for text in ear.heard if text.startswith("left in mode HOLD"))
+    assert stated in left and left.endswith("This tool does not change mode or armed state again")
 
 
 def test_an_operator_stop_does_not_interrupt_the_restoration():

@@ -31,6 +31,24 @@ def test_words_after_a_number_may_wrap() -> None:
     assert shown("turned by 12 millimetres", 14) == ["turned by 12", "millimetres"]
 
 
+@pytest.mark.parametrize(
+    ("name", "width", "lines"),
+    [
+        ("quadratic-actuator@N.share", 20, ["quadratic-actuator@", "N.share"]),
+        ("quadratic-actuator@N.share", 12, ["quadratic-", "actuator@N.", "share"]),
+        (
+            "of runs/20261129-121654-blueboat/report.html",
+            20,
+            ["of runs/20261129-", "121654-blueboat/", "report.html"],
+        ),
+        ("unbreakable", 8, ["unbreaka", "ble"]),
+        ("dead-zone.width", 15, ["dead-zone.width"]),
+    ],
+)
+def test_a_name_that_is_too_wide_breaks_between_its_pieces(name: str, width: int, lines: list[str]) -> None:
+    assert shown(name, width) == lines
+
+
 def test_a_cell_is_wide_enough_for_a_number_with_its_unit() -> None:
     table = Table.grid()
     table.add_column()

@@ -211,7 +211,7 @@ def test_a_moved_stick_ends_the_script_and_leaves_control_to_the_pilot(tmp_path)
     assert harness.mode == "MANUAL"
     assert harness.vehicle.card == {}
     assert dict(harness.vehicle.parameters.values) == harness.parameters
-    assert any("This order is respected" in text for text in harness.said)
+    assert any("This tool does not change mode or armed state again" in text for text in harness.said)
 
 
 def test_a_limit_ends_the_script_with_its_cure(tmp_path):

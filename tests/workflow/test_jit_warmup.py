@@ -50,4 +50,6 @@ def test_a_long_compilation_is_announced_once_while_the_craft_is_monitored(monke
     with jit_warmup.jit_warmup("udpin:0.0.0.0:14550", [], []) as worker:
         jit_warmup.await_warmup(craft, worker, listener)
     assert looked != []
-    assert [text.split()[0] for text in listener.said] == ["loading"]
+    assert listener.said == [
+        "loading numerical code. This takes up to a minute if it is not yet compiled on this computer"
+    ], "true of compiled code, too"

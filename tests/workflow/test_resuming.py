@@ -80,6 +80,10 @@ def test_reusable_records_are_used_and_only_the_rest_is_flown(ended_early: SitlH
     assert f"using from {ended_early.directory}: step-before, relay-1. Vehicle and parameters are unchanged" in (
         again.said
     )
+    (announced,) = [text for text in again.said if text.startswith("will take about")]
+    stages = announced.partition(". If")[0]
+    assert "turn rate with present gains 38 s, step with new gains" in stages
+    assert "step with present gains" not in announced and "first self-oscillation" not in announced
     assert "step with present gains: not flown. Using step-before from the earlier run" in again.said
     assert "first self-oscillation: not flown. Using relay-1 from the earlier run" in again.said
     assert any(text.startswith("sign-check: completed") for text in again.said)  # for safety, always

@@ -121,7 +121,9 @@ def test_an_order_given_during_a_silence_stays_in_force(tmp_path: Any) -> None:
         harness.tune(Enough(harness, "relay-1: completed"))
     assert harness.mode == "ACRO"
     assert any(
-        "from MANUAL to ACRO, not by this tool" in text and "This order is respected" in text for text in harness.said
+        "from MANUAL to ACRO, not by this tool" in text
+        and "This tool does not change mode or armed state again" in text
+        for text in harness.said
     )
 
 

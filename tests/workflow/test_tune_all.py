@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -36,9 +38,14 @@ class Scripted:
     def __init__(self, endings: Mapping[str, Ending]) -> None:
         self.endings = dict(endings)
         self.flown: list[str] = []
+        self.resumed: dict[str, Path | None] = {}
 
     def of(self, name: str) -> TuneJob:
-        return TuneJob(lambda settings, *more: self._run(name, settings, more[-1]), job_of(name).declare)
+        return TuneJob(lambda settings, *more: self._run(name, settings, more[-1]), partial(self._declare, name))
+
+    def _declare(self, name: str, settings: Any, visit: Any) -> Any:
+        self.resumed[name] = settings.resume
+        return job_of(name).declare(replace(settings, resume=None), visit)
 
     def _run(self, name: str, settings: TuneSettings, when: str) -> Any:
         assert settings.agreed
@@ -58,6 +65,7 @@ class Scripted:
         }
         (settings.directory / "summary.json").write_text(json.dumps(reported))
         (settings.directory / "parameters_after.json").write_text("{}")
+        (settings.directory / "setting_out.json").write_text("{}")
         if isinstance(ending, BaseException):
             raise ending
 
@@ -188,6 +196,7 @@ def test_a_tripped_limit_ends_the_job_and_resuming_continues_at_the_next_step(tm
     script = scripted()
     story = bench.tune(resume=bench.job)
     assert script.flown == ["depth"]
+    assert script.resumed == {"depth": bench.job / "02-depth"}, "what it has is not announced again"
     assert [step.ending for step in story.steps] == ["kept", "kept"]
     assert [step.directory for step in story.steps] == ["01-heading", "04-depth"]
 

@@ -214,6 +214,7 @@ def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> li
     ideal = ideal_feed_forward(model, settings, speed)
     return [
         f"{seen}. Above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed. The gains are "
-        f"valid if turn rate per rudder is proportional to speed. Then {FF} = 1/(K base) = {ideal:.3g} follows turn "
-        f"rates exactly at every speed. At or below {base:g} m/s the integral term is frozen"
+        f"valid if turn rate per rudder is proportional to speed. For comparison, {FF} = 1/(K base) = {ideal:.3g} "
+        "alone gives the commanded steady turn rate, at every speed above it. The chosen value may differ: the design "
+        f"chooses all gains together. At or below {base:g} m/s the integral term is frozen"
     ]

@@ -260,11 +260,21 @@ class InterferenceMonitor:
             if named is not None:
                 what += f". {cure}" if cure else ""
                 return "pause" if cure else "failsafe", Intervention(
-                    what, mode_stands=False, armed_stands=False, may_go_on=True
+                    what,
+                    mode_stands=False,
+                    armed_stands=False,
+                    may_go_on=True,
+                    failsafe=failsafe.name,
+                    has_reported=True,
                 )
             what += ". The vehicle did not report a failsafe, so another station may have ordered this"
             return change.guard, Intervention(
-                what, mode_stands=change.guard == "mode", armed_stands=False, is_certain=False, may_go_on=gap > 0.0
+                what,
+                mode_stands=change.guard == "mode",
+                armed_stands=False,
+                is_certain=False,
+                may_go_on=gap > 0.0,
+                failsafe=failsafe.name,
             )
         unanswered = change.guard == "mode" and change.mode in self._unanswered
         certain = not unanswered and not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
@@ -277,7 +287,8 @@ class InterferenceMonitor:
             if pause > _LEAST_REPORTED and not self._is_own_cause()
             else ""
         )
-        who = self._lost_on_the_way(named, change) or self._who(change.kinds)
+        lost = self._lost_on_the_way(named, change)
+        who = lost or self._who(change.kinds)
         what = f"{change.what}, not by this tool{self._last_words()}: {who}{copy}{short}"
         by_mode = change.guard == "mode"
         return change.guard, Intervention(
@@ -286,6 +297,8 @@ class InterferenceMonitor:
             armed_stands=not by_mode and self._session.armed,
             is_certain=certain,
             may_go_on=unanswered,
+            failsafe=named.name if lost and named is not None else "",
+            has_reported=bool(lost),
         )
 
     def _named(self, change: _Change) -> SetFailsafe | None:
@@ -322,9 +335,11 @@ class InterferenceMonitor:
             if pause + _SLACK < failsafe.needs:
                 return failsafe, gap, f"the link was silent for {silence:.1f} s", ""
             ran = f", {pause:.1f} s of the vehicle's time," if pace > _AHEAD else ""
-            cure = "Let the simulation run slower" if pace > _AHEAD else "Close other programs"
+            cure = "Close other programs"
+            if pace > _AHEAD:
+                cure = f"The simulation ran at {pace:.1f} times real time. {cure}, or reduce its speed-up if it has one"
             cause = f"this computer paused for {pause / pace:.2g} s{ran} without sending overrides"
-            return failsafe, gap, cause, f"{cure}, and try again"
+            return failsafe, gap, cause, cure
         return None
 
     def _longest_pause(self) -> float:
