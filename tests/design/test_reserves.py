@@ -118,6 +118,7 @@ def test_present_gains_without_a_better_proposal_are_kept_only_if_safe(
     monkeypatch.setattr(door, "choose", choose)
     monkeypatch.setattr(door, "refine", lambda given, chosen, span: chosen)
     monkeypatch.setattr(door, "any_better", lambda given, before, span: None)
+    monkeypatch.setattr(door, "passes", lambda *steps: False)
     monkeypatch.setattr(door, "is_better", lambda *steps, **_: Verdict(((False, "not better"),)))
     mine = {**present(SUB_HEADING), **(WILD if unsafe else {})}
     found = design(FALCON, uncertain(FALCON), SUB_HEADING, mine)

@@ -249,7 +249,9 @@ def test_datagrams_go_to_the_last_sender():
 
 @pytest.mark.parametrize("address", ["udp:127.0.0.1:0", "udpin:127.0.0.1:0", "tcp:127.0.0.1:0", "tcpin:127.0.0.1:0"])
 def test_an_address_that_listens_has_the_form_of_a_connection(address):
-    open_link(address).close()
+    link = open_link(address)
+    assert not link.read()
+    link.close()
 
 
 @pytest.mark.parametrize(

@@ -434,8 +434,8 @@ def pays(fit: Fit[Model], without: Fit[Model], slug: str) -> bool:
     """
     left, before = fit.remainder, without.remainder
     sizes = {s: one.noise for s, one in before.items() if s in left and one.noise > 0.0}
-    after, ahead = (math.hypot(*(of[s].unexplained / sizes[s] for s in sizes)) for of in (left, before))
-    less = after < _UNEXPLAINED * ahead if sizes else fit.unexplained < _UNEXPLAINED * without.unexplained
+    after, ahead = (sum((of[s].rms ** 2 - of[s].noise ** 2) / sizes[s] ** 2 for s in sizes) for of in (left, before))
+    less = after < _UNEXPLAINED**2 * ahead if sizes else fit.unexplained < _UNEXPLAINED * without.unexplained
     return less and _is_sure(fit, slug)
 
 
