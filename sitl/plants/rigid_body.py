@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -39,6 +40,8 @@ class AxisDynamics:
 
 
 _ABSENT = AxisDynamics(_LOCKED, 0.0, 0.0)
+_SIX, _THIRTEEN = struct.Struct("6d"), struct.Struct("13d")
+"""A wrench and a state in the kernel's arrays. A session spends less time with these than with indices of arrays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +179,9 @@ class RigidBody:
             np.zeros((1, 6)),
             np.zeros((1, 13)),
         )
+        self._state_bytes, self._wrench_bytes, self._rate_bytes = (
+            array.data.cast("B") for array in (self._array, self._wrench, self._work[kernel.RATE])
+        )
         self._packed: tuple[object, ...] = ()
         self._before, self._dt = (0.0,) * 10, math.inf
         self._angles, self._quaternion = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
@@ -237,7 +243,7 @@ class RigidBody:
     def _fly(self, wrench: Wrench, dt: float, steps: int) -> None:
         """Advance the kernel's state by *steps* of *dt* [s]."""
         self._pack()
-        self._wrench[0] = wrench.X, wrench.Y, wrench.Z, wrench.K, wrench.M, wrench.N
+        _SIX.pack_into(self._wrench_bytes, 0, wrench.X, wrench.Y, wrench.Z, wrench.K, wrench.M, wrench.N)
         kernel.fly(*self._arguments, dt, steps, self._out)
 
     def fly_copies(
@@ -360,14 +366,14 @@ class RigidBody:
         attitude = self._attitude()
         self._before = (at.u, at.v, at.w, *attitude, 0.0, 0.0, 0.0)
         self._dt = dt
-        self._array[0] = (at.x, at.y, at.z, *attitude, at.u, at.v, at.w, at.p, at.q, at.r)
+        _THIRTEEN.pack_into(self._state_bytes, 0, at.x, at.y, at.z, *attitude, at.u, at.v, at.w, at.p, at.q, at.r)
         self._fly(self._cushioned(wrench), dt, 1)
-        at.x, at.y, at.z, a, b, c, d, u, v, w, p, q, r = self._array[0].tolist()
+        at.x, at.y, at.z, a, b, c, d, u, v, w, p, q, r = _THIRTEEN.unpack_from(self._state_bytes)
         self._quaternion = turned = a, b, c, d
         phi, theta, psi = angles_of(turned)
         psi = at.psi + math.remainder(psi - at.psi, math.tau)
         self._angles = phi, theta, psi
-        udot, vdot, wdot = self._work[kernel.RATE, :3].tolist()
+        udot, vdot, wdot, _, _, _ = _SIX.unpack_from(self._rate_bytes)
         at.wdot = rotate(turned, (udot + q * w - r * v, vdot + r * u - p * w, wdot + p * v - q * u))[2]
         at.phi, at.theta, at.psi, at.u, at.v, at.w, at.p, at.q, at.r = phi, theta, psi, u, v, w, p, q, r
 
