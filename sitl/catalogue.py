@@ -20,7 +20,7 @@ motors under load (``sitl/derating.py``). Without them, thrust depends on neithe
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -223,8 +223,11 @@ class VehicleData:
             return ThrusterSet(PAIR, (1, 3), 500.0, rows, biases, curve=curve)
         return ThrusterSet(FRAMES[kind], range(1, len(rows) + 1), 400.0, rows, biases, curve=curve)
 
-    def make_effects(self) -> tuple[HiddenEffect, ...]:
-        """Return the effects of the file: slew and backlash of a rudder, and those of the surroundings."""
+    def make_effects(self, full: Mapping[str, float] | None = None) -> tuple[HiddenEffect, ...]:
+        """Return the effects of the file: slew and backlash of a rudder, and those of the surroundings.
+
+        full : degree of freedom -> force or moment at full output; a sea in SI units needs it.
+        """
         rudder = values_of(self.tables.get("rudder", {}))
         slugs = (("backlash", "backlash", "width"), ("slew", "rate-limit", "rate"))
         parts = (
@@ -234,32 +237,51 @@ class VehicleData:
         )
         there = (heading for heading in SURROUNDINGS if heading in self.tables)
         around = (make_effect(SURROUNDINGS[heading], "", values_of(self.tables[heading])) for heading in there)
-        return (*parts, *around)
+        return (*parts, *around, *self._sea(full or {}))
+
+    def _sea(self, full: Mapping[str, float]) -> Iterator[HiddenEffect]:
+        """Yield the force of ``[waves]`` in each degree of freedom for which it has one. They share one sea."""
+        sea = values_of(self.tables.get("waves", {}))
+        if sea and "frequency" not in sea:
+            raise ValueError("waves: missing entry 'frequency'")
+        for force, dof in (("X", "surge"), ("Y", "sway"), ("Z", "heave"), ("N", "yaw")):
+            size, drift = sea.get(force, 0.0) / full.get(dof, 1.0), sea.get(f"drift_{force}", 0.0) / full.get(dof, 1.0)
+            if size or drift:
+                values: dict[str, float] = {"amplitude": size, "drift": drift, "gamma": 3.3}
+                values |= {name: sea[name] for name in ("frequency", "direction", "gamma") if name in sea}
+                yield make_effect("wave-disturbance", dof, values)
 
 
 def _verify_surroundings(data: VehicleData) -> None:
     """Raise ``ValueError`` with the heading of the file if *data* has surroundings that its craft cannot be in."""
-    if not set(SURROUNDINGS) & set(data.tables):
+    headings = {**SURROUNDINGS, "waves": "wave-disturbance"}
+    if not set(headings) & set(data.tables):
         return
     plant, actuators = data.make_plant(), data.make_actuators()
     actuators.attach(plant)
     setting = setting_of(plant, actuators, is_boat=data.is_boat, mass=data.mass, seed="0")
     try:
-        for effect in data.make_effects():
+        for effect in data.make_effects(actuators.full):
             effect.begin(setting)
     except BadEffect as error:
-        heading, slug = next(((h, s) for h, s in SURROUNDINGS.items() if str(error).startswith(s)), ("", ""))
+        heading, slug = next(((h, s) for h, s in headings.items() if str(error).startswith(s)), ("", ""))
         raise ValueError(heading + str(error).removeprefix(slug)) from error
 
 
 def _verify_kinds(tables: Mapping[str, Any]) -> None:
-    """Raise ``ValueError`` if the file names a kind that does not exist, or has a rudder that nothing turns."""
+    """Raise ``ValueError`` if the file names a kind that does not exist, or has entries that act on nothing."""
     for name, kinds in (("firmware", _FIRMWARE), ("actuators", (RUDDER, TWIN_THRUSTER, *FRAMES))):
         if tables[name] not in kinds:
             raise ValueError(f"{name}: there is no '{tables[name]}'. Use one of {', '.join(kinds)}")
     if "rudder" in tables and tables["actuators"] != RUDDER:
         raise ValueError(
             f"rudder: actuators '{tables['actuators']}' have no rudder. Use '{RUDDER}', or remove [rudder]"
+        )
+    shaped = [name for name in _SHAPE if name in tables.get("thruster", {})]
+    if shaped and tables["actuators"] in (RUDDER, TWIN_THRUSTER) and "thrusters" not in tables:
+        raise ValueError(
+            f"thruster: {shaped[0]} is the curve of [thrusters], which this boat does not have. Add [thrusters], or "
+            "use --effect quadratic-actuator or dead-zone"
         )
 
 

@@ -53,7 +53,6 @@ class Craft:
         plant: Plant | None = None,
     ) -> None:
         self.data = data
-        self.effects = (*data.make_effects(), *(model.effects if model else ()), *effects)
         self.actuators = data.make_actuators()
         if plant is not None and model is not None:
             raise BadModel("a model replaces the vehicle's own hull. Supply either plant or model, not both")
@@ -67,6 +66,7 @@ class Craft:
                 )
             self.actuators = _fit_model(model, self.plant, self.actuators)
         self.actuators.attach(self.plant)
+        self.effects = (*data.make_effects(self.actuators.full), *(model.effects if model else ()), *effects)
         self.derating = data.make_derating(self.actuators)
         self._wrench = Wrench()
         self._plain = dict(self.plant.parameters)

@@ -208,6 +208,13 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "apart": Range(("m",), 0.0, 10.0),
         "aside": Range(("rad",), 0.0, math.pi / 3.0),
     },
+    "waves": {
+        **{force: Range(("N",), 0.0) for force in ("X", "Y", "Z", "drift_X", "drift_Y")},
+        "N": Range(("N m",), 0.0),
+        "frequency": Range(("rad/s",), 1e-6, 100.0),
+        "gamma": Range(("1",), 0.0, 10.0, above=True),
+        "direction": Range(("rad",), -10.0, 10.0),
+    },
     **{
         heading: {p.name: Range((p.unit,), max(p.least, -1e9), min(p.most, 1e9)) for p in EFFECTS[slug].parameters}
         for heading, slug in SURROUNDINGS.items()

@@ -38,7 +38,7 @@ class WindLoad(HiddenEffect):
     slug = "wind-load"
     meaning = "wind on the superstructure pushes the craft and turns it, with gusts"
     parameters = (
-        EffectParameter("speed", "m/s", "mean wind", 10.0, least=0.1),
+        EffectParameter("speed", "m/s", "mean wind; 0: still air", 10.0, least=0.0),
         EffectParameter("direction", "rad", "towards which the wind blows", least=-10.0, most=10.0),
         EffectParameter("X", "N", "force ahead on the craft at rest, wind from astern", 0.0),
         EffectParameter("Y", "N", "force to starboard on the craft at rest, wind from port", 0.0),
@@ -61,11 +61,14 @@ class WindLoad(HiddenEffect):
         self._state, self._water = setting.state, setting.water
         speed, draw = self["speed"], Random(f"{setting.seed}/{self.slug}")
         area = 0.5 * _AIR
-        self._X = area * self["c_x"] * self["A_F"] + self["X"] / speed**2
-        self._Y = area * self["c_y"] * self["A_L"] + self["Y"] / speed**2
-        self._N = area * self["c_n"] * self["A_L"] * self["L"] + self["N"] / speed**2
+        if speed == 0.0 and any(self[force] for force in "XYN"):
+            raise BadEffect("wind-load: X, Y and N are forces at speed, which is 0. Set speed, or A_F and A_L instead")
+        known = speed**2 or 1.0
+        self._X = area * self["c_x"] * self["A_F"] + self["X"] / known
+        self._Y = area * self["c_y"] * self["A_L"] + self["Y"] / known
+        self._N = area * self["c_n"] * self["A_L"] * self["L"] + self["N"] / known
         ratio = (_FASTEST / _SLOWEST) ** (1.0 / _WAVES)
-        middles = [_SLOWEST * ratio ** (k + 0.5) for k in range(_WAVES)] if self["gust"] else []
+        middles = [_SLOWEST * ratio ** (k + 0.5) for k in range(_WAVES)] if self["gust"] and speed > 0.0 else []
         spread = math.sqrt(ratio) - 1.0 / math.sqrt(ratio)
         sizes = [self["gust"] * math.sqrt(2.0 * gust_density(f, speed) * f * spread) for f in middles]
         self._gusts = [

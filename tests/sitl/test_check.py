@@ -66,6 +66,7 @@ def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
         ("blueboat", "firmware =", "firmwear =", "", "unknown entry 'firmwear'"),
         ("blueboat", "alpha = { value = 41.77", "# alpha = { value = 41.77", "surge", "missing entry 'alpha'"),
         ("charlie-rudders", "stall = {", "# stall = {", "rudder", "missing entry 'stall'"),
+        ("blueboat", "astern = {", 'dead = { value = 0.05, unit = "1", source = "x" }\nastern = {', "thruster", "the curve of"),
         ("ies-rov", "density = {", "# density = {", "propeller", "missing entry 'density'"),
     ],
 )  # fmt: skip

@@ -33,7 +33,10 @@ def test_the_vehicles_are_listed(capsys):
         (["charlie", "--param", "WP_SPEED"], "not NAME=VALUE with a finite number"),
         (["charlie", "--param", "WP_SPEED=fast"], "not NAME=VALUE with a finite number"),
         (["charlie", "--param", "NO_SUCH=1"], "the firmware of charlie has no parameter 'NO_SUCH'"),
-        (["charlie", "--listen", "usb:1"], "is not a valid address. Start it with one of udp:, udpout:, tcp:, serial:"),
+        (
+            ["charlie", "--listen", "usb:1"],
+            "is not a valid address. Start it with one of udp:, udpout:, udpin:, tcp:, tcpin:, serial:",
+        ),
     ],
 )
 def test_a_wrong_command_line_is_explained_in_one_line(arguments, said, capsys):

@@ -138,6 +138,9 @@ like = "charlie"
         ("wind", {"direction": (1.0, "rad"), "gust": (-1.0, "1")}, 6, r"wind\.gust.* >= 0"),
         ("wind", {"speed": (8.0, "m/s")}, 4, r"wind needs direction"),
         ("wind", {"direction": (90.0, "deg")}, 5, r"wind\.direction is in 'deg'"),
+        ("waves", {"X": (10.0, "N")}, 4, r"waves: missing entry 'frequency'"),
+        ("waves", {"frequency": (2.0, "rad/s"), "X": (-10.0, "N")}, 6, r"waves\.X.* >= 0"),
+        ("waves", {"frequency": (2.0, "rad/s"), "Z": (10.0, "N")}, 4, r"waves cannot act on 'heave'"),
         (
             "shallows",
             {"draught": (0.5, "m"), "depth": (0.4, "m")},
@@ -176,6 +179,34 @@ def test_a_vehicle_file_defines_its_surroundings(tmp_path):
     for k in range(500):
         craft.move(0.02 * k, 0.02, [1500] * 16)
     assert craft.plant.state.x > 1.0
+
+
+def test_a_vehicle_file_defines_a_sea_that_pushes_each_degree_of_freedom_by_its_force(tmp_path):
+    path = tmp_path / "mine.toml"
+    sizes = {"X": ("N", 12.0), "N": ("N m", 3.0), "drift_X": ("N", 2.0), "frequency": ("rad/s", 2.0)}
+    entries = "\n".join(f'{n} = {{ value = {v}, unit = "{unit}", source = "here" }}' for n, (unit, v) in sizes.items())
+    path.write_text(FILE.format(heading="waves", entries=entries), encoding="utf-8")
+    assert check_vehicle(path) == []
+    craft = Craft(load_vehicle(str(path)))
+    craft.begin("1")
+    ahead, turning = [], []
+    for t in np.arange(0.0, 1200.0, 0.25):
+        wrench = Wrench()
+        for effect in craft.effects:
+            effect.alter_force(t, wrench)
+        ahead.append(wrench.X)
+        turning.append(wrench.N)
+    assert np.mean(ahead) == pytest.approx(2.0, abs=0.6)
+    assert np.std(ahead) == pytest.approx(12.0, rel=0.15)
+    assert np.std(turning) == pytest.approx(3.0, rel=0.15)
+    assert np.corrcoef(ahead, turning)[0, 1] > 0.9, "one sea makes both"
+
+
+def test_a_wind_without_speed_is_still_air():
+    text = "wind-load.speed=0,direction=0,A_F=2,c_x=0.6"
+    assert forces_of(text, State(u=2.0)).X == pytest.approx(-0.5 * 1.225 * 0.6 * 2.0 * 4.0)
+    with pytest.raises(BadEffect, match="forces at speed, which is 0"):
+        forces_of("wind-load.speed=0,direction=0,X=1", State())
 
 
 def of_a_sea(text, at, times, *, seed="1"):
@@ -336,7 +367,7 @@ def test_an_unknown_place_is_rejected_with_the_valid_places(head, values, places
         assert parse_effect(f"{head}@{place}.{values}").place == place
 
 
-@pytest.mark.parametrize("heading", ["wind", "shallows", "bank"])
+@pytest.mark.parametrize("heading", ["wind", "shallows", "bank", "waves"])
 def test_a_place_in_a_vehicle_file_is_rejected_at_its_line(tmp_path, heading):
     path = tmp_path / "mine.toml"
     path.write_text(FILE.format(heading=heading, entries='place = "foo"'), encoding="utf-8")
