@@ -126,8 +126,14 @@ def wide_encoding(data: bytes) -> str:
     return ""
 
 
-def cells_of(path: Path) -> Cells:
+RUN = "t[s],psi[rad],N[N m]"
+"""Header line of a run, as an example."""
+
+
+def cells_of(path: Path, example: str = RUN) -> Cells:
     """Return the table at *path*: its header line and rows, without comments (``#``) and blank lines.
+
+    example : a header line that such a table may have, for the messages.
 
     Raises
     ------
@@ -146,17 +152,15 @@ def cells_of(path: Path) -> Cells:
     if rows and all(_NUMBER.match(cell) for cell in rows[0]):
         above = [row for row in remarks if len(row) == len(rows[0])]
         if not above:
-            raise BadFile(f"{path} has no header line. Add one above the numbers, like t[s],psi[rad],N[N m]")
+            raise BadFile(f"{path} has no header line. Add one above the numbers, like {example}")
         rows = [[above[-1][0].lstrip("# \t"), *above[-1][1:]], *rows]
     if len(rows) < 2:
-        raise BadFile(
-            f"{path} contains no samples. A run needs a header line like t[s],psi[rad],N[N m], and rows of numbers"
-        )
+        raise BadFile(f"{path} contains no samples. It needs a header line like {example}, and rows of numbers")
     head, body = rows[0], rows[1:]
     if len(head) == 1 < len(body[0]):
         raise BadFile(
             f"{path}, row 1: {_short(head[0])} is a title above the header line. Remove the lines above the header "
-            "line (t[s],psi[deg],N[N m]), or start them with #"
+            f"line ({example}), or start them with #"
         )
     while len(head) > 1 and not head[-1].strip() and all(not row[-1].strip() for row in body if len(row) == len(head)):
         width = len(head)

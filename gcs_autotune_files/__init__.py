@@ -172,6 +172,8 @@ def parse(text: bytes | str, kind: Kind = "json") -> Any:
         raise Refused(f"it is nested more than {DEEPEST} levels deep") from error
     except Refused:
         raise
+    except json.JSONDecodeError as error:
+        raise Refused(f"line {error.lineno} is not JSON: {_short(error.msg)} at column {error.colno}") from error
     except ValueError as error:
         raise Refused(_short(str(error))) from error
     _bounded(data)

@@ -225,7 +225,7 @@ def read_parameter_table(path: Path) -> ParameterTable:
     BadFile
         The file is not such a table, or a cell is not a number.
     """
-    cells = cells_of(path)
+    cells = cells_of(path, ",".join(_COLUMNS))
     heads, table = _names(list(cells.head)), numbers_of(cells)
     if table.dropped or not np.all(np.isfinite(table.values)):
         raise BadFile(f"{path}: a row is incomplete, or a cell is not a number. Correct or remove it")

@@ -87,7 +87,7 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
     BadFile
         The file is not readable, has no rows, or contains a cell that is not a number or an unknown unit.
     """
-    cells = cells_of(path)
+    cells = cells_of(path, "command[1],force[N]")
     try:
         heads = [parse_header(head) for head in cells.head]
         units = [(_RAW[unit], 1.0) if unit in _RAW else to_si(unit) for _, unit in heads]

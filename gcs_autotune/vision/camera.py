@@ -118,7 +118,7 @@ def calibrate_camera(floor: Path, boards: str = "", board: tuple[int, int] = BOA
 
 
 def _points(floor: Path) -> list[Array]:
-    cells = cells_of(floor)
+    cells = cells_of(floor, "column,row,x[m],y[m]")
     numbers = numbers_of(cells)
     points = {}
     for i, index in enumerate(numbers.columns):

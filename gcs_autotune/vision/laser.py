@@ -216,7 +216,7 @@ def calibrate_laser(table: Path, source: str = "", *, apart: float, colour: str 
 
 def _columns(table: Path) -> dict[str, Array]:
     """Return the columns of a calibration table: ``d`` [m], and positions [pixels]."""
-    cells = cells_of(table)
+    cells = cells_of(table, "d[cm],x_L,x_R")
     numbers = numbers_of(cells)
     columns = {}
     for i, index in enumerate(numbers.columns):

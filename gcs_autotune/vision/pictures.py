@@ -95,7 +95,7 @@ def _times(folder: Path, count: int, rate: float | None) -> Sequence[float]:
     path = folder / TIMES
     if rate is not None or not path.exists():
         return [number / (rate or RATE) for number in range(count)]
-    cells = cells_of(path)
+    cells = cells_of(path, "t[s]")
     table = numbers_of(cells)
     heads = [parse_header(cells.head[i]) for i in table.columns]
     columns = [(i, to_si(unit)[1]) for i, (name, unit) in enumerate(heads) if name == "t"]

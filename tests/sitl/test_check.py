@@ -28,6 +28,9 @@ def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
     return path, text[: text.index(old)].count("\n") + 1
 
 
+DEAD = 'dead = { value = 0.05, unit = "1", source = "here" }'
+
+
 @pytest.mark.parametrize(
     ("name", "old", "new", "quantity", "reason"),
     [
@@ -66,7 +69,7 @@ def changed(path: Path, name: str, old: str, new: str) -> tuple[Path, int]:
         ("blueboat", "firmware =", "firmwear =", "", "unknown entry 'firmwear'"),
         ("blueboat", "alpha = { value = 41.77", "# alpha = { value = 41.77", "surge", "missing entry 'alpha'"),
         ("charlie-rudders", "stall = {", "# stall = {", "rudder", "missing entry 'stall'"),
-        ("blueboat", "astern = {", 'dead = { value = 0.05, unit = "1", source = "x" }\nastern = {', "thruster", "the curve of"),
+        ("blueboat", "astern = {", f"{DEAD}\nastern = {{", "thruster", "the curve of [thrusters]"),
         ("ies-rov", "density = {", "# density = {", "propeller", "missing entry 'density'"),
     ],
 )  # fmt: skip

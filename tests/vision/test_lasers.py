@@ -128,6 +128,7 @@ def test_bad_images_are_reported(kind: str, words: str, module: LaserModule, wal
         ("d,x_L,x_R\n10,300,300\n", r"d has no unit\. Write d\[cm\]"),
         ("x_L,x_R\n300,300\n", r"no column d\[cm\]"),
         ("d[cm],x_L,x_R\n10,300,300\n-5,200,200\n", "row 3: d is -0.05 m"),
+        ("d[cm],x_L,x_R\n", r"no samples\. It needs a header line like d\[cm\],x_L,x_R"),
         ("d[cm],x_L\n10,300\n", "no pixel positions x_L and x_R"),
         ("d[cm],x_L,x_R\n10,300,300\n20,200,200\n", "port dot: a laser calibration needs at least five"),
     ],
@@ -142,6 +143,13 @@ def test_a_table_with_another_number_of_rows_than_images_is_reported(wall: Path,
     (tmp_path / "table.csv").write_text("d[cm]\n10\n20\n")
     with pytest.raises(BadFile, match="2 rows for 19 pictures"):
         calibrate_laser(tmp_path / "table.csv", str(wall), apart=0.2)
+
+
+def test_a_calibration_that_is_not_json_is_reported_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "lasers.json"
+    path.write_text('{"schema": 1,\n d[cm],x_L\n')
+    with pytest.raises(BadFile, match=r"lasers\.json cannot be read as a calibration of lasers: line 2 is not JSON"):
+        load_lasers(path)
 
 
 @pytest.mark.parametrize(
