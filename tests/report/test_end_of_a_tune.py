@@ -67,6 +67,20 @@ def test_a_badly_predicted_step_makes_the_margins_doubtful():
     )
 
 
+@pytest.mark.parametrize(
+    ("link", "named"),
+    [
+        ("sitl:charlie?seed=3", "of charlie:"),
+        ("sitl:./my/boat.toml", "of boat:"),
+        ("udpin:0.0.0.0:14550", "of ArduRover:"),
+    ],
+)
+def test_the_title_names_the_simulated_vehicle_otherwise_the_firmware(link: str, named: str):
+    kept = stories.kept()
+    document = tune_document(replace(kept, vehicle={**kept.vehicle, "firmware": "ArduRover", "link": link}))
+    assert named in document.title
+
+
 def test_a_position_that_is_held_worse_than_before_is_stated_with_the_verdict():
     before = PositionMetrics(7.4, 0.07, 4.4, 0.018, 0.084, 0.15, 0.25)
     better, worse = replace(before, push=0.04, hold=0.017), replace(before, push=0.04, hold=0.026)

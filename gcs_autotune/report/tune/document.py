@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import PurePath
 
 from gcs_autotune.design import Proposal
 from gcs_autotune.report.toolkit.axis_fit import (
@@ -85,10 +86,10 @@ MOST_PARAMETERS = 24
 
 def tune_document(story: TuneStory) -> Document:
     """Return the report of a tune, as far as the tune was completed. Its JSON form is ``summary.json``."""
-    fit, firmware = story.fit, story.vehicle.get("firmware")
+    fit, craft = story.fit, _craft(story)
     doubts = (*cautions(story.doubts), *(() if fit is None else remarks(fit.doubts)))
     return Document(
-        title=f"{story.title[:1].upper()}{story.title[1:]}{f' of {firmware}' if firmware else ''}: {story.ending}",
+        title=f"{story.title[:1].upper()}{story.title[1:]}{f' of {craft}' if craft else ''}: {story.ending}",
         about=(str(story.vehicle.get("name", "vehicle not identified")),),
         when=format_moment(story.when),
         badge="simulated vehicle" if story.vehicle.get("simulated", False) else "",
@@ -98,6 +99,14 @@ def tune_document(story: TuneStory) -> Document:
         sections=sections_of(FRONT, SECTIONS, story),
         facts=summarise(story),
     )
+
+
+def _craft(story: TuneStory) -> str:
+    """Return the name of a simulated vehicle, otherwise that of the firmware: MAVLink has no name of the craft."""
+    kind, _, name = str(story.vehicle.get("link", "")).partition(":")
+    if kind == "sitl" and name:
+        return PurePath(name.partition("?")[0]).stem
+    return str(story.vehicle.get("firmware", ""))
 
 
 def _key_figures(story: TuneStory) -> Iterator[KeyFigure]:
