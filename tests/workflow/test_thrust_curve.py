@@ -141,6 +141,17 @@ def test_thrust_that_is_weaker_one_way_is_not_taken_for_a_constant_force():
     assert "of that to starboard" in describe_thrust_curve(found, plain, step)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("with_band", [True, False])
+def test_the_curve_of_a_turn_rate_loop_is_fitted_to_its_step_too(with_band: bool):
+    runs, step = two(0.8), decaying_oscillation(0.8, 0.0)
+    found = fit_thrust_curve(runs, fit_axis(runs, dof="yaw"), step, with_band=with_band)
+    assert [
+        slug for slug in ("dead-zone", "asymmetric-thrust") if any(n.startswith(slug) for n in found.parameters)
+    ] == []
+    assert ("step" in found.used) is with_band
+
+
 def a_fit(explained: float, residual: Remainder | None = None, **numbers: float) -> SimpleNamespace:
     named = {f"{slug.replace('_', '-')}@X.{slug}": value for slug, value in numbers.items()}
     parameters = {name: Parameter(name, value, "1", 0.01 * value, "fitted") for name, value in named.items()}
