@@ -21,6 +21,7 @@ from gcs_autotune.identify.signals.cleaning import (
     unwrap,
     within_range,
 )
+from gcs_autotune.identify.signals.preparation import prepare
 from gcs_autotune.sensor import quantum, stuck
 from gcs_autotune.trial import Channel, Trial
 
@@ -206,3 +207,18 @@ def test_a_craft_at_rest_in_a_record_without_noise_is_not_stuck() -> None:
     whole, notes = channel(np.round(x, 6)), list[Doubt]()
     assert stuck(whole.t, whole.values)
     assert unstuck(whole, "run", notes) is whole and notes == []
+
+
+def test_a_gap_of_a_stuck_sensor_is_not_blamed_on_the_radio() -> None:
+    t = 0.1 * np.arange(400)
+    psi = np.sin(0.7 * t) + np.random.default_rng(3).normal(0.0, 0.01, 400)
+    run = Trial(
+        "run 7",
+        {
+            "psi": Channel("psi", "rad", t, np.where((t > 9.95) & (t < 15.95), psi[100], psi)),
+            "N": Channel("N", "1", t, np.sign(np.sin(0.9 * t))),
+        },
+    )
+    notes = {note.slug: note for note in prepare(run, "yaw")[0].notes}
+    assert "stuck-sensor" in notes
+    assert "or a stuck sensor" in notes["gaps"].cause and "radio" not in notes["gaps"].cure

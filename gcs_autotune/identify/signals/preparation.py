@@ -393,11 +393,13 @@ def _cut(
     """Return the segments between the gaps in *t*, the stamps of the outputs."""
     borders = _edges(t)
     if len(borders) > 2:
+        stuck = any(note.slug == "stuck-sensor" for note in notes)
+        where, cure = (", or a stuck sensor", "") if stuck else ("", ". Stay within good radio range")
         notes.append(
             Doubt(
                 "gaps",
-                f"run '{trial.name}' has {counted(len(borders) - 2, 'gap')} in its telemetry",
-                "each part was fitted with its own initial state. Stay within good radio range",
+                f"run '{trial.name}' has {counted(len(borders) - 2, 'gap')} in its telemetry{where}",
+                f"each part was fitted with its own initial state{cure}",
             )
         )
     channels = {n: within_range(c, trial.name, notes) for n, c in channels.items()}
