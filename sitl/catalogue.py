@@ -20,6 +20,7 @@ motors under load (``sitl/derating.py``). Without them, thrust depends on neithe
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -237,7 +238,18 @@ class VehicleData:
         )
         there = (heading for heading in SURROUNDINGS if heading in self.tables)
         around = (make_effect(SURROUNDINGS[heading], "", values_of(self.tables[heading])) for heading in there)
-        return (*parts, *around, *self._sea(full or {}))
+        return (*parts, *around, *self._sea(full or {}), *self._pool())
+
+    def _pool(self) -> Iterator[HiddenEffect]:
+        """Yield the walls of ``[pool]``, around a craft that starts in its middle."""
+        pool = values_of(self.tables.get("pool", {}))
+        lacking = [name for name in ("length", "width") if pool and name not in pool]
+        if lacking:
+            raise ValueError(f"pool: missing entry '{lacking[0]}'. Give length and width")
+        shared = {name: value for name, value in pool.items() if name in ("beam", "Y", "N")}
+        for quarter, across in enumerate((("length", "width") * 2) if pool else ()):
+            ahead = math.remainder(pool.get("direction", 0.0) + 0.5 * math.pi * quarter, math.tau)
+            yield make_effect("bank-suction", "", {"direction": ahead, "distance": 0.5 * pool[across], **shared})
 
     def _sea(self, full: Mapping[str, float]) -> Iterator[HiddenEffect]:
         """Yield the force of ``[waves]`` in each degree of freedom for which it has one. They share one sea."""
@@ -254,7 +266,7 @@ class VehicleData:
 
 def _verify_surroundings(data: VehicleData) -> None:
     """Raise ``ValueError`` with the heading of the file if *data* has surroundings that its craft cannot be in."""
-    headings = {**SURROUNDINGS, "waves": "wave-disturbance"}
+    headings = {**SURROUNDINGS, "waves": "wave-disturbance", "pool": "bank-suction"}
     if not set(headings) & set(data.tables):
         return
     plant, actuators = data.make_plant(), data.make_actuators()
@@ -264,7 +276,8 @@ def _verify_surroundings(data: VehicleData) -> None:
         for effect in data.make_effects(actuators.full):
             effect.begin(setting)
     except BadEffect as error:
-        heading, slug = next(((h, s) for h, s in headings.items() if str(error).startswith(s)), ("", ""))
+        found = ((h, s) for h, s in headings.items() if h in data.tables and str(error).startswith(s))
+        heading, slug = next(found, ("", ""))
         raise ValueError(heading + str(error).removeprefix(slug)) from error
 
 

@@ -208,6 +208,13 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "apart": Range(("m",), 0.0, 10.0),
         "aside": Range(("rad",), 0.0, math.pi / 3.0),
     },
+    "pool": {
+        **{name: Range(("m",), 0.001, 1e5) for name in ("length", "width")},
+        "beam": Range(("m",), 0.0, 1e3),
+        "direction": Range(("rad",), -10.0, 10.0),
+        "Y": Range(("N s^2/m",), 0.0),
+        "N": Range(("N s^2",)),
+    },
     "waves": {
         **{force: Range(("N",), 0.0) for force in ("X", "Y", "Z", "drift_X", "drift_Y")},
         "N": Range(("N m",), 0.0),

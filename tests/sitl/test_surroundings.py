@@ -138,6 +138,8 @@ like = "charlie"
         ("wind", {"direction": (1.0, "rad"), "gust": (-1.0, "1")}, 6, r"wind\.gust.* >= 0"),
         ("wind", {"speed": (8.0, "m/s")}, 4, r"wind needs direction"),
         ("wind", {"direction": (90.0, "deg")}, 5, r"wind\.direction is in 'deg'"),
+        ("pool", {"length": (10.0, "m")}, 4, r"pool: missing entry 'width'"),
+        ("pool", {"length": (9.0, "m"), "width": (1.0, "m"), "beam": (1.2, "m")}, 4, r"pool: the wall is across the"),
         ("waves", {"X": (10.0, "N")}, 4, r"waves: missing entry 'frequency'"),
         ("waves", {"frequency": (2.0, "rad/s"), "X": (-10.0, "N")}, 6, r"waves\.X.* >= 0"),
         ("waves", {"frequency": (2.0, "rad/s"), "Z": (10.0, "N")}, 4, r"waves cannot act on 'heave'"),
@@ -200,6 +202,28 @@ def test_a_vehicle_file_defines_a_sea_that_pushes_each_degree_of_freedom_by_its_
     assert np.std(ahead) == pytest.approx(12.0, rel=0.15)
     assert np.std(turning) == pytest.approx(3.0, rel=0.15)
     assert np.corrcoef(ahead, turning)[0, 1] > 0.9, "one sea makes both"
+
+
+def test_the_walls_of_a_pool_are_around_a_craft_in_its_middle(tmp_path):
+    path = tmp_path / "mine.toml"
+    sizes = {"length": ("m", 12.0), "width": ("m", 6.0), "Y": ("N s^2/m", 6.0)}
+    entries = "\n".join(f'{n} = {{ value = {v}, unit = "{unit}", source = "here" }}' for n, (unit, v) in sizes.items())
+    path.write_text(FILE.format(heading="pool", entries=entries), encoding="utf-8")
+    assert check_vehicle(path) == []
+    craft = Craft(load_vehicle(str(path)))
+    craft.begin("1")
+    at = craft.plant.state
+
+    def suction(north, east, heading):
+        at.x, at.y, at.psi, at.u = north, east, heading, 2.0
+        wrench = Wrench()
+        for effect in craft.effects:
+            effect.alter_force(0.0, wrench)
+        return wrench.Y
+
+    assert suction(0.0, 0.0, 0.0) == pytest.approx(0.0, abs=1e-9)
+    assert suction(0.0, 2.0, 0.0) == pytest.approx(24.0 / 1.0 - 24.0 / 5.0)
+    assert suction(4.0, 0.0, 0.5 * math.pi) == pytest.approx(24.0 / 10.0 - 24.0 / 2.0)
 
 
 def test_a_wind_without_speed_is_still_air():
@@ -367,7 +391,7 @@ def test_an_unknown_place_is_rejected_with_the_valid_places(head, values, places
         assert parse_effect(f"{head}@{place}.{values}").place == place
 
 
-@pytest.mark.parametrize("heading", ["wind", "shallows", "bank", "waves"])
+@pytest.mark.parametrize("heading", ["wind", "shallows", "bank", "waves", "pool"])
 def test_a_place_in_a_vehicle_file_is_rejected_at_its_line(tmp_path, heading):
     path = tmp_path / "mine.toml"
     path.write_text(FILE.format(heading=heading, entries='place = "foo"'), encoding="utf-8")
