@@ -116,7 +116,7 @@ def otter(folder: Path) -> tuple[float, float, float, float]:
         every = round(SEEN / dt)
         return time.process_time() - begin, table[round(STEP_AT / dt) :: every][:, [6, 11]]
 
-    drag, aft, side = craft.D, -craft.G[2, 4] / craft.G[2, 2], [-craft.l1, -craft.l2]
+    drag, aft = craft.D, -craft.G[2, 4] / craft.G[2, 2]
     quadratic = [0.0, 0.0, 0.0, 0.0, 0.0, 10.0 * drag[5, 5]]
     axes = {dof: AxisDynamics(craft.M[i, i], drag[i, i], quadratic[i]) for i, dof in enumerate(DOFS)}
     ballast = Ballast(
@@ -126,14 +126,16 @@ def otter(folder: Path) -> tuple[float, float, float, float]:
         waterplane=craft.G[2, 2],
         metacentric=(craft.G[3, 3], craft.G[4, 4] - craft.G[2, 2] * aft**2),
     )
-    twins = {"x": [0.0, 0.0], "y": [-lever for lever in side], "a_ahead": craft.k_pos, "full_n": craft.n_max}
+    twins = {"x": [0.0, 0.0], "y": [craft.l1, craft.l2], "a_ahead": craft.k_pos, "full_n": craft.n_max}
     hull = RigidBody(
         axes,
         ballast=ballast,
         coupling=Coupling(coriolis=True),
         propellers=propeller_rows(twins, {}, {"time_constant": craft.T_n}),
     )
-    commands = np.tile(np.clip([80.0, 120.0], craft.n_min, craft.n_max) / craft.n_max, (round(TURN / SEEN), 1))
+    commands = np.tile(
+        np.clip(craft.stepInput(STEP_AT + 1.0), craft.n_min, craft.n_max) / craft.n_max, (round(TURN / SEEN), 1)
+    )
 
     def ours(dt: float) -> tuple[float, Array]:
         begin = time.process_time()

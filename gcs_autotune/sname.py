@@ -33,6 +33,7 @@ __all__ = [
     "DOFS",
     "INPUTS",
     "OVERFULL",
+    "SIDES",
     "SIGNALS",
     "Dof",
     "Signal",
@@ -349,3 +350,14 @@ def column_unit(name: str, unit: str) -> tuple[str, float]:
         if name in SIGNALS or name.partition("_")[0] in _READ_BY_PREFIX:
             raise
         return unit.strip(), 1.0
+
+
+SIDES: dict[str, tuple[str, str]] = {
+    "surge": ("ahead", "astern"),
+    "sway": ("to starboard", "to port"),
+    "heave": ("down", "up"),
+    "roll": ("to starboard", "to port"),
+    "pitch": ("bow up", "bow down"),
+    "yaw": ("to starboard", "to port"),
+}
+"""Degree of freedom -> direction of a positive and of a negative force or motion, in words."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gcs_autotune.diagnose.score import MIN_HELD_OUT_GAIN
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, ProcessNoise, RunLikelihoods, RunOffset
+from gcs_autotune.sname import SIDES
 
 __all__ = ["alike_in", "days_of", "differing", "doubt_of_days"]
 
@@ -78,16 +79,6 @@ def _likelihoods_at(problem: NoisyProblem, fit: NoisyFit) -> tuple[RunLikelihood
 
 SURE = 3.0
 """Number of standard deviations above which a run's own offset is reported; four runs have eight such offsets."""
-
-SIDES: Mapping[str, tuple[str, str]] = {
-    "surge": ("ahead", "astern"),
-    "sway": ("to starboard", "to port"),
-    "heave": ("down", "up"),
-    "roll": ("to starboard", "to port"),
-    "pitch": ("bow up", "bow down"),
-    "yaw": ("to starboard", "to port"),
-}
-"""Direction words for a positive and a negative force in each degree of freedom."""
 
 
 def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:

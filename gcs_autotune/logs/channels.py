@@ -295,7 +295,7 @@ def _from_servos(store: SampleStore, servos: ServoMap) -> tuple[dict[str, Channe
 def _from_shafts(shafts: Shafts | None, servos: ServoMap) -> dict[str, Channel]:
     if shafts is None:
         raise UsageError(
-            "--input speed: the log does not contain the speed of each thruster. Record ESC_TELEMETRY, ESC_STATUS or "
+            "--input speed: the log does not contain the speed of each thruster. Record ESC_TELEMETRY or "
             "RPM (onboard: ESC), or leave the option out"
         )
     return _mixed(servos, shafts.t, shafts.shares)

@@ -38,7 +38,7 @@ BOOT_MS = frozenset(
     }
 )
 """Names of the messages whose ``time_boot_ms`` is the autopilot's own time."""
-BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT", "ESC_STATUS", "RAW_IMU"})
+BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT", "RAW_IMU"})
 """Names of the messages whose ``time_usec`` ArduPilot also counts from its boot (in SERVO_OUTPUT_RAW only 32
 bits of it).
 """
@@ -140,7 +140,6 @@ SIGNALS: Mapping[str, Callable[[Message], dict[str, float]]] = {
     "RC_CHANNELS": _rc,
     "VFR_HUD": lambda m: {"hud.U": m.groundspeed},
     "AHRS2": _ahrs2,
-    "ESC_STATUS": lambda m: _esc(m.index + 1, m.rpm),
     "ESC_TELEMETRY_1_TO_4": lambda m: _esc(1, m.rpm),
     "ESC_TELEMETRY_5_TO_8": lambda m: _esc(5, m.rpm),
     "RPM": lambda m: {"rpm.1": m.rpm1 / 60.0, "rpm.2": m.rpm2 / 60.0},

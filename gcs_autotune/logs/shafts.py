@@ -1,4 +1,4 @@
-"""Speeds of the shafts that ESCs report (ESC_TELEMETRY, ESC_STATUS, RPM), as inputs in place of the commands.
+"""Speeds of the shafts that ESCs report (ESC_TELEMETRY, RPM), as inputs in place of the commands.
 
 Thrust at rest is proportional to n|n| (Miskovic2010, (2.4)). The speed at full command, which scales it to 1, is
 estimated from the log itself.

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse
-from gcs_autotune.sname import SIGNALS
+from gcs_autotune.sname import DOFS, SIDES, SIGNALS
 
 __all__ = [
     "Outlet",
@@ -55,12 +55,8 @@ def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
     return ", ".join(went) or "the outputs changed"
 
 
-_WAYS: Mapping[str, tuple[str, str]] = {
-    "X": ("ahead", "astern"),
-    "Z": ("down", "up"),
-    "M": ("bow up", "bow down"),
-}
-"""Force -> direction of the motion along it, and against it. The others act to starboard and to port."""
+_WAYS = {dof.force: SIDES[name] for name, dof in DOFS.items()}
+"""Force -> direction of the motion along it, and against it."""
 
 
 def moved(stretch: Pulse, signal: str, force: str) -> str:
@@ -71,7 +67,7 @@ def moved(stretch: Pulse, signal: str, force: str) -> str:
         if angular
         else ("moved", f"{abs(stretch.moved):.2f} m")
     )
-    way = _WAYS.get(force, ("to starboard", "to port"))[0 if stretch.moved > 0.0 else 1]
+    way = _WAYS[force][0 if stretch.moved > 0.0 else 1]
     return f"{stretch.command:+.2f} of full {force} output {does} the craft {size} {way} in {stretch.seconds:.1f} s"
 
 

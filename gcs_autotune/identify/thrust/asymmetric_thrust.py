@@ -15,7 +15,8 @@ import numpy as np
 
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.result import AxisFit
-from gcs_autotune.identify.thrust.thrust_curve import LOPSIDED, WAYS, effect_number, fit_with_actuator
+from gcs_autotune.identify.thrust.thrust_curve import LOPSIDED, effect_number, fit_with_actuator
+from gcs_autotune.sname import SIDES
 from gcs_autotune.trial import Trial
 
 __all__ = ["with_doubt_of_thrust"]
@@ -39,7 +40,7 @@ def with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -
     evidence = -2.0 * size * math.log(max(other.unexplained, 1e-9) / fit.unexplained) - math.log(size)
     if evidence < _EVIDENCE or not abs(1.0 - ratio.value) > _STDS * ratio.std:
         return fit
-    one, way = WAYS[force]
+    one, way = SIDES[fit.model.dof]
     name, inertia = fit.model.axis.parameter_names()[0], other.parameters[f"{force}_{fit.model.axis.velocity}dot"]
     doubt = Doubt(
         "lopsided-thrust",

@@ -19,7 +19,7 @@ gains would then be designed to compensate.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -34,14 +34,13 @@ from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import validate
 from gcs_autotune.identify.result import AxisFit, Fit, Model, Parameter, is_of_one_axis
 from gcs_autotune.rounding import HALF_WIDTH, format_number
-from gcs_autotune.sname import DOFS
+from gcs_autotune.sname import DOFS, SIDES
 from gcs_autotune.trial import Trial
 
 __all__ = [
     "DEAD_ZONE",
     "LOPSIDED",
     "QUADRATIC",
-    "WAYS",
     "describe_thrust_curve",
     "effect_number",
     "either_kind",
@@ -59,15 +58,6 @@ QUADRATIC = "quadratic-actuator"
 DEAD_ZONE = "dead-zone"
 LEVEL = "saturation"
 LOPSIDED = "asymmetric-thrust"
-WAYS: Mapping[str, tuple[str, str]] = {
-    "X": ("ahead", "astern"),
-    "Y": ("to starboard", "to port"),
-    "Z": ("down", "up"),
-    "K": ("to starboard", "to port"),
-    "M": ("nose up", "nose down"),
-    "N": ("to starboard", "to port"),
-}
-"""Force -> its positive and negative direction in words."""
 _UNEXPLAINED = 0.8
 """Largest ratio of the unexplained part with the curve to that without it, for the curve to be kept.
 
@@ -468,7 +458,7 @@ def describe_thrust_curve(fit: Fit[Model], plain: AxisFit, step: Trial | None = 
         f"With this the model explains {fit.fit_percent:.0f} % of the motion instead of {plain.fit_percent:.0f} %"
     )
     if LOPSIDED in has:
-        one, way = WAYS[DOFS[fit.dof].force]
+        one, way = SIDES[fit.dof]
         ratio = f"thrust {way} is {effect_number(fit, LOPSIDED).value:.0%} of that {one}"
         if not has & {DEAD_ZONE, QUADRATIC}:
             return f"the {records} show that {ratio}{levels}. {explains}"
